@@ -1,0 +1,42 @@
+"""The pinhole camera that every renderer, map and model shares."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with square pixels, whose pixel centres lie on integer coordinates.
+
+    Args:
+        width: image width in pixels.
+        height: image height in pixels.
+        hfov: horizontal field of view in degrees.
+        min_depth: nearest depth in metres that the sensor reports.
+        max_depth: farthest depth in metres that the sensor reports; anything beyond is 0, "none".
+    """
+
+    width: int = 400
+    height: int = 400
+    hfov: float = 90.0
+    min_depth: float = 0.1
+    max_depth: float = 10.0
+
+    @property
+    def focal_length(self) -> float:
+        """Focal length in pixels, f = W / (2 tan(h / 2))."""
+        return self.width / (2.0 * math.tan(math.radians(self.hfov) / 2.0))
+
+    @property
+    def intrinsics(self) -> np.ndarray:
+        """The 3 x 3 float64 matrix K with the principal point at ((W - 1) / 2, (H - 1) / 2)."""
+        f = self.focal_length
+        return np.array([[f, 0.0, (self.width - 1) / 2], [0.0, f, (self.height - 1) / 2], [0.0, 0.0, 1.0]])
+
+    def rays(self) -> np.ndarray:
+        """Directions of all pixels in camera axes, H x W x 3 float64 with z = 1: a point is ray x depth."""
+        k = self.intrinsics
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones(u.shape)], axis=-1)

@@ -1,0 +1,74 @@
+"""Top-down grids over the floor: rows run along the world's z, columns along its x."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class GridFrame:
+    """Where a top-down grid lies in the world.
+
+    Cell (row, column) covers x in [origin_x + column * resolution, ... + resolution), and z likewise by row.
+
+    Args:
+        origin_x: world x of the outer edge of column 0, metres.
+        origin_z: world z of the outer edge of row 0, metres.
+        rows: number of cells along z.
+        columns: number of cells along x.
+        resolution: edge of a cell in metres.
+    """
+
+    origin_x: float
+    origin_z: float
+    rows: int
+    columns: int
+    resolution: float = 0.05
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns), the shape of an array over this grid."""
+        return self.rows, self.columns
+
+    def cells(self, x: np.ndarray | float, z: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column (int64 arrays) of world points; they may lie outside, see `contains`."""
+        rows = np.floor((np.asarray(z) - self.origin_z) / self.resolution).astype(np.int64)
+        columns = np.floor((np.asarray(x) - self.origin_x) / self.resolution).astype(np.int64)
+        return rows, columns
+
+    def cell(self, x: float, z: float) -> tuple[int, int]:
+        """Row and column of one world point, moved to the border where it lies outside."""
+        row, column = self.cells(x, z)
+        return int(np.clip(row, 0, self.rows - 1)), int(np.clip(column, 0, self.columns - 1))
+
+    def contains(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Which (row, column) pairs lie inside the grid, as a boolean array."""
+        return (rows >= 0) & (rows < self.rows) & (columns >= 0) & (columns < self.columns)
+
+    def centre(self, row: float, column: float) -> tuple[float, float]:
+        """World (x, z) of a cell's centre."""
+        x = self.origin_x + (column + 0.5) * self.resolution
+        z = self.origin_z + (row + 0.5) * self.resolution
+        return float(x), float(z)
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """The true free floor of a scene: where the centre of the robot can stand.
+
+    Args:
+        frame: where the grid lies.
+        free: rows x columns bool, true where the robot's centre may be (obstacles are already grown by its radius).
+        clearance: rows x columns float32, metres from a cell's centre to the nearest obstacle (before growing).
+        floor_height: world y of the floor in metres.
+    """
+
+    frame: GridFrame
+    free: np.ndarray
+    clearance: np.ndarray
+    floor_height: float
+
+    @property
+    def area(self) -> float:
+        """Free area in square metres."""
+        return float(self.free.sum()) * self.frame.resolution**2

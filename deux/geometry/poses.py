@@ -1,0 +1,45 @@
+"""Rigid poses as 4 x 4 matrices: camera-to-world, metres, OpenCV camera axes, a Y-up world."""
+
+import math
+
+import numpy as np
+
+
+def camera_pose(x: float, y: float, z: float, yaw: float) -> np.ndarray:
+    """Camera-to-world matrix of a level camera at (x, y, z).
+
+    At yaw 0 the camera looks along the world's -Z; a positive yaw (radians) turns it left, counter-clockwise
+    seen from above.
+
+    Returns:
+        4 x 4 float64; its columns are the camera's right, down and forward axes and its centre.
+    """
+    s, c = math.sin(yaw), math.cos(yaw)
+    return np.array([[c, 0.0, -s, x], [0.0, -1.0, 0.0, y], [-s, 0.0, -c, z], [0.0, 0.0, 0.0, 1.0]])
+
+
+def yaw_of(pose: np.ndarray) -> float:
+    """Heading in radians, in (-pi, pi], of a level camera-to-world matrix; the inverse of `camera_pose`."""
+    return math.atan2(-pose[0, 2], -pose[2, 2])
+
+
+def inverse(pose: np.ndarray) -> np.ndarray:
+    """Inverse of rigid 4 x 4 matrices (... x 4 x 4), exact for rotations."""
+    rotation = np.swapaxes(pose[..., :3, :3], -1, -2)
+    result = np.zeros_like(pose)
+    result[..., :3, :3] = rotation
+    result[..., :3, 3] = -np.einsum("...ij,...j->...i", rotation, pose[..., :3, 3])
+    result[..., 3, 3] = 1.0
+    return result
+
+
+def source_from_target(target: np.ndarray, source: np.ndarray) -> np.ndarray:
+    """The matrix that carries points of the target camera into the source camera, from both cameras' poses."""
+    return inverse(source) @ target
+
+
+def motion(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
+    """Distance in metres and rotation angle in degrees between two camera-to-world matrices."""
+    relative = source_from_target(first, second)
+    cosine = (np.trace(relative[:3, :3]) - 1.0) / 2.0
+    return float(np.linalg.norm(relative[:3, 3])), math.degrees(math.acos(min(1.0, max(-1.0, cosine))))

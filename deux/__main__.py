@@ -1,0 +1,114 @@
+"""The command line: `python -m deux [option=value ...]`, or `deux` where the package is installed."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import os
+import sys
+import traceback
+
+import hydra
+import yaml
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from deux.composition_errors import composition_error
+from deux.configuration import (
+    CONFIG_NAME,
+    TASKS,
+    check_plugins,
+    config_folder,
+    in_sweep,
+    register_configuration,
+)
+from deux.errors import DeuxError, near_matches
+
+COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
+
+log = logging.getLogger("deux")
+
+
+class Jobs:
+    """What Hydra calls once for a run and once for each job of a sweep.
+
+    Attributes:
+        started: number of jobs begun in this process.
+        failed: number of a sweep's jobs that failed in this process.
+    """
+
+    def __init__(self) -> None:
+        self.started = 0
+        self.failed = 0
+
+    def run(self, cfg: DictConfig) -> None:
+        """Run one job. Its error is reported at once; it ends a single run, and a sweep goes on to its next job."""
+        self.started += 1
+        try:
+            run_task(cfg)
+        except Exception as error:
+            # At level INFO the log file gets the stack trace and the console does not.
+            log.info("the run ended with an error", exc_info=True)
+            _report(error)
+            if not in_sweep():
+                raise SystemExit(1) from error
+            self.failed += 1
+            raise
+
+
+def main() -> int:
+    """Run the command line and return its exit code, or leave with it by `SystemExit`.
+
+    0: done; 1: a mistake of the user's, told in one sentence on stderr, or an error of the program, with its stack
+    trace, or a sweep in which some job failed; 130: interrupted.
+    """
+    os.environ["HYDRA_FULL_ERROR"] = (
+        "1"  # Hydra then raises errors instead of printing them in a way of its own.
+    )
+    jobs = Jobs()
+    try:
+        register_configuration()
+        hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
+    except KeyboardInterrupt:
+        return _complain("interrupted; the same command goes on from here.", 130)
+    except Exception as error:
+        if jobs.failed:
+            return _complain(f"{jobs.failed} of the sweep's {jobs.started} jobs failed, as reported above.")
+        if isinstance(error, DeuxError):
+            return _complain(str(error))
+        if isinstance(error, COMPOSITION_ERRORS):
+            return _complain(str(composition_error(error)))
+        raise
+    return 0
+
+
+def run_task(cfg: DictConfig) -> None:
+    """Import the task that the configuration names, and run it.
+
+    Raises:
+        DeuxError: an unknown task, a plugin that is not installed, or what the task itself finds wrong.
+    """
+    if cfg.task not in TASKS:
+        raise DeuxError(f"there is no task called {cfg.task!r}: {near_matches(str(cfg.task), TASKS)}")
+    check_plugins(cfg)
+    importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
+
+
+def _report(error: Exception) -> None:
+    overrides = f"[{' '.join(HydraConfig.get().overrides.task)}] " if in_sweep() else ""
+    if isinstance(error, DeuxError):
+        _complain(f"{overrides}{error}")
+    else:
+        traceback.print_exception(error)
+        _complain(f"{overrides}stopped by the error above, which is a fault of the program or of a plugin.")
+
+
+def _complain(sentence: str, code: int = 1) -> int:
+    print(f"deux: {sentence}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

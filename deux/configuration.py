@@ -1,0 +1,204 @@
+"""How a configuration is composed: the folder `conf/`, other packages' YAML, and one entry for each plugin.
+
+A plugin needs no YAML: `model=<name>` selects `{name: <name>}`, and its further options are added as
+`model.<option>=value`, which `deux.options.construct` checks against the constructor.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+import logging
+import sys
+from collections.abc import Sequence
+from importlib import resources
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+import hydra
+from hydra.core.config_search_path import ConfigSearchPath
+from hydra.core.config_store import ConfigStore
+from hydra.core.hydra_config import HydraConfig
+from hydra.core.plugins import Plugins
+from hydra.errors import HydraException
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from hydra.types import RunMode
+from hydra.utils import to_absolute_path
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from deux.composition_errors import composition_error
+from deux.registry import registry
+
+CONFIG_NAME = "config"
+
+TASKS = {
+    "experiment": "collect, train the seed model, explore with it, train the final model, evaluate",
+    "collect": "explore the training scenes and write the dataset",
+    "train": "train the depth model on the dataset, which is collected first if it is not there",
+    "evaluate": "evaluate a trained model on the held-out scenes",
+}
+"""What `task=` can be and what it does; each is the module of that name in `deux.tasks`."""
+
+PLUGIN_GROUPS = {"model": "depth_models", "explore": "explorers"}
+"""The config groups whose options are plugins, and of which kind."""
+
+OPEN_NODES = (
+    "camera",
+    "robot",
+    "explore",
+    "model",
+    "objective",
+    "sparse",
+    "verification",
+    "training",
+    "trainer",
+)
+"""The nodes that become constructor arguments. Hydra takes any key there without a "+"; misspelt ones are caught by
+`deux.options.construct`, which knows the constructor."""
+
+log = logging.getLogger(__name__)
+
+
+def config_folder() -> Path:
+    """The folder of the main configuration: the package `deux.conf`, or `conf/` beside the package `deux`.
+
+    The second is for `python -m deux` in a checkout while a wheel of deux is installed: Python then imports `deux`
+    from the checkout, where `deux.conf` is not one of its subfolders.
+    """
+    try:
+        package = importlib.import_module("deux.conf")
+    except ModuleNotFoundError:
+        return Path(__file__).resolve().parent.parent / "conf"
+    return Path(package.__path__[0]).resolve()
+
+
+def package_folders() -> dict[str, Path]:
+    """The YAML folders of other packages (entry-point group `deux.conf`), by the name of their package.
+
+    A folder that cannot be found is left out with a warning, so that a broken package does not stop the command.
+    """
+    folders = {}
+    for entry in entry_points(group="deux.conf"):
+        package = entry.dist.name if entry.dist else entry.name
+        try:
+            folders[package] = Path(str(resources.files(entry.value)))
+        except Exception as error:  # the foreign package is imported here, which may raise anything
+            log.warning(
+                "the configuration of %s is left out, %s cannot be imported: %s", package, entry.value, error
+            )
+    return folders
+
+
+class PackageSearchPath(SearchPathPlugin):
+    """Lets Hydra find the YAML of packages that declare the entry-point group `deux.conf`, after our own."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """Append the folders."""
+        for package, folder in package_folders().items():
+            search_path.append(provider=package, path=f"file://{folder}")
+
+
+def register_configuration() -> None:
+    """Make the plugins known to Hydra. Call it before anything is composed; calling it again does no harm."""
+    Plugins.instance().register(PackageSearchPath)
+    store = ConfigStore.instance()
+    open_nodes = OmegaConf.create({name: {} for name in OPEN_NODES})
+    for name in OPEN_NODES:
+        OmegaConf.set_struct(open_nodes[name], False)
+    store.store(name="open_nodes", node=open_nodes, provider="deux")
+    folders = [config_folder(), *package_folders().values()]
+    for group, kind in PLUGIN_GROUPS.items():
+        # Hydra merges a stored node into YAML of the same name and warns, so a plugin that has YAML gets no node.
+        described = {path.stem for folder in folders for path in (folder / group).glob("*.yaml")}
+        for name in registry().names(kind):
+            if name not in described:
+                store.store(group=group, name=name, node={"name": name}, provider="deux")
+
+
+def compose(overrides: Sequence[str] = ()) -> DictConfig:
+    """The configuration that the command line would get from these overrides, for notebooks and tests.
+
+    Raises:
+        DeuxError: an override that names nothing, or a plugin that is not installed.
+    """
+    register_configuration()
+    try:
+        with hydra.initialize_config_dir(str(config_folder()), job_name="deux", version_base="1.3"):
+            cfg = hydra.compose(CONFIG_NAME, list(overrides))
+    except (HydraException, OmegaConfBaseException) as error:
+        raise composition_error(error) from error
+    check_plugins(cfg)
+    return cfg
+
+
+def check_plugins(cfg: DictConfig) -> None:
+    """Raise DeuxError if the configuration names a plugin that is not installed, or is installed twice.
+
+    Nothing is imported, so a run with a misspelt loss term ends before any work is done.
+    """
+    for group, kind in PLUGIN_GROUPS.items():
+        registry().find(kind, str(cfg[group].get("name")))
+    for term in cfg.objective:
+        registry().find("losses", str(term))
+
+
+def in_sweep() -> bool:
+    """Whether this job is one of a sweep (`-m`): it then shows no progress bar."""
+    return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
+
+
+def run_folder() -> Path:
+    """The folder of the run that is under way, absolute. There is one only inside a Hydra job."""
+    return Path(HydraConfig.get().runtime.output_dir)
+
+
+def user_path(path: str | Path) -> Path:
+    """A path as the user meant it: relative to the folder in which the command was started."""
+    return Path(to_absolute_path(str(path)))
+
+
+def run_id(cfg: DictConfig) -> str:
+    """The name of a configuration's run folder, "<model>-<explore>-<hash>".
+
+    The hash is of everything but the paths and Hydra's own settings: the same command finds its folder again and
+    goes on where it was.
+    """
+    content = {key: _plain(cfg[key]) for key in cfg if key not in ("hydra", "paths")}
+    return f"{cfg.model.name}-{cfg.explore.name}-{_hash(content)}"
+
+
+def _plain(value: Any) -> Any:
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+def _hash(content: Any) -> str:
+    text = json.dumps(content, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _sweep_id() -> str:
+    overrides = (argument for argument in sys.argv[1:] if "=" in argument)
+    return _hash(sorted(override for override in overrides if not override.startswith("hydra.")))
+
+
+def _run_id(_root_: DictConfig) -> str:
+    return run_id(_root_)
+
+
+def _names(kind: str) -> str:
+    return ", ".join(registry().names(kind))
+
+
+def _task_list() -> str:
+    return "\n".join(f"  {name:<12} {purpose}" for name, purpose in TASKS.items())
+
+
+# At import, not in register_configuration: launchers that start other processes import this module there and no more.
+OmegaConf.register_new_resolver("deux.run_id", _run_id, replace=True)
+# Cached: Hydra hands the cache on to the sweep's jobs, so those in other processes name the same folder.
+OmegaConf.register_new_resolver("deux.sweep_id", _sweep_id, use_cache=True, replace=True)
+OmegaConf.register_new_resolver("deux.plugins", _names, replace=True)
+OmegaConf.register_new_resolver("deux.tasks", _task_list, replace=True)

@@ -1,0 +1,70 @@
+"""Files that appear whole or not at all."""
+
+import errno
+import json
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+from deux.errors import DeuxError
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file under a temporary name beside it, then move it into place.
+
+    The temporary name depends on the path alone, so that a run that was killed leaves nothing that the next run
+    does not overwrite. One process at a time may write one file.
+
+    Raises:
+        DeuxError: the file cannot be written, such as on a full disk.
+    """
+    temporary = path.with_name(f".{path.name}.tmp")
+    try:
+        temporary.write_bytes(content)
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise DeuxError(_write_failure(path, error)) from error
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those above it, if it is not there.
+
+    Raises:
+        DeuxError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DeuxError(f"Folder {path} cannot be made: {error.strerror}.") from error
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a value as indented JSON, atomically."""
+    write_atomically(path, (json.dumps(value, indent=2) + "\n").encode())
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a whole file.
+
+    Raises:
+        DeuxError: the file is missing or cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except FileNotFoundError as error:
+        raise DeuxError(f"{path} is missing.") from error
+    except OSError as error:
+        raise DeuxError(f"{path} cannot be read: {error.strerror}.") from error
+
+
+def _write_failure(path: Path, error: OSError) -> str:
+    """The sentence for a failed write."""
+    if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+        return f"{path} cannot be written: {error.strerror}."
+    free = shutil.disk_usage(path.parent).free / 1e6
+    return (
+        f"The disk is full: {path} could not be written and {free:.1f} MB are free there; make room and start again, "
+        "what is already written is kept."
+    )

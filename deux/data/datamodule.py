@@ -1,0 +1,104 @@
+"""The Lightning data module: a model's training, validation and test frames as batches."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import torch
+from lightning import LightningDataModule
+from torch.utils.data import DataLoader
+
+from deux.contracts import Batch, DepthModel
+from deux.data.reader import FileCache
+from deux.data.triplets import SampleSettings, ShuffledDraws, TripletDataset, collate
+from deux.errors import DeuxError
+
+
+class TripletLoader(DataLoader[Batch]):
+    """A loader whose errors read the same from a worker process as from this one."""
+
+    def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
+        try:
+            yield from super().__iter__()
+        except DeuxError as error:
+            # A worker's error arrives as its stack trace in text, of which the last line is the sentence.
+            sentence = str(error).strip().splitlines()[-1].removeprefix("deux.errors.DeuxError: ")
+            raise DeuxError(sentence) from None
+
+
+class TripletDataModule(LightningDataModule):
+    """Batches for one depth model. The list files are read whenever a loader is made, so frames may be added.
+
+    Each loader reads what it must and no more: ground truth in training only if the model is supervised.
+
+    Args:
+        model: says what the training needs: `supervised`, `augmentation`, `prepare`.
+        train: folders of the datasets to train on. The list may be changed between epochs, with
+            `Trainer(reload_dataloaders_every_n_epochs=1)`.
+        validation: folders of the validation datasets.
+        test: folders of the test datasets.
+        batch_size: samples in a batch.
+        crop: height and width of the samples, at random in training and from the middle elsewhere; None for all.
+        seed: seed of order, crops and augmentation.
+        num_workers: processes that prepare batches. With the cache, none is fastest on two cores.
+        cache_bytes: bound of the memory for decoded files, in each process.
+        offsets: the source frames, where a dataset does not list them.
+    """
+
+    def __init__(
+        self,
+        model: DepthModel,
+        train: Sequence[Path] = (),
+        validation: Sequence[Path] = (),
+        test: Sequence[Path] = (),
+        batch_size: int = 8,
+        crop: tuple[int, int] | None = None,
+        seed: int = 0,
+        num_workers: int = 0,
+        cache_bytes: int = 2 * 1024**3,
+        offsets: tuple[int, ...] = (-1, -2),
+    ) -> None:
+        super().__init__()
+        self.train, self.validation, self.test = list(train), list(validation), list(test)
+        self.batch_size, self.crop, self.seed, self.num_workers = batch_size, crop, seed, num_workers
+        self._model = model
+        self._offsets = offsets
+        self._cache = FileCache(cache_bytes)
+
+    def train_dataloader(self) -> TripletLoader:
+        """Shuffled, cropped at random and augmented."""
+        settings = SampleSettings(
+            crop=self.crop,
+            training=True,
+            ground_truth=self._model.supervised,
+            augmentation=self._model.augmentation,
+            prepare=self._model.prepare,
+        )
+        dataset = TripletDataset(self.train, "train", settings, self._cache, self._offsets)
+        epoch = self.trainer.current_epoch if self.trainer is not None else 0
+        sampler = ShuffledDraws(len(dataset), self.seed, epoch)
+        return self._loader(dataset, sampler, drop_last=len(dataset) >= self.batch_size)
+
+    def val_dataloader(self) -> TripletLoader:
+        """In order, the middle of each frame, with ground truth."""
+        return self._evaluation_loader(self.validation, "validation")
+
+    def test_dataloader(self) -> TripletLoader:
+        """In order, the middle of each frame, with ground truth."""
+        return self._evaluation_loader(self.test, "test")
+
+    def _evaluation_loader(self, folders: Sequence[Path], split: str) -> TripletLoader:
+        settings = SampleSettings(crop=self.crop, ground_truth=True, prepare=self._model.prepare)
+        return self._loader(TripletDataset(folders, split, settings, self._cache, self._offsets))
+
+    def _loader(
+        self, dataset: TripletDataset, sampler: ShuffledDraws | None = None, drop_last: bool = False
+    ) -> TripletLoader:
+        return TripletLoader(
+            dataset,
+            self.batch_size,
+            sampler=sampler,
+            num_workers=self.num_workers,
+            collate_fn=collate,
+            drop_last=drop_last,
+            pin_memory=torch.cuda.is_available(),
+        )

@@ -1,0 +1,219 @@
+"""The torch dataset of triplets and how its samples become batches."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.utils.data import Dataset, Sampler
+
+from deux.contracts import Augmentation, Batch
+from deux.data.augmentation import Sample, augment, crop
+from deux.data.calibration import read_intrinsics, read_pose
+from deux.data.images import read_depth, read_image
+from deux.data.reader import FileCache, Triplet, read_split
+from deux.errors import DeuxError
+from deux.geometry.poses import source_from_target
+
+Prepare = Callable[[np.ndarray], dict[str, np.ndarray]]
+"""A model's `prepare`: its further inputs, from H x W sparse depth."""
+
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """How frames become samples.
+
+    Args:
+        crop: height and width that are cut out; None takes the whole frame.
+        training: whether the crop lies at random and the augmentation is drawn; otherwise the crop is in the middle.
+        ground_truth: whether ground truth is read; without it its files are not touched.
+        augmentation: the model's augmentation.
+        prepare: the model's further inputs, from the points that the network is shown.
+    """
+
+    crop: tuple[int, int] | None = None
+    training: bool = False
+    ground_truth: bool = False
+    augmentation: Augmentation = field(default_factory=Augmentation)
+    prepare: Prepare | None = None
+
+
+class TripletDataset(Dataset[Batch]):
+    """The triplets of a split of one or several datasets; each item is a `Batch` without the first dimension.
+
+    Items are asked for as (index, seed), the seed of whatever is random in the item, which `ShuffledDraws` provides; a
+    bare index stands for seed 0.
+
+    Args:
+        datasets: the datasets' folders.
+        split: "train", "validation" or "test".
+        settings: how frames become samples.
+        cache: keeps decoded files; by default everything is read anew.
+        offsets: the source frames, where a dataset does not list them.
+
+    Raises:
+        DeuxError: a dataset has no such split. Items raise it, naming the file, where one cannot be read.
+    """
+
+    def __init__(
+        self,
+        datasets: Sequence[Path],
+        split: str,
+        settings: SampleSettings,
+        cache: FileCache | None = None,
+        offsets: tuple[int, ...] = (-1, -2),
+    ) -> None:
+        self.settings = settings
+        self.triplets = [triplet for dataset in datasets for triplet in read_split(dataset, split, offsets)]
+        self._cache = cache or FileCache(0)
+
+    def __len__(self) -> int:
+        return len(self.triplets)
+
+    def __getitem__(self, item: int | tuple[int, int]) -> Batch:
+        index, seed = item if isinstance(item, tuple) else (item, 0)
+        settings, triplet = self.settings, self.triplets[index]
+        sample = self._read(triplet)
+        rng = np.random.default_rng(seed)
+        if settings.crop is not None:
+            sample = _crop(sample, settings.crop, rng if settings.training else None, triplet)
+        if settings.training:
+            sample = augment(sample, settings.augmentation, rng)
+        return _tensors(sample, settings.prepare)
+
+    def _read(self, triplet: Triplet) -> Sample:
+        """Read a triplet's files; the sizes of its images and maps must agree."""
+        paths, read = triplet.paths, self._cache.read
+        names = (triplet.target, *triplet.sources)
+        files = {"image": [paths.file("image", name) for name in names]}
+        kinds = ("sparse_depth", "ground_truth") if self.settings.ground_truth else ("sparse_depth",)
+        images = [read(file, read_image) for file in files["image"]]
+        maps = {kind: read(paths.file(kind, triplet.target), read_depth) for kind in kinds}
+        for file, array in zip(
+            (*files["image"][1:], *(paths.file(kind, triplet.target) for kind in kinds)),
+            (*images[1:], *maps.values()),
+            strict=True,
+        ):
+            if array.shape[:2] != images[0].shape[:2]:
+                raise DeuxError(
+                    f"{file} has {array.shape[0]} x {array.shape[1]} pixels where its target image has "
+                    f"{images[0].shape[0]} x {images[0].shape[1]}."
+                )
+        target, *sources = (read(paths.file("absolute_pose", name), read_pose) for name in names)
+        return Sample(
+            images=np.stack(images),
+            sparse_depth=maps["sparse_depth"],
+            input_sparse_depth=maps["sparse_depth"],
+            intrinsics=read(paths.intrinsics, read_intrinsics),
+            source_from_target=np.stack([source_from_target(target, source) for source in sources]),
+            ground_truth=maps.get("ground_truth"),
+        )
+
+
+class ShuffledDraws(Sampler[tuple[int, int]]):
+    """Every index once an epoch in random order, each with the seed of its own augmentation.
+
+    Order and seeds depend on the seed and the epoch alone, so they are the same for any number of workers.
+
+    Args:
+        size: number of items.
+        seed: seed of all epochs.
+        epoch: number of the first epoch; Lightning sets those that follow.
+    """
+
+    def __init__(self, size: int, seed: int, epoch: int = 0) -> None:
+        self._size, self._seed, self._epoch = size, seed, epoch
+
+    def __len__(self) -> int:
+        return self._size
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        rng = np.random.default_rng([self._seed, self._epoch])
+        order, seeds = rng.permutation(self._size), rng.integers(2**62, size=self._size)
+        return zip(order.tolist(), seeds.tolist(), strict=True)
+
+    def set_epoch(self, epoch: int) -> None:
+        """Draw the given epoch's order and seeds from the next iteration on."""
+        self._epoch = epoch
+
+
+class LoadedBatch(Batch):
+    """A batch that the loader can place in page-locked memory, from where it is copied to a GPU faster."""
+
+    def pin_memory(self) -> "LoadedBatch":
+        """Pin every tensor in place."""
+        for name, value in vars(self).items():
+            if isinstance(value, Tensor):
+                setattr(self, name, value.pin_memory())
+        self.prepared = {name: value.pin_memory() for name, value in self.prepared.items()}
+        return self
+
+
+def collate(samples: Sequence[Batch]) -> LoadedBatch:
+    """Stack samples to a batch.
+
+    Raises:
+        DeuxError: the samples differ in size.
+    """
+    sizes = {tuple(sample.image.shape[-2:]) for sample in samples}
+    if len(sizes) > 1:
+        raise DeuxError(
+            f"Frames of the sizes {sorted(sizes)} (height, width) do not fit in one batch: give a crop."
+        )
+
+    def stack(name: str) -> Tensor:
+        return torch.stack([getattr(sample, name) for sample in samples])
+
+    return LoadedBatch(
+        image=stack("image"),
+        sources=stack("sources"),
+        sparse_depth=stack("sparse_depth"),
+        validity=stack("validity"),
+        input_sparse_depth=stack("input_sparse_depth"),
+        intrinsics=stack("intrinsics"),
+        source_from_target=stack("source_from_target"),
+        ground_truth=None if samples[0].ground_truth is None else stack("ground_truth"),
+        prepared={
+            name: torch.stack([sample.prepared[name] for sample in samples]) for name in samples[0].prepared
+        },
+    )
+
+
+def _crop(sample: Sample, size: tuple[int, int], rng: np.random.Generator | None, triplet: Triplet) -> Sample:
+    """Cut a window out, at random or from the middle."""
+    room = sample.images.shape[1] - size[0], sample.images.shape[2] - size[1]
+    if min(room) < 0:
+        raise DeuxError(
+            f"A crop of {size[0]} x {size[1]} does not fit in the {sample.images.shape[1]} x "
+            f"{sample.images.shape[2]} pixels of {triplet.paths.file('image', triplet.target)}."
+        )
+    top, left = (
+        (room[0] // 2, room[1] // 2)
+        if rng is None
+        else (rng.integers(room[0] + 1), rng.integers(room[1] + 1))
+    )
+    return crop(sample, int(top), int(left), *size)
+
+
+def _tensors(sample: Sample, prepare: Prepare | None) -> Batch:
+    images = torch.from_numpy(np.ascontiguousarray(sample.images)).permute(0, 3, 1, 2).float().div_(255.0)
+    sparse, shown = _map(sample.sparse_depth), _map(sample.input_sparse_depth)
+    prepared = prepare(np.ascontiguousarray(sample.input_sparse_depth)) if prepare is not None else {}
+    return Batch(
+        image=images[0],
+        sources=images[1:],
+        sparse_depth=sparse,
+        validity=(sparse > 0).float(),
+        input_sparse_depth=shown,
+        intrinsics=torch.from_numpy(sample.intrinsics).float(),
+        source_from_target=torch.from_numpy(sample.source_from_target).float(),
+        ground_truth=None if sample.ground_truth is None else _map(sample.ground_truth),
+        prepared={name: torch.from_numpy(value) for name, value in prepared.items()},
+    )
+
+
+def _map(depth: np.ndarray) -> Tensor:
+    """1 x H x W of its own memory."""
+    return torch.from_numpy(np.array(depth[None], order="C"))

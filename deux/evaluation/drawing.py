@@ -1,0 +1,35 @@
+"""What all figures share: colours, sizes, and writing them whole or not at all."""
+
+import os
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+DEPTH_COLORS = "turbo"
+ERROR_COLORS = "magma"
+TIME_COLORS = "plasma"
+UNCERTAINTY_COLORS = "viridis"
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure of width x height inches that belongs to no global state, so that it is freed when dropped."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def hide_ticks(axes: Axes) -> None:
+    """Leave only the picture: pixel coordinates tell a reader nothing."""
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:
+    """Write a PNG beside `path` and rename it into place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.partial")
+    figure.savefig(temporary, dpi=dpi, format="png")
+    os.replace(temporary, path)
+    return path

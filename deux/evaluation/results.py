@@ -1,0 +1,82 @@
+"""`results.json`: what a run found, in numbers."""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from deux.errors import DeuxError
+from deux.evaluation.metrics import METRIC_NAMES
+
+RESULTS_FILE = "results.json"
+
+_UNITS = {"mae": "mm", "rmse": "mm", "imae": "1/km", "irmse": "1/km"}
+
+
+@dataclass(frozen=True)
+class Results:
+    """One run's outcome on the test frames.
+
+    Args:
+        model: name of the depth model.
+        explore: name of the explorer that collected the training frames; None if the model was given.
+        seed: the run's random seed.
+        frames: number of training frames; None if the model was given.
+        metrics: the trained model's four errors.
+        baseline: the same for linear interpolation of the sparse points, on the same frames.
+        constant: the same for the median of each frame's sparse points.
+        seconds: time spent in each stage.
+    """
+
+    model: str
+    explore: str | None
+    seed: int
+    frames: int | None
+    metrics: dict[str, float]
+    baseline: dict[str, float]
+    constant: dict[str, float]
+    seconds: dict[str, float]
+
+    def save(self, folder: Path) -> Path:
+        """Write `results.json` into a run folder, whole or not at all."""
+        path = folder / RESULTS_FILE
+        temporary = path.with_suffix(".json.partial")
+        temporary.write_text(json.dumps(asdict(self), indent=2) + "\n")
+        os.replace(temporary, path)
+        return path
+
+    @classmethod
+    def load(cls, folder: Path) -> "Results":
+        """Read a run folder's `results.json`.
+
+        Raises:
+            DeuxError: it is missing or not what `save` writes.
+        """
+        path = folder / RESULTS_FILE
+        try:
+            return cls(**json.loads(path.read_text()))
+        except FileNotFoundError:
+            raise DeuxError(f"{path} does not exist: {folder} holds no finished run.") from None
+        except (json.JSONDecodeError, TypeError) as error:
+            raise DeuxError(f"{path} is no results file of deux ({error}); run it again.") from None
+
+    def table(self) -> Table:
+        """The errors as a table, the lowest of each column in bold."""
+        rows = {
+            f"{self.model}{f' trained on {self.explore}' if self.explore else ''}": self.metrics,
+            "interpolated sparse points": self.baseline,
+            "constant (median of the points)": self.constant,
+        }
+        training = "" if self.frames is None else f" ({self.frames} training frames, seed {self.seed})"
+        table = Table(title=f"Errors on the test frames{training}")
+        table.add_column("prediction")
+        for name in METRIC_NAMES:
+            table.add_column(f"{name} [{_UNITS[name]}]", justify="right")
+        best = {name: min(row[name] for row in rows.values()) for name in METRIC_NAMES}
+        for title, row in rows.items():
+            marks = ["[bold]{}[/bold]" if row[name] == best[name] else "{}" for name in METRIC_NAMES]
+            cells = [mark.format(f"{row[name]:.1f}") for mark, name in zip(marks, METRIC_NAMES, strict=True)]
+            table.add_row(title, *cells)
+        return table

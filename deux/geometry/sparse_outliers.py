@@ -1,0 +1,26 @@
+"""Sparse depth points that contradict their neighbours: background seen past a foreground edge."""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+
+def remove_outliers(sparse_depth: Tensor, kernel_size: int = 7, threshold: float = 1.5) -> Tensor:
+    """Find the sparse points that are not much farther than the nearest point around them.
+
+    A point is dropped if some point in its window is nearer to the camera by more than the threshold, as in the
+    published depth models: with few points such a pair usually straddles an occlusion.
+
+    Args:
+        sparse_depth: N x 1 x H x W metres, 0 = none.
+        kernel_size: edge of the square window in pixels, odd.
+        threshold: metres.
+
+    Returns:
+        validity: N x 1 x H x W float32, 1 = kept point, 0 = no point or dropped.
+    """
+    points = sparse_depth > 0
+    # Pixels without a point must never be the nearest: they are pooled as infinitely far.
+    away = torch.where(points, -sparse_depth, -torch.inf)
+    nearest = -F.max_pool2d(away, kernel_size, stride=1, padding=kernel_size // 2)
+    return (points & (nearest >= sparse_depth - threshold)).to(torch.float32)

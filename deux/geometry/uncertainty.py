@@ -1,0 +1,53 @@
+"""How wrong a depth map is, judged by the images alone: the photometric residual and Eq. 8 of the paper."""
+
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from deux.geometry.ssim import ssim, wholly_visible
+
+Metric = Literal["l1", "ssim"]
+
+
+def photometric_residual(
+    image: Tensor, reconstructions: Tensor, visible: Tensor, metric: Metric = "l1"
+) -> Tensor:
+    """Mean error of the reconstructions at each pixel, over the channels and the source frames that see it.
+
+    Args:
+        image: N x 3 x H x W in [0, 1], the target frame.
+        reconstructions: N x S x 3 x H x W, the target frame rebuilt from each source frame.
+        visible: N x S x 1 x H x W bool, where each reconstruction is to be believed.
+        metric: "l1" is the absolute difference, "ssim" is (1 - SSIM) / 2 with a 3 x 3 window,
+            which must be visible as a whole.
+
+    Returns:
+        N x H x W float32 in [0, 1], NaN where no source frame sees the pixel.
+    """
+    image, reconstructions = image.float()[:, None], reconstructions.float()
+    if metric == "l1":
+        error, seen = (reconstructions - image).abs(), visible[:, :, 0]
+    else:
+        error = ((1.0 - ssim(reconstructions, image)) / 2.0).clamp(0.0, 1.0)
+        seen = wholly_visible(visible[:, :, 0])
+    total = torch.where(seen, error.mean(dim=2), 0.0).sum(dim=1)
+    return total / seen.sum(dim=1)  # 0 / 0 is the NaN of a pixel that nobody sees
+
+
+def uncertainty(image: Tensor, reconstructions: Tensor, visible: Tensor, metric: Metric = "l1") -> Tensor:
+    """The residual of a frame as one number, delta = 1 - exp(-mean residual) (Eq. 8).
+
+    The paper averages over all pixels; here a pixel that no source frame sees says nothing and is left out.
+
+    Args:
+        image: N x 3 x H x W in [0, 1].
+        reconstructions: N x S x 3 x H x W.
+        visible: N x S x 1 x H x W bool.
+        metric: as in `photometric_residual`.
+
+    Returns:
+        N float32 in [0, 1 - 1/e], NaN for a frame of which nothing is seen.
+    """
+    residual = photometric_residual(image, reconstructions, visible, metric)
+    return 1.0 - torch.exp(-residual.flatten(1).nanmean(dim=1))

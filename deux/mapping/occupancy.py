@@ -1,0 +1,212 @@
+"""The occupancy map: which part of the floor is free, as far as depth images tell (Sec. III.D of the paper)."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from deux.contracts import Robot
+from deux.geometry.camera import Camera
+from deux.geometry.grid import GridFrame
+from deux.mapping.growing_grid import GrowingGrid
+
+UNKNOWN, OCCUPIED, FREE = 0, 1, 2
+
+# What one frame adds to a cell's log-odds of being occupied: probabilities 0.7 and 0.4, the values of OctoMap
+# (Hornung et al. 2013), and its clamping range, which is what lets later frames correct earlier ones.
+HIT, SEEN_FREE = 0.85, -0.4
+LEAST, MOST = -2.0, 3.5
+# A cell in the blind zone at the robot's feet: no pixel saw its floor, a ray passed above it. It becomes free
+# if nothing else is known of it, and one hit outweighs it.
+PASSED_OVER = -0.1
+
+# What a pixel shows. BELOW is a hole in the floor; BEYOND is out of range or above the robot's head.
+_NOTHING, _BEYOND, _BELOW, _FLOOR, _OBSTACLE = 0, 1, 2, 3, 4
+
+
+class OccupancyMap:
+    """A top-down grid built from depth images and poses; it knows nothing of the scene's extent and grows.
+
+    A pixel that falls between `robot.max_climb` and `robot.height` above the floor marks its cell as hit. A cell
+    whose floor point projects onto a pixel that shows floor, or something behind that point, is seen free. Each
+    cell gathers this evidence as log-odds, one step a frame (a hit prevails over free floor in the same cell), so
+    that errors of a predicted depth are corrected by later frames. The floor is `robot.camera_height` below the
+    camera, which is held level.
+
+    Args:
+        camera: the camera that the depth images come from.
+        robot: its `max_climb` and `height` bound the obstacles; its footprint is free.
+        resolution: edge of a cell in metres.
+        max_range: distance along the floor in metres up to which depth is used.
+    """
+
+    def __init__(
+        self, camera: Camera, robot: Robot, resolution: float = 0.05, max_range: float = 3.0
+    ) -> None:
+        self.camera = camera
+        self.robot = robot
+        self.resolution = resolution
+        self.max_range = max_range
+        self._grid = GrowingGrid(resolution, {"log_odds": np.float32, "cells": np.int8})
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Rows x columns int8: 0 unknown, 1 occupied, 2 free."""
+        return self._grid["cells"]
+
+    @property
+    def frame(self) -> GridFrame:
+        """Where the cells lie in the world."""
+        return self._grid.frame
+
+    def update(self, depth: np.ndarray, pose: np.ndarray) -> None:
+        """Add one frame.
+
+        Args:
+            depth: H x W float, metres along the optical axis, 0 or NaN = none.
+            pose: 4 x 4 camera-to-world.
+        """
+        x, z = float(pose[0, 3]), float(pose[2, 3])
+        self._grid.cover(x, z, self.max_range + self.resolution)
+        frame = self.frame
+        k = self.camera.intrinsics
+        lens = (k[0, 0], k[0, 2], k[1, 2])
+        lattice = (frame.origin_x, frame.origin_z, self.resolution)
+        floor = float(pose[1, 3]) - self.robot.camera_height
+        depth = np.asarray(depth, np.float32)
+        pose = np.ascontiguousarray(pose, np.float64)
+        band = (self.robot.max_climb, self.robot.height)
+        kinds, ranges, hits = _classify(depth, pose, lens, floor, band, self.max_range, lattice, frame.shape)
+        _relabel_feet(kinds, depth, hits, pose, lens, lattice)
+        evidence = (self._grid["log_odds"], self.cells)
+        _gather(kinds, ranges, hits, pose, lens, floor, self.max_range, lattice, *evidence)
+        self._set_disc(x, z, self.robot.radius, LEAST)
+
+    def mark_contact(self, pose: np.ndarray) -> None:
+        """Enter an obstacle that the camera did not see but the body met, straight ahead of the robot."""
+        distance = self.robot.radius + self.resolution
+        forward = pose[[0, 2], 2] / np.linalg.norm(pose[[0, 2], 2])
+        x, z = pose[[0, 2], 3] + forward * distance
+        self._set_disc(float(x), float(z), 0.5 * self.resolution, MOST)
+
+    def _set_disc(self, x: float, z: float, radius: float, log_odds: float) -> None:
+        """Set the evidence of the cell at (x, z) and of every cell whose centre is within `radius` of it."""
+        frame = self.frame
+        row, column = frame.cell(x, z)
+        reach = math.ceil(radius / self.resolution)
+        window = np.s_[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
+        rows, columns = np.mgrid[window]
+        centre_x = frame.origin_x + (columns + 0.5) * self.resolution
+        centre_z = frame.origin_z + (rows + 0.5) * self.resolution
+        inside = (np.hypot(centre_x - x, centre_z - z) <= radius) | ((rows == row) & (columns == column))
+        self._grid["log_odds"][window][inside] = log_odds
+        self.cells[window][inside] = OCCUPIED if log_odds > 0 else FREE
+
+
+@njit(cache=True)
+def _classify(depth, pose, lens, floor, band, max_range, lattice, shape):  # type: ignore[no-untyped-def]
+    """What each pixel shows, its distance along the floor, and the cells that obstacles fall into."""
+    f, cx, cy = lens
+    low, high = band
+    origin_x, origin_z, resolution = lattice
+    height, width = depth.shape
+    kinds = np.zeros((height, width), np.uint8)
+    ranges = np.zeros((height, width), np.float32)
+    hits = np.zeros(shape, np.uint8)
+    for v in range(height):
+        b = (v - cy) / f
+        before_x, before_z, before_depth = 0.0, 0.0, 0.0
+        for u in range(width):
+            d = depth[v, u]
+            if not d > 0.0:
+                before_depth = 0.0
+                continue
+            a = (u - cx) / f
+            dx = (pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]) * d
+            dz = (pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]) * d
+            above = (pose[1, 0] * a + pose[1, 1] * b + pose[1, 2]) * d + pose[1, 3] - floor
+            distance = math.sqrt(dx * dx + dz * dz)
+            ranges[v, u] = distance
+            if distance > max_range or above > high:
+                kinds[v, u] = _BEYOND
+            elif above < -low:
+                kinds[v, u] = _BELOW
+            elif above < low:
+                kinds[v, u] = _FLOOR
+            else:
+                kinds[v, u] = _OBSTACLE
+            if kinds[v, u] != _OBSTACLE:
+                before_depth = 0.0
+                continue
+            x, z = pose[0, 3] + dx, pose[2, 3] + dz
+            hits[int((z - origin_z) / resolution), int((x - origin_x) / resolution)] = 1
+            # A surface seen at a grazing angle or from afar leaves gaps between neighbouring pixels: close them,
+            # but not across an edge, where the depth jumps.
+            gap = max(abs(x - before_x), abs(z - before_z))
+            if abs(d - before_depth) < 0.1 * d and resolution < gap < 6.0 * resolution:
+                pieces = int(gap / resolution) + 1
+                for i in range(1, pieces):
+                    t = i / pieces
+                    row = int((z + t * (before_z - z) - origin_z) / resolution)
+                    hits[row, int((x + t * (before_x - x) - origin_x) / resolution)] = 1
+            before_x, before_z, before_depth = x, z, d
+    return kinds, ranges, hits
+
+
+@njit(cache=True)
+def _relabel_feet(kinds, depth, hits, pose, lens, lattice):  # type: ignore[no-untyped-def]
+    """Make the foot of an obstacle, which is as low as the floor, part of the obstacle.
+
+    Otherwise the foot of a wall would pass for floor as far as its line of sight meets the floor behind the wall.
+    """
+    f, cx, cy = lens
+    origin_x, origin_z, resolution = lattice
+    for v in range(kinds.shape[0]):
+        b = (v - cy) / f
+        for u in range(kinds.shape[1]):
+            if kinds[v, u] == _FLOOR:
+                a, d = (u - cx) / f, depth[v, u]
+                x = (pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]) * d + pose[0, 3]
+                z = (pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]) * d + pose[2, 3]
+                if hits[int((z - origin_z) / resolution), int((x - origin_x) / resolution)]:
+                    kinds[v, u] = _OBSTACLE
+
+
+@njit(cache=True)
+def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, log_odds, cells):  # type: ignore[no-untyped-def]
+    """Add one frame's evidence to every cell within range of the camera."""
+    f, cx, cy = lens
+    origin_x, origin_z, resolution = lattice
+    height, width = kinds.shape
+    reach = int(max_range / resolution) + 1
+    camera_row = int((pose[2, 3] - origin_z) / resolution)
+    camera_column = int((pose[0, 3] - origin_x) / resolution)
+    dy = floor - pose[1, 3]
+    for row in range(max(0, camera_row - reach), min(cells.shape[0], camera_row + reach + 1)):
+        dz = origin_z + (row + 0.5) * resolution - pose[2, 3]
+        for column in range(max(0, camera_column - reach), min(cells.shape[1], camera_column + reach + 1)):
+            evidence = 0.0
+            if hits[row, column]:
+                evidence = HIT
+            else:
+                dx = origin_x + (column + 0.5) * resolution - pose[0, 3]
+                depth = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
+                distance = math.sqrt(dx * dx + dz * dz)
+                if depth <= 0.0 or distance > max_range:
+                    continue
+                right = pose[0, 0] * dx + pose[1, 0] * dy + pose[2, 0] * dz
+                down = pose[0, 1] * dx + pose[1, 1] * dy + pose[2, 1] * dz
+                u, v = math.floor(f * right / depth + cx + 0.5), math.floor(f * down / depth + cy + 0.5)
+                if u < 0 or u >= width or v < 0:
+                    continue
+                if v < height:
+                    kind = kinds[v, u]
+                    behind = kind in (_OBSTACLE, _BEYOND) and ranges[v, u] > distance
+                    if kind == _FLOOR or behind:
+                        evidence = SEEN_FREE
+                elif cells[row, column] == UNKNOWN and ranges[height - 1, u] > distance:
+                    evidence = PASSED_OVER
+            if evidence != 0.0:
+                value = min(MOST, max(LEAST, log_odds[row, column] + evidence))
+                log_odds[row, column] = value
+                cells[row, column] = OCCUPIED if value > 0.0 else FREE

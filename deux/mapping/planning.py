@@ -1,0 +1,149 @@
+"""Shortest paths over a grid: A* (Hart et al. 1968) to one goal, Dijkstra's distances to all of them.
+
+Both move to the 8 neighbours at cost 1 or sqrt(2), and diagonally only where both cells beside the step are
+traversable: a body with a radius cannot cut a corner.
+"""
+
+import heapq
+import math
+
+import numpy as np
+from numba import njit
+
+_SQRT2 = math.sqrt(2.0)
+
+
+def shortest_path(
+    traversable: np.ndarray, start: tuple[int, int], goal: tuple[int, int]
+) -> np.ndarray | None:
+    """The shortest path between two cells.
+
+    Args:
+        traversable: rows x columns bool.
+        start: (row, column) inside the grid.
+        goal: (row, column) inside the grid.
+
+    Returns:
+        N x 2 int64 (row, column) from start to goal, both included; None if there is no path or if either end is
+        not traversable.
+    """
+    path = _astar(np.ascontiguousarray(traversable), start[0], start[1], goal[0], goal[1])
+    return path if len(path) else None
+
+
+def distance_field(traversable: np.ndarray, start: tuple[int, int]) -> np.ndarray:
+    """Length of the shortest path from one cell to every other.
+
+    Args:
+        traversable: rows x columns bool.
+        start: (row, column) inside the grid.
+
+    Returns:
+        rows x columns float64 in units of a cell's edge, inf where no path leads.
+    """
+    return _dijkstra(np.ascontiguousarray(traversable), start[0], start[1])
+
+
+def path_length(path: np.ndarray) -> float:
+    """Length of an N x 2 path in the units of its coordinates."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+@njit(cache=True)
+def line_is_clear(traversable: np.ndarray, start: tuple[int, int], end: tuple[int, int]) -> bool:
+    """Whether every cell under the straight line between two cells' centres is traversable."""
+    rows, columns = end[0] - start[0], end[1] - start[1]
+    pieces = 4 * max(abs(rows), abs(columns), 1)
+    for i in range(pieces + 1):
+        row = math.floor(start[0] + 0.5 + rows * i / pieces)
+        column = math.floor(start[1] + 0.5 + columns * i / pieces)
+        if not traversable[row, column]:
+            return False
+    return True
+
+
+@njit(cache=True)
+def _may_step(traversable, row, column, down, right):  # type: ignore[no-untyped-def]
+    """Whether the step from (row, column) stays inside, on traversable cells, and cuts no corner."""
+    to_row, to_column = row + down, column + right
+    if not (0 <= to_row < traversable.shape[0] and 0 <= to_column < traversable.shape[1]):
+        return False
+    if not traversable[to_row, to_column]:
+        return False
+    return down == 0 or right == 0 or (traversable[to_row, column] and traversable[row, to_column])
+
+
+@njit(cache=True)
+def _octile(rows, columns):  # type: ignore[no-untyped-def]
+    """Length of the shortest obstacle-free path over a displacement in cells."""
+    return max(rows, columns) + (_SQRT2 - 1.0) * min(rows, columns)
+
+
+@njit(cache=True)
+def _astar(traversable, start_row, start_column, goal_row, goal_column):  # type: ignore[no-untyped-def]
+    """N x 2 path, empty if there is none."""
+    rows, columns = traversable.shape
+    start, goal = start_row * columns + start_column, goal_row * columns + goal_column
+    if not (traversable[start_row, start_column] and traversable[goal_row, goal_column]):
+        return np.empty((0, 2), np.int64)
+    cost = np.full(rows * columns, np.inf)
+    parent = np.full(rows * columns, -1, np.int32)
+    closed = np.zeros(rows * columns, np.bool_)
+    cost[start] = 0.0
+    queue = [(_octile(abs(goal_row - start_row), abs(goal_column - start_column)) * 1.0, start)]
+    while queue:
+        _, cell = heapq.heappop(queue)
+        if cell == goal:
+            break
+        if closed[cell]:
+            continue
+        closed[cell] = True
+        row, column = cell // columns, cell % columns
+        for down in range(-1, 2):
+            for right in range(-1, 2):
+                if (down == 0 and right == 0) or not _may_step(traversable, row, column, down, right):
+                    continue
+                neighbour = cell + down * columns + right
+                through = cost[cell] + (_SQRT2 if down != 0 and right != 0 else 1.0)
+                if through < cost[neighbour] - 1e-9:
+                    cost[neighbour] = through
+                    parent[neighbour] = cell
+                    ahead = _octile(abs(goal_row - row - down), abs(goal_column - column - right))
+                    heapq.heappush(queue, (through + ahead, neighbour))
+    if not np.isfinite(cost[goal]):
+        return np.empty((0, 2), np.int64)
+    count, cell = 1, goal
+    while cell != start:
+        cell = parent[cell]
+        count += 1
+    path = np.empty((count, 2), np.int64)
+    cell = goal
+    for i in range(count - 1, -1, -1):
+        path[i, 0], path[i, 1] = cell // columns, cell % columns
+        cell = parent[cell]
+    return path
+
+
+@njit(cache=True)
+def _dijkstra(traversable, start_row, start_column):  # type: ignore[no-untyped-def]
+    """Distances from the start to all cells, rows x columns."""
+    rows, columns = traversable.shape
+    distance = np.full((rows, columns), np.inf)
+    if not traversable[start_row, start_column]:
+        return distance
+    distance[start_row, start_column] = 0.0
+    queue = [(0.0, start_row * columns + start_column)]
+    while queue:
+        here, cell = heapq.heappop(queue)
+        row, column = cell // columns, cell % columns
+        if here > distance[row, column]:
+            continue
+        for down in range(-1, 2):
+            for right in range(-1, 2):
+                if (down == 0 and right == 0) or not _may_step(traversable, row, column, down, right):
+                    continue
+                through = here + (_SQRT2 if down != 0 and right != 0 else 1.0)
+                if through < distance[row + down, column + right]:
+                    distance[row + down, column + right] = through
+                    heapq.heappush(queue, (through, cell + down * columns + right))
+    return distance

@@ -1,0 +1,171 @@
+"""Where the depth model is wrong, as a field over the floor: the two readings of Algorithm 1's residual pose.
+
+Both take the same updates and answer the same questions, so an explorer holds either.
+"""
+
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from deux.geometry.camera import Camera
+from deux.geometry.grid import GridFrame
+from deux.mapping.growing_grid import GrowingGrid
+
+
+class ResidualField(Protocol):
+    """Uncertainty over the floor, gathered frame by frame."""
+
+    def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
+        """Add one frame.
+
+        Args:
+            pose: 4 x 4 camera-to-world.
+            depth: H x W metres, 0 or NaN = none.
+            residual: H x W photometric error, NaN where there is none.
+            uncertainty: delta of Eq. 8 in [0, 1]; NaN where there is none.
+        """
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Uncertainty near N x 2 world points (x, z): N float64 in [0, 1], always finite.
+
+        Far from everything recorded it tends to the mean of all that is recorded, 0 if nothing is.
+        """
+
+    def grid(self, frame: GridFrame) -> np.ndarray:
+        """The field over a grid, rows x columns float32, NaN where nothing is recorded nearby."""
+
+
+class PoseResidualField:
+    """Delta lives where the robot stood: uncertainty at a point is the average of the deltas of nearby poses.
+
+    The weights are exp(-d^2 / (2 bandwidth^2)) for a pose at distance d; the mean of all deltas enters with weight
+    `prior_weight`, and so prevails far from every pose.
+
+    Args:
+        bandwidth: metres.
+        prior_weight: the weight of the mean, in poses at distance 0.
+    """
+
+    def __init__(self, bandwidth: float = 1.0, prior_weight: float = 0.1) -> None:
+        self._bandwidth = bandwidth
+        self._prior_weight = prior_weight
+        self._records: list[tuple[float, float, float]] = []
+
+    def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
+        """Record the frame's delta at the pose; a NaN delta is left out."""
+        if np.isfinite(uncertainty):
+            self._records.append((float(pose[0, 3]), float(pose[2, 3]), float(uncertainty)))
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Uncertainty near N x 2 world points (x, z)."""
+        values, _ = self._average(points)
+        return values
+
+    def grid(self, frame: GridFrame) -> np.ndarray:
+        """The field over a grid; NaN beyond two bandwidths of the only pose."""
+        x = frame.origin_x + (np.arange(frame.columns) + 0.5) * frame.resolution
+        z = frame.origin_z + (np.arange(frame.rows) + 0.5) * frame.resolution
+        points = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
+        values, weight = self._average(points)
+        return np.where(weight > np.exp(-2.0), values, np.nan).reshape(frame.shape).astype(np.float32)
+
+    def _average(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted average at each point, and the weight of the poses in it."""
+        if not self._records:
+            return np.zeros(len(points)), np.zeros(len(points))
+        records = np.array(self._records)
+        # |a - b|^2 expanded: a product of matrices is many times faster than all differences on a whole grid.
+        squares = (points**2).sum(1)[:, None] + (records[:, :2] ** 2).sum(1) - 2.0 * points @ records[:, :2].T
+        weights = np.exp(-0.5 * squares / self._bandwidth**2)
+        total = weights.sum(axis=1)
+        mean = records[:, 2].mean()
+        values = (weights @ records[:, 2] + self._prior_weight * mean) / (total + self._prior_weight)
+        return values, total
+
+
+class SurfaceResidualField:
+    """Each pixel's residual lives on the surface that the pixel shows, projected onto the floor plan.
+
+    A cell holds the mean of all residuals that fell into it, from any height, mapped to 1 - exp(-mean) as in Eq. 8.
+    Uncertainty at a point is the average of the cells nearby with the weights exp(-d^2 / (2 bandwidth^2)); the
+    mean of all cells enters with weight `prior_weight`, and so prevails far from every observed surface.
+
+    Args:
+        camera: the camera that the depth images come from.
+        resolution: edge of a cell in metres.
+        max_range: distance along the floor in metres up to which pixels are projected.
+        bandwidth: metres.
+        prior_weight: the weight of the mean, in cells at distance 0.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        resolution: float = 0.05,
+        max_range: float = 5.0,
+        bandwidth: float = 0.5,
+        prior_weight: float = 1.0,
+    ) -> None:
+        self._rays = camera.rays()
+        self._resolution = resolution
+        self._max_range = max_range
+        self._bandwidth = bandwidth
+        self._prior_weight = prior_weight
+        self._cells = GrowingGrid(resolution, {"total": np.float64, "count": np.int64})
+
+    def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
+        """Project the residuals of all pixels with depth onto the floor; NaN residuals are left out."""
+        x, z = float(pose[0, 3]), float(pose[2, 3])
+        valid = (depth > 0.0) & np.isfinite(residual)
+        offsets = (self._rays[valid] * depth[valid, None]) @ pose[[0, 2], :3].T
+        near = np.hypot(offsets[:, 0], offsets[:, 1]) <= self._max_range
+        self._cells.cover(x, z, self._max_range)
+        frame = self._cells.frame
+        rows, columns = frame.cells(x + offsets[near, 0], z + offsets[near, 1])
+        flat = rows * frame.columns + columns
+        size = frame.rows * frame.columns
+        values = residual[valid][near].astype(np.float64)
+        self._cells["total"][:] += np.bincount(flat, values, size).reshape(frame.shape)
+        self._cells["count"][:] += np.bincount(flat, minlength=size).reshape(frame.shape)
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """Uncertainty near N x 2 world points (x, z)."""
+        uncertainty, seen = self._uncertainty()
+        if not seen.any():
+            return np.zeros(len(points))
+        mean = uncertainty[seen].mean()
+        sigma = self._bandwidth / self._resolution
+
+        def weighted_sum(cells: np.ndarray) -> np.ndarray:
+            # GaussianBlur's kernel sums to 1; undone, a cell at distance 0 has weight 1.
+            blurred = cv2.GaussianBlur(
+                cells.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
+            )
+            return 2.0 * np.pi * sigma**2 * blurred
+
+        weight, total = weighted_sum(seen), weighted_sum(np.where(seen, uncertainty, 0.0))
+        field = (total + self._prior_weight * mean) / (weight + self._prior_weight)
+        rows, columns = self._cells.frame.cells(points[:, 0], points[:, 1])
+        inside = self._cells.frame.contains(rows, columns)
+        return np.where(inside, field[np.where(inside, rows, 0), np.where(inside, columns, 0)], mean)
+
+    def grid(self, frame: GridFrame) -> np.ndarray:
+        """The cells' own means over a grid of the same resolution."""
+        uncertainty, seen = self._uncertainty()
+        if not seen.any():
+            return np.full(frame.shape, np.nan, np.float32)
+        rows, columns = np.mgrid[: frame.rows, : frame.columns]
+        centres_x = frame.origin_x + (columns + 0.5) * frame.resolution
+        centres_z = frame.origin_z + (rows + 0.5) * frame.resolution
+        own_rows, own_columns = self._cells.frame.cells(centres_x, centres_z)
+        inside = self._cells.frame.contains(own_rows, own_columns)
+        result = np.full(frame.shape, np.nan, np.float32)
+        field = np.where(seen, uncertainty, np.nan)
+        result[inside] = field[own_rows[inside], own_columns[inside]]
+        return result
+
+    def _uncertainty(self) -> tuple[np.ndarray, np.ndarray]:
+        """1 - exp(-mean residual) of each cell, and which cells have one."""
+        count = self._cells["count"]
+        return 1.0 - np.exp(-self._cells["total"] / np.maximum(count, 1)), count > 0

@@ -1,0 +1,214 @@
+"""Settings from the configuration, checked against the constructor that they are meant for.
+
+A plugin ships no schema: the names, types and defaults of its options are those of its constructor's parameters.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import types
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from deux.errors import DeuxError, near_matches
+
+T = TypeVar("T")
+
+REQUIRED: Any = inspect.Parameter.empty
+"""The default of an option that has none."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One parameter of a constructor.
+
+    Args:
+        name: the parameter's name.
+        annotation: its declared type; `Any` where it has none or where the name cannot be resolved.
+        default: its default, or `REQUIRED`.
+    """
+
+    name: str
+    annotation: Any
+    default: Any
+
+
+def options(target: Callable[..., Any]) -> dict[str, Option]:
+    """The options that `target` takes, by name, in the order of its parameters."""
+    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return {
+        p.name: Option(p.name, Any if p.annotation is p.empty else p.annotation, p.default)
+        for p in _signature(target).parameters.values()
+        if p.kind in named
+    }
+
+
+def construct(target: Callable[..., T], settings: Mapping[str, Any], where: str) -> T:
+    """Call `target` with the settings, after checking their names and simple types.
+
+    Whole numbers are taken for floats and lists for tuples; a mapping becomes the dataclass that is asked for.
+
+    Args:
+        target: a class or function, such as a plugin's class or a dataclass of the framework.
+        settings: option values by name, plain or as OmegaConf holds them.
+        where: the settings' place in the configuration, such as "camera"; it begins every message.
+
+    Raises:
+        DeuxError: an option that `target` does not have, a required one that is missing, or a value of another type.
+    """
+    return target(**_checked(target, settings, where))
+
+
+def full_settings(
+    target: Callable[..., Any], settings: Mapping[str, Any], where: str = "settings"
+) -> dict[str, Any]:
+    """The settings together with the constructor's defaults, as JSON can hold them, in the parameters' order.
+
+    Equal settings give equal results however they were written (1 or 1.0, list or tuple), so this is what hashes and
+    saved configurations are made of. Raises as `construct` does.
+    """
+    checked = _checked(target, settings, where)
+    known = options(target)
+    full = {name: checked.get(name, option.default) for name, option in known.items()}
+    full.update({name: value for name, value in checked.items() if name not in known})
+    return {name: _json(value) for name, value in full.items()}
+
+
+def plain(settings: Any, where: str) -> Any:
+    """Settings as plain dictionaries and lists, interpolations resolved, values that are still "???" left out."""
+    if OmegaConf.is_config(settings):
+        try:
+            settings = OmegaConf.to_container(settings, resolve=True)
+        except OmegaConfBaseException as error:
+            raise DeuxError(f"{where} cannot be resolved: {str(error).splitlines()[0]}.") from error
+    if isinstance(settings, Mapping):
+        return {str(key): plain(value, f"{where}.{key}") for key, value in settings.items() if value != "???"}
+    return settings
+
+
+def describe(annotation: Any) -> str:
+    """A type in words, for messages and listings: "a number", "text or null"."""
+    words = {bool: "true or false", int: "a whole number", float: "a number", str: "text", Path: "a path"}
+    arguments = get_args(annotation)
+    if annotation in (None, type(None)):
+        return "null"
+    if get_origin(annotation) is Literal:
+        return " or ".join(repr(value) for value in arguments)
+    if _is_union(annotation):
+        return " or ".join(describe(argument) for argument in arguments)
+    if _is_sequence(annotation):
+        if get_origin(annotation) is tuple and Ellipsis not in arguments:
+            return f"a list of {len(arguments)} values ({', '.join(map(describe, arguments))})"
+        return f"a list (each {describe(arguments[0])})" if arguments else "a list"
+    return words[annotation] if annotation in words else str(getattr(annotation, "__name__", annotation))
+
+
+class _Mismatch(Exception):
+    """A value is not of the declared type."""
+
+
+def _signature(target: Callable[..., Any]) -> inspect.Signature:
+    try:
+        return inspect.signature(target, eval_str=True)
+    except NameError:  # an annotation that exists for type checkers only
+        return inspect.signature(target)
+
+
+def _checked(target: Callable[..., Any], settings: Mapping[str, Any], where: str) -> dict[str, Any]:
+    known = options(target)
+    open_ended = any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
+    name = getattr(target, "__name__", str(target))
+    result: dict[str, Any] = {}
+    for key, value in plain(settings, where).items():
+        if key in known:
+            result[key] = _option_value(value, known[key].annotation, f"{where}.{key}")
+        elif open_ended:
+            result[key] = value
+        else:
+            raise DeuxError(f"{where}.{key} is not an option of {name}: {near_matches(key, known)}")
+    missing = [key for key, option in known.items() if option.default is REQUIRED and key not in result]
+    if missing:
+        raise DeuxError(f"{name} needs a value for {' and '.join(f'{where}.{key}' for key in missing)}.")
+    return result
+
+
+def _option_value(value: Any, annotation: Any, where: str) -> Any:
+    try:
+        return _converted(value, annotation, where)
+    except _Mismatch:
+        choices = [choice for choice in get_args(annotation) if isinstance(choice, str)]
+        if get_origin(annotation) is Literal and isinstance(value, str) and choices:
+            raise DeuxError(f"{where} cannot be {value!r}: {near_matches(value, choices)}") from None
+        raise DeuxError(f"{where} must be {describe(annotation)}, but is {value!r}.") from None
+
+
+def _converted(value: Any, annotation: Any, where: str) -> Any:
+    """The value as the declared type; types that no configuration can hold are let through as they are."""
+    if _is_union(annotation):
+        return _first_match(value, get_args(annotation), where)
+    if get_origin(annotation) is Literal:
+        return _expect(value, any(value == c and type(value) is type(c) for c in get_args(annotation)))
+    if annotation in (None, type(None)):
+        return _expect(value, value is None)
+    if annotation in (bool, str):
+        return _expect(value, isinstance(value, annotation))
+    if annotation in (int, float):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        whole = number and (annotation is float or float(value).is_integer())
+        return annotation(_expect(value, whole))
+    if annotation is Path:
+        return Path(_expect(value, isinstance(value, str | Path)))
+    if _is_sequence(annotation):
+        return _sequence(_expect(value, isinstance(value, list | tuple)), annotation, where)
+    if dataclasses.is_dataclass(annotation) and isinstance(value, Mapping):
+        return construct(annotation, value, where)  # type: ignore[arg-type]
+    return value
+
+
+def _expect(value: Any, matches: bool) -> Any:
+    if not matches:
+        raise _Mismatch
+    return value
+
+
+def _first_match(value: Any, alternatives: Sequence[Any], where: str) -> Any:
+    for alternative in alternatives:
+        try:
+            return _converted(value, alternative, where)
+        except _Mismatch:
+            continue
+    raise _Mismatch
+
+
+def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
+    arguments = get_args(annotation)
+    kind = list if list in (annotation, get_origin(annotation)) else tuple
+    if kind is tuple and get_origin(annotation) is tuple and Ellipsis not in arguments:
+        _expect(values, len(values) == len(arguments))
+        return tuple(_converted(v, a, where) for v, a in zip(values, arguments, strict=True))
+    element = arguments[0] if arguments else Any
+    return kind(_converted(value, element, where) for value in values)
+
+
+def _is_union(annotation: Any) -> bool:
+    return get_origin(annotation) in (Union, types.UnionType)
+
+
+def _is_sequence(annotation: Any) -> bool:
+    return (get_origin(annotation) or annotation) in (tuple, list, Sequence)
+
+
+def _json(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json(item) for item in value]
+    return value if isinstance(value, bool | int | float | str | None) else str(value)

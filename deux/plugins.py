@@ -1,0 +1,95 @@
+"""What is installed: `python -m deux.plugins` lists the plugins, `python -m deux.plugins <name>` explains one."""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from deux.errors import DeuxError, near_matches
+from deux.options import REQUIRED, describe, options
+from deux.registry import KINDS, Plugin, registry
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code: 0, or 1 after a mistake of the user's."""
+    parser = argparse.ArgumentParser(prog="python -m deux.plugins", description=__doc__)
+    parser.add_argument("name", nargs="?", help="a plugin, whose description and options are then printed")
+    name = parser.parse_args(arguments).name
+    try:
+        text = explain(name) if name else None
+    except DeuxError as error:
+        print(f"deux: {error}", file=sys.stderr)
+        return 1
+    if text is None:
+        print_listing()
+    else:
+        print(text)
+    return 0
+
+
+def listing() -> list[tuple[str, str, str, str, str]]:
+    """One row for each installed plugin: kind, name, package, version, and "" or what is wrong with it."""
+    rows = []
+    for kind in KINDS:
+        names = [plugin.name for plugin in registry().plugins(kind)]
+        for plugin in registry().plugins(kind):
+            state = "the name is used twice" if names.count(plugin.name) > 1 else ""
+            rows.append((KINDS[kind].noun, plugin.name, plugin.package, plugin.version, state))
+    return rows
+
+
+def print_listing() -> None:
+    """Print the listing: a table in a terminal, lines with tabs between the columns elsewhere."""
+    columns = ("kind", "name", "package", "version", "state")
+    rows = listing()
+    if not sys.stdout.isatty():
+        print("\n".join("\t".join(row).rstrip() for row in (columns, *rows)))
+        return
+    table = Table(*columns, title="Installed plugins")
+    previous = ""
+    for row in rows:
+        if previous and row[0] != previous:
+            table.add_section()
+        table.add_row(*row, style="red" if row[-1] else None)
+        previous = row[0]
+    Console().print(table)
+
+
+def explain(name: str) -> str:
+    """The description and the options of the plugin called `name`, or of each one if several kinds have it.
+
+    Raises:
+        DeuxError: nothing is called so, or the plugin is installed twice or cannot be imported.
+    """
+    kinds = [kind for kind in KINDS if name in registry().names(kind)]
+    if not kinds:
+        known = {known for kind in KINDS for known in registry().names(kind)}
+        raise DeuxError(f"there is no plugin called {name!r}: {near_matches(name, known)}")
+    return "\n\n".join(_explanation(registry().find(kind, name)) for kind in kinds)
+
+
+def _explanation(plugin: Plugin) -> str:
+    kind = KINDS[plugin.kind]
+    cls = registry().get(plugin.kind, plugin.name)
+    lines = [
+        f"{kind.noun} {plugin.name}, from {plugin.origin}",
+        "",
+        inspect.getdoc(cls) or "(no description)",
+        "",
+    ]
+    where = kind.settings.format(name=plugin.name)
+    for option in options(cls).values():
+        default = "required" if option.default is REQUIRED else f"default {option.default!r}"
+        lines.append(f"  {where}.{option.name}: {describe(option.annotation)}, {default}")
+    if not options(cls):
+        lines.append("It has no options.")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

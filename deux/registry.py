@@ -1,0 +1,190 @@
+"""The plugins that are installed, found by their packages' entry points and loaded one at a time.
+
+A package declares a plugin in its `pyproject.toml`:
+
+    [project.entry-points."deux.explorers"]
+    spiral = "my_package.spiral:SpiralExplorer"
+
+Reading the tables imports nothing. An entry is imported when it is chosen, so start-up stays fast and a package that
+is broken harms nobody who does not ask for it.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from deux.errors import DeuxError, near_matches
+from deux.options import construct
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of plugin.
+
+    Args:
+        name: the registry's name of the kind; its entry-point group is "deux.<name>".
+        noun: how messages call one plugin of the kind.
+        contract: the class in `deux.contracts` that a plugin derives from.
+        settings: where the options of the plugin called {name} stand in the configuration.
+    """
+
+    name: str
+    noun: str
+    contract: str
+    settings: str
+
+    @property
+    def group(self) -> str:
+        """The entry-point group."""
+        return f"deux.{self.name}"
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("explorers", "explorer", "Explorer", "explore"),
+        Kind("depth_models", "depth model", "DepthModel", "model"),
+        Kind("losses", "loss term", "LossTerm", "objective.{name}"),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """A plugin and the package that brought it. Nothing is imported until `load` is called.
+
+    Args:
+        name: the name under which it is chosen.
+        kind: a key of `KINDS`.
+        package: name of the distribution.
+        version: version of the distribution.
+        target: "module:attribute".
+        load: imports and returns the target.
+    """
+
+    name: str
+    kind: str
+    package: str
+    version: str
+    target: str
+    load: Callable[[], Any] = field(repr=False, compare=False)
+
+    @property
+    def origin(self) -> str:
+        """Package, version and target, for messages."""
+        return f"{self.package} {self.version} ({self.target})"
+
+
+class Registry:
+    """All plugins of one process: the installed ones and those registered by hand."""
+
+    def __init__(self) -> None:
+        self._plugins: dict[str, list[Plugin]] = {}
+
+    def plugins(self, kind: str) -> list[Plugin]:
+        """All plugins of a kind, sorted by name; where two packages use one name, both are listed."""
+        return sorted(self._table(kind), key=lambda plugin: (plugin.name, plugin.package))
+
+    def names(self, kind: str) -> list[str]:
+        """The names of a kind's plugins, sorted, each once."""
+        return sorted({plugin.name for plugin in self._table(kind)})
+
+    def find(self, kind: str, name: str) -> Plugin:
+        """The one plugin of that name, not yet imported.
+
+        Raises:
+            DeuxError: nothing of that kind has the name, or two packages have it.
+        """
+        found = [plugin for plugin in self.plugins(kind) if plugin.name == name]
+        noun = KINDS[kind].noun
+        if not found:
+            raise DeuxError(f"there is no {noun} called {name!r}: {near_matches(name, self.names(kind))}")
+        if len(found) > 1:
+            owners = " and ".join(plugin.origin for plugin in found)
+            raise DeuxError(
+                f"the name {name!r} belongs to {len(found)} {noun}s, of {owners}: uninstall all but one."
+            )
+        return found[0]
+
+    def get(self, kind: str, name: str) -> type:
+        """Import the plugin of that name and return its class.
+
+        Raises:
+            DeuxError: as `find`; or the plugin cannot be imported, does not derive from its kind's contract, or leaves
+                a method of the contract undefined.
+        """
+        plugin = self.find(kind, name)
+        noun = KINDS[kind].noun
+        try:
+            cls = plugin.load()
+        except Exception as error:  # a foreign module may raise anything while it is imported
+            cause = " ".join(f"{type(error).__name__}: {error}".split())
+            raise DeuxError(f"the {noun} {name!r} of {plugin.origin} cannot be imported: {cause}.") from error
+        self._check_contract(plugin, cls)
+        return cls
+
+    def create(self, kind: str, name: str, settings: Mapping[str, Any]) -> Any:
+        """Make the plugin of that name from its options; an entry "name" among them is left out.
+
+        Raises:
+            DeuxError: as `get` and `deux.options.construct`.
+        """
+        cls = self.get(kind, name)
+        chosen = {key: value for key, value in settings.items() if key != "name"}
+        return construct(cls, chosen, KINDS[kind].settings.format(name=name))
+
+    def register(self, kind: str, name: str, cls: type) -> Plugin:
+        """Add a plugin by hand, for this process only: for tests and notebooks.
+
+        Raises:
+            DeuxError: the name is taken, or `cls` does not fulfil the contract.
+        """
+        taken = [plugin for plugin in self._table(kind) if plugin.name == name]
+        if taken:
+            raise DeuxError(f"the {KINDS[kind].noun} {name!r} is there already, from {taken[0].origin}.")
+        target = f"{cls.__module__}:{cls.__qualname__}"
+        plugin = Plugin(name, kind, "registered by hand", "-", target, lambda: cls)
+        self._check_contract(plugin, cls)
+        self._table(kind).append(plugin)
+        return plugin
+
+    def unregister(self, kind: str, name: str) -> Plugin:
+        """Take a plugin out, for this process only, and return it. Raises DeuxError as `find` does."""
+        plugin = self.find(kind, name)
+        self._table(kind).remove(plugin)
+        return plugin
+
+    def _table(self, kind: str) -> list[Plugin]:
+        if kind not in KINDS:
+            raise DeuxError(f"{kind!r} is not a kind of plugin: {near_matches(kind, KINDS)}")
+        if kind not in self._plugins:
+            self._plugins[kind] = [_from_entry_point(kind, e) for e in entry_points(group=KINDS[kind].group)]
+        return self._plugins[kind]
+
+    @staticmethod
+    def _check_contract(plugin: Plugin, cls: Any) -> None:
+        kind = KINDS[plugin.kind]
+        # Imported here because the contracts bring torch, which `--help` and composition must not wait for.
+        contract = getattr(importlib.import_module("deux.contracts"), kind.contract)
+        said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
+        if not (isinstance(cls, type) and issubclass(cls, contract)):
+            raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
+        if missing := getattr(cls, "__abstractmethods__", None):
+            raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
+
+
+@functools.cache
+def registry() -> Registry:
+    """The registry of this process, made at the first call."""
+    return Registry()
+
+
+def _from_entry_point(kind: str, entry: EntryPoint) -> Plugin:
+    package = entry.dist.name if entry.dist else "an unknown package"
+    version = entry.dist.version if entry.dist else "?"
+    return Plugin(entry.name, kind, package, version, entry.value, entry.load)

@@ -1,0 +1,51 @@
+"""Random choices that come out the same on every machine and with every version of numpy."""
+
+from collections.abc import Sequence
+from typing import TypeVar
+from zlib import crc32
+
+import numpy as np
+
+Option = TypeVar("Option")
+
+
+class Draws:
+    """One stream of random choices.
+
+    Everything is derived from `Generator.random`, the plain conversion of PCG64's bits to [0, 1): the other methods
+    of numpy's generator may change their results between versions.
+
+    Args:
+        seed: seed of the flat, 0 or more.
+        stream: name of the stream; streams of one seed are independent, so that another choice in one of them (such
+            as one more chair) leaves the others (such as the textures) as they are.
+    """
+
+    def __init__(self, seed: int, stream: str) -> None:
+        entropy = np.random.SeedSequence((seed, crc32(stream.encode())))
+        self._generator = np.random.Generator(np.random.PCG64(entropy))
+
+    def uniform(self, low: float, high: float) -> float:
+        """A number in [low, high], rounded to three decimals."""
+        return round(low + (high - low) * self._generator.random(), 3)
+
+    def integer(self, low: int, high: int) -> int:
+        """An integer from low to high, both included."""
+        return low + int(self._generator.random() * (high - low + 1))
+
+    def chance(self, probability: float) -> bool:
+        """True with this probability."""
+        return bool(self._generator.random() < probability)
+
+    def choice(self, options: Sequence[Option]) -> Option:
+        """One of the options."""
+        return options[self.integer(0, len(options) - 1)]
+
+    def shuffled(self, options: Sequence[Option]) -> list[Option]:
+        """All options in random order."""
+        keys = self._generator.random(len(options))
+        return [options[index] for index in np.argsort(keys, kind="stable")]
+
+    def field(self, *shape: int) -> np.ndarray:
+        """Independent numbers in [-1, 1), float32 of this shape."""
+        return (self._generator.random(shape) * 2.0 - 1.0).astype(np.float32)

@@ -1,0 +1,62 @@
+"""Rays against a scene's triangles, by Embree."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from embreex import rtcore_scene
+from embreex.mesh_construction import TriangleMesh
+
+from deux.scenes.mesh import SceneMesh
+
+
+@dataclass(frozen=True)
+class Hits:
+    """The first surface that each of N rays meets.
+
+    Args:
+        distance: N float32, in units of the direction's length; infinite where the ray meets nothing.
+        face: N int32, index into the mesh's faces, -1 where the ray meets nothing.
+        barycentric: N x 2 float32, (u, v): the point is (1 - u - v) a + u b + v c of the face's corners a, b, c.
+    """
+
+    distance: np.ndarray
+    face: np.ndarray
+    barycentric: np.ndarray
+
+
+class RayCaster:
+    """Casts rays at a mesh. The bounding volume hierarchy is built at the first cast, once in each process.
+
+    A copy that travels to another process carries the mesh alone and builds its own hierarchy there.
+
+    Args:
+        mesh: the triangles; both of their sides stop a ray.
+    """
+
+    def __init__(self, mesh: SceneMesh) -> None:
+        self.mesh = mesh
+
+    def cast(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
+        """Find what each ray meets first.
+
+        Args:
+            origins: N x 3, metres.
+            directions: N x 3, of any length: with directions whose z is 1 in the camera's axes the distance is depth.
+        """
+        starts = np.ascontiguousarray(origins, dtype=np.float32)
+        found = self._embree.run(starts, np.ascontiguousarray(directions, dtype=np.float32), output=1)
+        face = found["primID"]
+        distance = np.where(face >= 0, found["tfar"], np.float32(np.inf))
+        return Hits(distance, face, np.stack([found["u"], found["v"]], axis=-1))
+
+    @cached_property
+    def _embree(self) -> Any:
+        scene = rtcore_scene.EmbreeScene()
+        vertices = np.ascontiguousarray(self.mesh.vertices, dtype=np.float32)
+        TriangleMesh(scene, vertices, np.ascontiguousarray(self.mesh.faces, dtype=np.int32))
+        return scene
+
+    def __getstate__(self) -> dict[str, SceneMesh]:
+        return {"mesh": self.mesh}

@@ -1,0 +1,98 @@
+"""Drawing pyrender scenes off screen, with what pyrender 0.1.45 gets wrong there put right."""
+
+import os
+import weakref
+from types import ModuleType
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from deux.errors import DeuxError
+
+_REMEDY = "install the Debian packages libegl1 and libgl1, or set renderer=embree."
+_creator: int | None = None
+"""The process that made the first context."""
+
+
+def load_pyrender() -> ModuleType:
+    """Import pyrender for use without a screen.
+
+    Raises:
+        DeuxError: the system's OpenGL libraries are missing.
+    """
+    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    # pyrender imports its viewer too, and that needs a library of X11 unless pyglet is told that there is no screen.
+    os.environ.setdefault("PYGLET_HEADLESS", "true")
+    try:
+        import pyrender
+    # What a missing library raises depends on which one it is: PyOpenGL looks up names in the None that it loaded.
+    except (ImportError, AttributeError) as cause:
+        raise DeuxError(f"renderer=pyrender cannot load OpenGL ({cause}): {_REMEDY}") from cause
+    module: ModuleType = pyrender
+    return module
+
+
+class EGLContext:
+    """An OpenGL context without a window. It belongs to the thread that made it.
+
+    Used in place of `pyrender.OffscreenRenderer`, which when it is deleted shuts down the display that every other
+    context of the process needs.
+
+    Args:
+        width: width of the image in pixels.
+        height: height of the image in pixels.
+
+    Raises:
+        DeuxError: the machine offers no such context, or this process was forked from one that has a context.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        global _creator
+        if _creator not in (None, os.getpid()):
+            # Mesa would wait forever for threads that the fork has left behind.
+            raise DeuxError(
+                "renderer=pyrender was used before this process was forked: start worker processes by spawn, or "
+                "set renderer=embree."
+            )
+        pyrender = load_pyrender()
+        from OpenGL.error import Error
+        from pyrender.platforms.egl import EGLPlatform
+
+        try:
+            self._platform = EGLPlatform(width, height)
+            self._platform.init_context()
+        except (AssertionError, IndexError, Error) as cause:
+            raise DeuxError(f"renderer=pyrender cannot make an EGL context ({cause!r}): {_REMEDY}") from cause
+        _creator = os.getpid()
+        self._renderer = pyrender.Renderer(width, height)
+        weakref.finalize(self, _release, self._platform, self._renderer).atexit = False
+
+    def render(self, scene: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Draw a `pyrender.Scene` unlit, both sides of each face.
+
+        Returns:
+            H x W x 3 uint8, and H x W float32 metres, 0 = none.
+        """
+        from OpenGL.GL import glRenderbufferStorage
+        from pyrender import RenderFlags
+
+        # pyrender draws with four samples a pixel and keeps the depth of the first, which is off the pixel's centre by
+        # (-0.125, +0.375): millimetres on slanted surfaces. One sample lies at the centre.
+        def single_sample(target: int, samples: int, storage: int, width: int, height: int) -> None:
+            glRenderbufferStorage(target, storage, width, height)
+
+        self._platform.make_current()
+        flags = RenderFlags.OFFSCREEN | RenderFlags.FLAT | RenderFlags.SKIP_CULL_FACES
+        with patch("pyrender.renderer.glRenderbufferStorageMultisample", single_sample):
+            color, depth = self._renderer.render(scene, flags)
+        return np.ascontiguousarray(color), np.ascontiguousarray(depth)
+
+
+def _release(platform: Any, renderer: Any) -> None:
+    """Free a context and what lies in it, but leave the display to the others."""
+    from OpenGL.EGL import eglDestroyContext
+
+    platform.make_current()
+    renderer.delete()
+    eglDestroyContext(platform._egl_display, platform._egl_context)

@@ -1,0 +1,35 @@
+"""Where episodes begin."""
+
+import math
+
+import numpy as np
+
+from deux.geometry.grid import FreeSpace
+
+PREFERRED_CLEARANCE = 0.3  # metres: from here the camera does not begin with its nose at a wall
+
+
+def random_starts(
+    free_space: FreeSpace, count: int, rng: np.random.Generator
+) -> list[tuple[float, float, float]]:
+    """Draw places on the free floor, uniformly where there is some room around the robot.
+
+    That is a clearance of `PREFERRED_CLEARANCE`, or of the floor's median clearance where that is less.
+
+    Args:
+        free_space: the free floor.
+        count: how many.
+        rng: decides everything; the same generator state gives the same places.
+
+    Returns:
+        (x, z, yaw): world metres, anywhere in a free cell, and radians in [-pi, pi).
+    """
+    median = float(np.median(free_space.clearance[free_space.free]))
+    roomy = free_space.free & (free_space.clearance >= min(PREFERRED_CLEARANCE, median))
+    cells = np.argwhere(roomy)[rng.integers(roomy.sum(), size=count)]
+    rows, columns = (cells + rng.uniform(-0.5, 0.5, size=cells.shape)).T
+    yaws = rng.uniform(-math.pi, math.pi, size=count)
+    return [
+        (*free_space.frame.centre(row, column), float(yaw))
+        for row, column, yaw in zip(rows, columns, yaws, strict=True)
+    ]

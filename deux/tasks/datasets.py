@@ -1,0 +1,103 @@
+"""The datasets of a run: explored frames to train on, free viewpoints to validate and test on."""
+
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from deux.contracts import DepthModel, Robot, Simulator
+from deux.data.pipeline import build_dataset, read_manifest
+from deux.data.specification import VIEWPOINTS, DatasetSpec
+from deux.geometry.camera import Camera
+from deux.scenes.sources import SceneReference
+from deux.simulator.mesh_simulator import MeshSimulator
+from deux.tasks.console import progress, say
+from deux.tasks.settings import PluginChoice, Settings
+
+
+def explored_dataset(
+    settings: Settings, explorer: PluginChoice, model: DepthModel | None = None, identity: str | None = None
+) -> Path:
+    """The frames that an explorer collects in the training scenes; collected now if nobody has done so before.
+
+    Args:
+        settings: the run's.
+        explorer: the explorer.
+        model: the depth model that guides it, if it needs one.
+        identity: what identifies that model's weights.
+    """
+    spec = DatasetSpec(
+        name=explorer.name,
+        scenes=settings.splits.train,
+        explorer=explorer.name,
+        explorer_settings=explorer.settings,
+        camera=settings.camera,
+        robot=settings.robot,
+        renderer=settings.cfg.renderer,
+        steps=settings.cfg.collect.steps,
+        episodes=settings.cfg.collect.episodes,
+        sparse=settings.sparse,
+        verification=settings.verification,
+        seed=settings.seed,
+        model=identity,
+        metric=settings.cfg.collect.metric,
+        together=settings.cfg.collect.together,
+    )
+    return _build(spec, settings, explorer, model)
+
+
+def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) -> Path:
+    """Frames from free poses spread evenly over held-out scenes: the same for every explorer and every seed."""
+    count = (
+        settings.cfg.evaluation.viewpoints
+        if split == "test"
+        else settings.cfg.evaluation.validation_viewpoints
+    )
+    spec = DatasetSpec(
+        name=split,
+        scenes=getattr(settings.splits, split),
+        explorer=VIEWPOINTS,
+        camera=settings.camera,
+        robot=settings.robot,
+        renderer=settings.cfg.renderer,
+        steps=count,
+        sparse=settings.sparse,
+        verification=settings.verification,
+        split=split,
+    )
+    return _build(spec, settings)
+
+
+def _build(
+    spec: DatasetSpec,
+    settings: Settings,
+    explorer: PluginChoice | None = None,
+    model: DepthModel | None = None,
+) -> Path:
+    make_simulator = partial(
+        _make_simulator, camera=settings.camera, robot=settings.robot, renderer=settings.cfg.renderer
+    )
+    root = settings.outputs / "datasets"
+    known = (root / spec.folder_name).exists()
+    with progress() as report:
+        dataset = build_dataset(
+            spec,
+            root,
+            make_simulator,
+            explorer.create if explorer else None,
+            predict_depth=model.predict if model else None,
+            progress=report,
+            processes=settings.cfg.collect.processes,
+        )
+    manifest = read_manifest(dataset)
+    rejected = ", ".join(
+        f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items()
+    )
+    say(
+        f"  {manifest['triplets']} of {manifest['candidates']} {spec.name} frames usable"
+        f"{f' (rejected: {rejected})' if rejected else ''}{', collected before' if known else ''}: {dataset}"
+    )
+    return dataset
+
+
+def _make_simulator(scene: SceneReference, camera: Camera, robot: Robot, renderer: str) -> Simulator:
+    return MeshSimulator(scene.load(), camera, robot, renderer)

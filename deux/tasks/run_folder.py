@@ -1,0 +1,95 @@
+"""A run's folder: which run it belongs to, how long its stages took, and whether it is finished."""
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from deux.errors import DeuxError
+
+_IDENTITY_FILE = "run.json"
+_SECONDS_FILE = "seconds.json"
+
+
+class RunFolder:
+    """Where one run keeps what it leaves behind; the same command again finds it and goes on.
+
+    Args:
+        path: the folder; made if it is absent.
+        settings: all that makes the run what it is, JSON-able. A folder that belongs to other settings is refused.
+
+    Raises:
+        DeuxError: the folder holds a run with other settings.
+    """
+
+    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
+        self.path = path
+        path.mkdir(parents=True, exist_ok=True)
+        identity = path / _IDENTITY_FILE
+        mine = json.loads(json.dumps(settings))
+        if identity.exists():
+            theirs = json.loads(identity.read_text())
+            if theirs != mine:
+                different = ", ".join(sorted(_differences(theirs, mine))[:4])
+                raise DeuxError(
+                    f"{path} holds a run with other settings ({different}); "
+                    "choose another folder with hydra.run.dir=... or delete this one."
+                )
+        else:
+            write_json(identity, mine)
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of the training checkpoints."""
+        return self.path / "checkpoints"
+
+    @property
+    def figures(self) -> Path:
+        """Folder of the figures."""
+        return self.path / "figures"
+
+    @property
+    def logs(self) -> Path:
+        """Folder of the CSV and TensorBoard logs."""
+        return self.path / "logs"
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Seconds spent in each stage so far, over all starts of this run."""
+        path = self.path / _SECONDS_FILE
+        return json.loads(path.read_text()) if path.exists() else {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time spent inside, also when it ends by an error."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            seconds = self.seconds
+            seconds[name] = round(seconds.get(name, 0.0) + time.perf_counter() - started, 2)
+            write_json(self.path / _SECONDS_FILE, seconds)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file whole or not at all."""
+    temporary = path.with_name(f".{path.name}.partial")
+    temporary.write_text(json.dumps(content, indent=2) + "\n")
+    os.replace(temporary, path)
+
+
+def short_hash(content: Any) -> str:
+    """Eight hexadecimal digits that name a JSON-able value."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
+
+
+def _differences(theirs: Any, mine: Any, where: str = "") -> Iterator[str]:
+    if isinstance(theirs, dict) and isinstance(mine, dict):
+        for key in theirs.keys() | mine.keys():
+            yield from _differences(theirs.get(key), mine.get(key), f"{where}.{key}" if where else key)
+    elif theirs != mine:
+        yield f"{where}: {theirs} there, {mine} here"

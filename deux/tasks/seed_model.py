@@ -1,0 +1,56 @@
+"""The seed model: the depth model whose errors tell the explorer where to go."""
+
+import hashlib
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from deux.configuration import user_path
+from deux.contracts import DepthModel
+from deux.data.exploration import MODEL_NEEDS
+from deux.data.locking import locked
+from deux.tasks.console import say
+from deux.tasks.datasets import explored_dataset
+from deux.tasks.run_folder import RunFolder, short_hash
+from deux.tasks.settings import PluginChoice, Settings
+from deux.tasks.training import train
+from deux.training.model_files import MODEL_FILE, load_model
+
+
+def needs_model(explorer: PluginChoice) -> bool:
+    """Whether the explorer asks for what only a depth model can give."""
+    return bool(explorer.create().needs & MODEL_NEEDS)
+
+
+def seed_model(settings: Settings) -> tuple[DepthModel, str]:
+    """The seed model in eval mode, and what identifies its weights.
+
+    It is `seed.checkpoint` if that is given. Otherwise it is trained on a random agent's frames, with the final model's
+    architecture and settings but for `seed.steps`, and kept under `outputs/seed_models` for every run that asks for
+    the same.
+    """
+    checkpoint = settings.cfg.seed.checkpoint
+    path = _trained(settings) if checkpoint is None else user_path(checkpoint)
+    if path.is_dir():
+        path = path / MODEL_FILE
+    model = load_model(path)
+    return model, hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def _trained(settings: Settings) -> Path:
+    dataset = explored_dataset(settings, settings.seed_explorer)
+    training = replace(settings.training, steps=settings.cfg.seed.steps)
+    identity = {
+        "model": {"name": settings.model.name, **settings.model.settings},
+        "objective": settings.objective,
+        "pose": settings.cfg.pose,
+        "training": asdict(training),
+        "dataset": dataset.name,
+        "random_seed": settings.seed,
+    }
+    folder = settings.outputs / "seed_models" / f"{settings.model.name}-{short_hash(identity)}"
+    with locked(folder.with_name(f".{folder.name}.lock")):
+        if (folder / MODEL_FILE).exists():
+            say(f"  trained before: {folder}")
+        else:
+            train(settings, training, dataset, RunFolder(folder, identity))
+    return folder / MODEL_FILE

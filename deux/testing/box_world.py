@@ -1,0 +1,157 @@
+"""A room with boxes in it whose depth images are exact: a simulator without meshes, for tests of explorers."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from deux.contracts import Action, Frame, Robot
+from deux.geometry.camera import Camera
+from deux.geometry.grid import FreeSpace, GridFrame
+from deux.geometry.poses import camera_pose
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box that stands on the floor, in metres.
+
+    Args:
+        x0: least x.
+        z0: least z.
+        x1: greatest x.
+        z1: greatest z.
+        height: its top above the floor; 2.5 is the room's height, which makes it a wall.
+    """
+
+    x0: float
+    z0: float
+    x1: float
+    z1: float
+    height: float = 2.5
+
+
+class BoxWorld:
+    """A closed rectangular room with boxes; it implements `deux.contracts.Simulator`.
+
+    The floor is at y = 0 and the ceiling at 2.5 m. Depth comes from intersecting each pixel's ray with the boxes.
+    The robot slides along what it touches, one axis at a time.
+
+    Args:
+        width: the room spans x from 0 to this, metres.
+        length: the room spans z from 0 to this, metres.
+        boxes: what stands in it; full-height boxes divide it into rooms.
+        camera: the robot's camera.
+        robot: its body and motion.
+    """
+
+    ceiling = 2.5
+    label_names: tuple[str, ...] = ("room", "box")
+
+    def __init__(
+        self,
+        width: float,
+        length: float,
+        boxes: tuple[Box, ...] = (),
+        camera: Camera | None = None,
+        robot: Robot | None = None,
+    ) -> None:
+        self.width = width
+        self.length = length
+        self.boxes = boxes
+        self.camera = camera or Camera(width=64, height=64)
+        self.robot = robot or Robot()
+        self._rays = self.camera.rays()
+        self.reset(width / 2.0, length / 2.0, 0.0)
+
+    def reset(self, x: float, z: float, yaw: float) -> None:
+        """Put the robot at world (x, z), heading `yaw`."""
+        self._x, self._z, self._yaw = x, z, yaw
+
+    @property
+    def pose(self) -> np.ndarray:
+        """The camera's present camera-to-world matrix, 4 x 4 float64."""
+        return camera_pose(self._x, self.robot.camera_height, self._z, self._yaw)
+
+    def step(self, action: Action) -> bool:
+        """Carry out one action; true if the robot touched something and moved less than it was told to."""
+        turn = math.radians(self.robot.turn_angle)
+        if action is Action.LEFT:
+            self._yaw += turn
+        if action is Action.RIGHT:
+            self._yaw -= turn
+        if action is not Action.FORWARD:
+            return False
+        touched = False
+        pieces = 10
+        length = self.robot.forward_step / pieces
+        for _ in range(pieces):
+            dx, dz = -math.sin(self._yaw) * length, -math.cos(self._yaw) * length
+            for step_x, step_z in ((dx, dz), (dx, 0.0), (0.0, dz)):
+                if self.clearance(self._x + step_x, self._z + step_z) >= self.robot.radius:
+                    self._x, self._z = self._x + step_x, self._z + step_z
+                    break
+                touched = True
+        return touched
+
+    def clearance(self, x: np.ndarray | float, z: np.ndarray | float) -> np.ndarray:
+        """Distance in metres from floor points to the nearest wall or box that blocks the robot; negative inside."""
+        x, z = np.asarray(x), np.asarray(z)
+        nearest = np.minimum.reduce([x, self.width - x, z, self.length - z])
+        for box in self.boxes:
+            if box.height > self.robot.max_climb:
+                apart_x = np.maximum(box.x0 - x, x - box.x1)
+                apart_z = np.maximum(box.z0 - z, z - box.z1)
+                outside = np.hypot(np.maximum(apart_x, 0.0), np.maximum(apart_z, 0.0))
+                nearest = np.minimum(nearest, outside + np.minimum(np.maximum(apart_x, apart_z), 0.0))
+        return nearest
+
+    def observe(self, labels: bool = False) -> Frame:
+        """Depth and labels by ray casting; the colours tell the room and the boxes apart, with a pattern on both."""
+        pose = self.pose
+        directions = self._rays @ pose[:3, :3].T
+        depth = self._leave(pose[:3, 3], directions, (0.0, 0.0, 0.0), (self.width, self.ceiling, self.length))
+        ids = np.zeros(depth.shape, np.int32)
+        for box in self.boxes:
+            entry = self._enter(pose[:3, 3], directions, (box.x0, 0.0, box.z0), (box.x1, box.height, box.z1))
+            ids[entry < depth] = 1
+            depth = np.minimum(depth, entry)
+        points = pose[:3, 3] + directions * depth[..., None]
+        pattern = (np.floor(points / 0.25).sum(axis=-1) % 2.0) * 60.0
+        rgb = np.stack([80.0 + pattern, 120.0 + 50.0 * ids, 180.0 - pattern], axis=-1).astype(np.uint8)
+        in_range = (depth >= self.camera.min_depth) & (depth <= self.camera.max_depth)
+        depth = np.where(in_range, depth, 0.0).astype(np.float32)
+        return Frame(rgb, depth, pose, ids if labels else None)
+
+    def free_space(self) -> FreeSpace:
+        """The floor where the robot's centre can be, on a grid of 5 cm, connected to where the robot stands."""
+        frame = GridFrame(0.0, 0.0, math.ceil(self.length / 0.05), math.ceil(self.width / 0.05))
+        rows, columns = np.mgrid[: frame.rows, : frame.columns]
+        clearance = self.clearance((columns + 0.5) * frame.resolution, (rows + 0.5) * frame.resolution)
+        regions, _ = ndimage.label(clearance >= self.robot.radius)
+        region = regions[frame.cell(self._x, self._z)]
+        return FreeSpace(frame, (regions == region) & (regions > 0), clearance.astype(np.float32), 0.0)
+
+    @staticmethod
+    def _slabs(
+        origin: np.ndarray, directions: np.ndarray, low: tuple[float, ...], high: tuple[float, ...]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Ray parameters at which each ray enters and leaves an axis-aligned box."""
+        safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
+        a, b = (np.array(low) - origin) / safe, (np.array(high) - origin) / safe
+        return np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
+
+    @classmethod
+    def _leave(
+        cls, origin: np.ndarray, directions: np.ndarray, low: tuple[float, ...], high: tuple[float, ...]
+    ) -> np.ndarray:
+        """Depth at which rays from inside leave a box."""
+        return cls._slabs(origin, directions, low, high)[1]
+
+    @classmethod
+    def _enter(
+        cls, origin: np.ndarray, directions: np.ndarray, low: tuple[float, ...], high: tuple[float, ...]
+    ) -> np.ndarray:
+        """Depth at which rays from outside enter a box, inf where they miss it."""
+        near, far = cls._slabs(origin, directions, low, high)
+        return np.where((near <= far) & (far > 0.0), np.maximum(near, 0.0), np.inf)

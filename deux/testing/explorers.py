@@ -1,0 +1,208 @@
+"""The conformance suite for explorers: subclass it and pytest runs your explorer against the contract.
+
+    from deux.testing.explorers import ExplorerSuite
+
+    class TestMine(ExplorerSuite):
+        def make_explorer(self):
+            return Mine()
+
+The worlds are rooms with boxes and exact depth (`deux.testing.box_world`): nothing is rendered and no depth model
+runs. "Predicted" depth is the true depth, and the residual is made up.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
+from deux.testing.box_world import Box, BoxWorld
+
+Change = Callable[[Observation], Observation]
+"""What a test does to an observation before the explorer gets it."""
+
+
+def unchanged(observation: Observation) -> Observation:
+    """The observation as it is."""
+    return observation
+
+
+def observe(world: BoxWorld, needs: frozenset[Need], step: int, collided: bool) -> Observation:
+    """What an explorer with these needs sees, and nothing else.
+
+    The residual is 0.1 on boxes and 0.02 elsewhere; before the third frame it is NaN, as in the collector.
+    """
+    frame = world.observe(labels=True)
+    assert frame.labels is not None
+    residual = np.where(frame.labels == 1, np.float32(0.1), np.float32(0.02))
+    if step < 2:
+        residual = np.full_like(residual, np.nan)
+    return Observation(
+        step=step,
+        pose=frame.pose,
+        collided=collided,
+        rgb=frame.rgb,
+        sensor_depth=frame.depth if Need.SENSOR_DEPTH in needs else None,
+        predicted_depth=frame.depth.copy() if Need.PREDICTED_DEPTH in needs else None,
+        residual=residual if Need.RESIDUAL in needs else None,
+        uncertainty=1.0 - float(np.exp(-residual.mean())) if Need.RESIDUAL in needs else None,
+        labels=frame.labels if Need.LABELS in needs else None,
+    )
+
+
+def run(
+    explorer: Explorer, world: BoxWorld, steps: int, seed: int = 0, change: Change = unchanged
+) -> list[Action]:
+    """Let an explorer act in a world from where the world's robot stands, as the collector would.
+
+    Args:
+        explorer: it is reset first.
+        world: the robot's world; the robot is left where it ends.
+        steps: number of actions; fewer are carried out if the explorer stops.
+        seed: the episode's seed.
+        change: applied to each observation.
+
+    Returns:
+        The actions.
+    """
+    free_space = world.free_space() if Need.FREE_SPACE in explorer.needs else None
+    explorer.reset(Episode(seed, steps, world.camera, world.robot, free_space))
+    actions: list[Action] = []
+    collided = False
+    for step in range(steps):
+        action = explorer.act(change(observe(world, explorer.needs, step, collided)))
+        actions.append(action)
+        if action == Action.STOP:
+            break
+        collided = world.step(Action(action))
+    return actions
+
+
+def two_rooms() -> BoxWorld:
+    """Two rooms of 3 x 4 m with a doorway of 1 m between them and a low box in each; the robot in the left one."""
+    walls = (Box(2.95, 0.0, 3.05, 1.5), Box(2.95, 2.5, 3.05, 4.0))
+    world = BoxWorld(6.0, 4.0, (*walls, Box(0.5, 0.5, 1.0, 1.0, 0.8), Box(4.5, 2.8, 5.5, 3.4, 0.5)))
+    world.reset(1.5, 2.0, 0.0)
+    return world
+
+
+class ExplorerSuite:
+    """What every explorer must do, whatever its policy; `make_explorer` is all that a subclass must give."""
+
+    steps = 60
+    """Length of the longer episodes; raise it for a policy that takes longer to show itself."""
+
+    @abstractmethod
+    def make_explorer(self) -> Explorer:
+        """A new explorer, with the options that are to be tested."""
+
+    def run_legally(self, world: BoxWorld, steps: int, change: Change = unchanged) -> list[Action]:
+        """Run a new explorer and check that each of its actions is one."""
+        actions = run(self.make_explorer(), world, steps, change=change)
+        assert actions, "the explorer did not act"
+        assert all(isinstance(action, Action) for action in actions), f"not Action values: {actions}"
+        return actions
+
+    def test_needs_are_declared(self) -> None:
+        """`needs` is a frozenset of `Need` once the explorer is made."""
+        needs = self.make_explorer().needs
+        assert isinstance(needs, frozenset)
+        assert all(isinstance(need, Need) for need in needs), f"not Need values: {needs}"
+
+    def test_acts_legally(self) -> None:
+        """Every action of an episode is an `Action`; the observations hold only what was declared."""
+        self.run_legally(two_rooms(), self.steps)
+
+    def test_same_seed_same_actions(self) -> None:
+        """Two explorers with one seed act alike."""
+        assert run(self.make_explorer(), two_rooms(), self.steps, seed=7) == run(
+            self.make_explorer(), two_rooms(), self.steps, seed=7
+        ), "the same seed gave different actions: draw all randomness from a generator seeded by episode.seed"
+
+    def test_reset_forgets_everything(self) -> None:
+        """After an episode elsewhere, `reset` makes the explorer act like a new one."""
+        used = self.make_explorer()
+        elsewhere = BoxWorld(4.0, 7.0)
+        run(used, elsewhere, self.steps, seed=3)
+        assert run(used, two_rooms(), self.steps, seed=7) == run(
+            self.make_explorer(), two_rooms(), self.steps, seed=7
+        ), "a used explorer acted differently from a new one: `reset` must forget everything"
+
+    def test_leaves_the_observation_alone(self) -> None:
+        """The arrays of an observation are shared with the collector: an explorer must not write to them."""
+
+        def read_only(observation: Observation) -> Observation:
+            for value in vars(observation).values():
+                if isinstance(value, np.ndarray):
+                    value.flags.writeable = False
+            return observation
+
+        self.run_legally(two_rooms(), 20, read_only)
+
+    def test_survives_missing_residuals(self) -> None:
+        """The residual may be NaN for a whole episode (nothing overlaps) and in any pixel."""
+
+        def all_missing(observation: Observation) -> Observation:
+            if observation.residual is None:
+                return observation
+            nothing = np.full_like(observation.residual, np.nan)
+            return replace(observation, residual=nothing, uncertainty=float("nan"))
+
+        def half_missing(observation: Observation) -> Observation:
+            if observation.residual is None:
+                return observation
+            residual = observation.residual.copy()
+            residual[:, ::2] = np.nan
+            return replace(observation, residual=residual)
+
+        self.run_legally(two_rooms(), self.steps, all_missing)
+        self.run_legally(two_rooms(), self.steps, half_missing)
+
+    def test_survives_empty_depth(self) -> None:
+        """The depth may be 0 everywhere: a camera before glass, or too close to a wall."""
+
+        def empty(observation: Observation) -> Observation:
+            def zeros(depth: np.ndarray | None) -> np.ndarray | None:
+                return None if depth is None else np.zeros_like(depth)
+
+            return replace(
+                observation,
+                sensor_depth=zeros(observation.sensor_depth),
+                predicted_depth=zeros(observation.predicted_depth),
+            )
+
+        self.run_legally(two_rooms(), self.steps, empty)
+
+    def test_survives_a_scene_of_one_cell(self) -> None:
+        """A shaft barely wider than the robot, where it can turn and nothing else."""
+        side = 2.0 * two_rooms().robot.radius + 0.02
+        self.run_legally(BoxWorld(side, side), self.steps)
+
+    def test_survives_being_walled_in(self) -> None:
+        """Low boxes on all sides, over which the robot sees a room that it cannot reach."""
+        fence = (
+            Box(1.5, 1.5, 2.5, 1.6, 0.5), Box(1.5, 2.4, 2.5, 2.5, 0.5),
+            Box(1.5, 1.5, 1.6, 2.5, 0.5), Box(2.4, 1.5, 2.5, 2.5, 0.5),
+        )  # fmt: skip
+        self.run_legally(BoxWorld(4.0, 4.0, fence), self.steps)
+
+    def test_survives_having_seen_everything(self) -> None:
+        """A room so small that no frontier is left soon; acting goes on."""
+        self.run_legally(BoxWorld(1.5, 1.5), 2 * self.steps)
+
+    def test_map_is_consistent(self) -> None:
+        """`map` is None or holds grids of its frame's shape with legal values, and changes nothing."""
+        explorer = self.make_explorer()
+        world = two_rooms()
+        run(explorer, world, self.steps)
+        known = explorer.map()
+        if known is None:
+            return
+        assert isinstance(known, ExplorerMap)
+        assert known.occupancy.shape == known.frame.shape
+        assert set(np.unique(known.occupancy)) <= {0, 1, 2}
+        if known.uncertainty is not None:
+            assert known.uncertainty.shape == known.frame.shape
+            recorded = known.uncertainty[np.isfinite(known.uncertainty)]
+            assert ((recorded >= 0.0) & (recorded <= 1.0)).all()

@@ -1,0 +1,195 @@
+"""The conformance suite of loss terms: what every `deux.contracts.LossTerm` must do.
+
+A plugin's test file subclasses it, and pytest runs the whole suite:
+
+    class TestMyTerm(LossTermSuite):
+        def make_term(self) -> LossTerm:
+            return MyTerm()
+"""
+
+from copy import deepcopy
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+import pytest
+import torch
+from torch import Tensor
+
+from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+from deux.geometry.reprojection import reproject
+
+FOCAL_LENGTH = 32.0
+PLANE_DEPTH = 2.0
+SHIFTS = ((2, 0), (-1, 1))
+"""Where the target's pixels lie in each source image, in whole pixels, so that sampling them is exact."""
+
+
+@dataclass
+class LossSample:
+    """A batch with everything that a term may ask for and that follows from it.
+
+    Args:
+        batch: the samples, with ground truth.
+        depth: N x 1 x H x W, the predicted depth.
+        prior: N x 1 x H x W, the model's prior.
+        target_from_source: N x S x 4 x 4, the backward poses.
+    """
+
+    batch: Batch
+    depth: Tensor
+    prior: Tensor
+    target_from_source: Tensor
+
+
+def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
+    """A textured wall two metres ahead, seen from three places, with its depth predicted exactly."""
+    image = _texture((0, 0), height, width).repeat(batch_size, 1, 1, 1)
+    sources = torch.stack([_texture(shift, height, width) for shift in SHIFTS]).repeat(batch_size, 1, 1, 1, 1)
+    intrinsics = torch.eye(3).repeat(batch_size, 1, 1)
+    intrinsics[:, 0, 0] = intrinsics[:, 1, 1] = FOCAL_LENGTH
+    intrinsics[:, 0, 2], intrinsics[:, 1, 2] = (width - 1) / 2, (height - 1) / 2
+    poses = torch.eye(4).repeat(batch_size, len(SHIFTS), 1, 1)
+    poses[:, :, :2, 3] = torch.tensor(SHIFTS) * PLANE_DEPTH / FOCAL_LENGTH
+    depth = torch.full((batch_size, 1, height, width), PLANE_DEPTH)
+    sparse_depth = torch.zeros_like(depth)
+    sparse_depth[..., ::4, ::4] = PLANE_DEPTH
+    validity = (sparse_depth > 0).float()
+    batch = Batch(
+        image, sources, sparse_depth, validity, sparse_depth.clone(), intrinsics, poses, depth.clone()
+    )
+    return LossSample(batch, depth, depth.clone(), torch.linalg.inv(poses))
+
+
+def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
+    """The same wall, predicted uneven and too near, with backward poses that are slightly off."""
+    sample = perfect_sample(batch_size, height, width)
+    rows = torch.arange(height, dtype=torch.float32)[:, None]
+    sample.depth = sample.depth - 0.3 + 0.2 * torch.sin(rows + torch.arange(width))
+    sample.target_from_source[:, :, 0, 3] += 0.01
+    return sample
+
+
+def evaluate(term: LossTerm, sample: LossSample) -> Tensor:
+    """The term's value when it is given exactly what it declares in `needs`, and None for the rest."""
+    batch, reconstructions = sample.batch, None
+    if LossNeed.GROUND_TRUTH not in term.needs:
+        batch = replace(batch, ground_truth=None)
+    if {LossNeed.RECONSTRUCTIONS, LossNeed.BACKWARD_POSES} & term.needs:
+        backward = sample.target_from_source if LossNeed.BACKWARD_POSES in term.needs else None
+        poses = batch.source_from_target
+        images, visible = reproject(batch.sources, sample.depth, batch.intrinsics.float(), poses)
+        reconstructions = Reconstructions(images.to(batch.image.dtype), visible, poses, backward)
+    extras = {"prior": sample.prior} if LossNeed.PRIOR in term.needs else {}
+    return term(batch, Prediction(sample.depth, extras), reconstructions)
+
+
+class LossTermSuite:
+    """Tests of one loss term. Subclass it and give `make_term`; see this module's docstring.
+
+    Set `perfect_is_zero` to False for a term that is not zero when depth and reconstructions are exact: one that also
+    counts pixels which no source frame sees, for example.
+    """
+
+    perfect_is_zero: ClassVar[bool] = True
+
+    def make_term(self) -> LossTerm:
+        """A new term, as a user would make it."""
+        raise NotImplementedError
+
+    def test_declares_known_needs(self) -> None:
+        """`needs` holds members of `LossNeed` only."""
+        needs = self.make_term().needs
+        assert all(isinstance(need, LossNeed) for need in needs), f"not all of {set(needs)} are LossNeeds"
+
+    def test_is_a_finite_float32_scalar(self) -> None:
+        """The value of an ordinary batch."""
+        _check_value(evaluate(self.make_term(), imperfect_sample()))
+
+    def test_is_zero_at_perfection_only(self) -> None:
+        """The exact depth costs nothing, a wrong one something."""
+        if not self.perfect_is_zero:
+            pytest.skip("the term says that it is not zero at perfection")
+        assert abs(float(evaluate(self.make_term(), perfect_sample()))) < 1e-4, "not zero for the exact depth"
+        assert float(evaluate(self.make_term(), imperfect_sample())) > 1e-4, "zero for a wrong depth"
+
+    def test_is_differentiable(self) -> None:
+        """Gradients reach the depth or the poses; all are finite and some are not zero."""
+        gradients = _gradients(self.make_term(), imperfect_sample())
+        assert any(gradient.abs().max() > 0 for gradient in gradients), "no gradient reaches depth or poses"
+
+    def test_frames_without_points(self) -> None:
+        """No sparse point in any frame: value and gradients stay finite."""
+        sample = imperfect_sample()
+        sample.batch.sparse_depth.zero_()
+        sample.batch.validity.zero_()
+        _check_value(evaluate(self.make_term(), sample))
+        _gradients(self.make_term(), sample)
+
+    def test_frames_with_nothing_visible(self) -> None:
+        """Every point lies behind the source cameras: value and gradients stay finite."""
+        sample = imperfect_sample()
+        sample.batch.source_from_target[..., 2, 3] = -10.0
+        _check_value(evaluate(self.make_term(), sample))
+        _gradients(self.make_term(), sample)
+
+    def test_is_a_mean_over_the_batch(self) -> None:
+        """A sample costs the same alone as together with its copy."""
+        alone, doubled = (float(evaluate(self.make_term(), imperfect_sample(size))) for size in (1, 2))
+        assert alone == pytest.approx(doubled, rel=1e-4), "the value depends on the batch's size"
+
+    def test_leaves_its_inputs_alone(self) -> None:
+        """No tensor that the term is given changes."""
+        sample = imperfect_sample()
+        before = deepcopy(sample)
+        evaluate(self.make_term(), sample)
+        for name in ("depth", "prior", "target_from_source"):
+            assert torch.equal(getattr(sample, name), getattr(before, name)), f"the term changed {name}"
+        for item in fields(Batch):
+            value = getattr(sample.batch, item.name)
+            if isinstance(value, Tensor):
+                assert torch.equal(value, getattr(before.batch, item.name)), (
+                    f"the term changed batch.{item.name}"
+                )
+
+    def test_bfloat16_inputs_give_float32(self) -> None:
+        """Inputs of a network in mixed precision are converted before anything is computed from them."""
+        exact = imperfect_sample()
+        rounded = imperfect_sample()
+        rounded.depth, rounded.prior = rounded.depth.bfloat16(), rounded.prior.bfloat16()
+        rounded.batch.image, rounded.batch.sources = (
+            rounded.batch.image.bfloat16(),
+            rounded.batch.sources.bfloat16(),
+        )
+        value = evaluate(self.make_term(), rounded)
+        _check_value(value)
+        expected = float(evaluate(self.make_term(), exact))
+        assert float(value) == pytest.approx(expected, rel=0.1), (
+            "bfloat16 inputs change the value by more than 10 %"
+        )
+
+
+def _texture(shift: tuple[int, int], height: int, width: int) -> Tensor:
+    """A 3 x H x W image whose content is moved by whole pixels (x, y)."""
+    x = (torch.arange(width, dtype=torch.float32) - shift[0])[None, :]
+    y = (torch.arange(height, dtype=torch.float32) - shift[1])[:, None]
+    return torch.stack(
+        [0.5 + 0.4 * torch.sin(a * x + b * y) for a, b in ((0.9, 0.4), (0.5, -0.8), (0.3, 1.1))]
+    )
+
+
+def _check_value(value: Tensor) -> None:
+    assert value.shape == (), f"the value has shape {tuple(value.shape)}, not a scalar's"
+    assert value.dtype == torch.float32, f"the value is {value.dtype}, not float32"
+    assert bool(torch.isfinite(value)), f"the value is {float(value)}"
+
+
+def _gradients(term: LossTerm, sample: LossSample) -> list[Tensor]:
+    """Gradients of the term's value with respect to depth and poses, where they take part in it."""
+    inputs = [sample.depth, sample.batch.source_from_target, sample.target_from_source]
+    for tensor in inputs:
+        tensor.requires_grad_()
+    value = evaluate(term, sample)
+    assert value.requires_grad, "the value does not depend on depth or poses"
+    gradients = [g for g in torch.autograd.grad(value, inputs, allow_unused=True) if g is not None]
+    assert all(bool(torch.isfinite(gradient).all()) for gradient in gradients), "a gradient is not finite"
+    return gradients

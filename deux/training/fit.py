@@ -1,0 +1,121 @@
+"""Training a depth model on datasets, from start or from where an earlier attempt was killed."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lightning import Callback, Trainer, seed_everything
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from torchmetrics import Metric
+
+from deux.contracts import DepthModel
+from deux.data.datamodule import TripletDataModule
+from deux.options import construct
+from deux.training.checkpointing import resume_checkpoints, resume_point
+from deux.training.health import HealthCheck
+from deux.training.module import DepthCompletion
+from deux.training.objective import make_objective
+from deux.training.pose_source import PoseKind, make_pose_source
+from deux.training.precision import default_precision
+from deux.training.schedule import Schedule
+
+
+@dataclass(frozen=True)
+class TrainingSettings(Schedule):
+    """How long, on what size and at which learning rate a model is trained. The defaults are the paper's.
+
+    Args:
+        batch_size: samples in a batch.
+        epochs: passes over the frames; not used where `steps` is set.
+        steps: optimiser steps; equal for all explorers in a comparison.
+        crop: height and width of the samples; None for whole frames.
+        num_workers: processes that load data; 0 is fastest while the frames fit in memory.
+        validations: number of validations over the whole training.
+    """
+
+    batch_size: int = 8
+    epochs: int = 25
+    steps: int | None = None
+    crop: tuple[int, int] | None = None
+    num_workers: int = 0
+    validations: int = 10
+
+
+def fit(
+    model: DepthModel,
+    settings: TrainingSettings,
+    train: Sequence[Path],
+    validation: Sequence[Path],
+    folder: Path,
+    objective: Mapping[str, Any] | None = None,
+    pose: PoseKind = "simulator",
+    seed: int = 0,
+    metrics: Metric | None = None,
+    trainer_arguments: Mapping[str, Any] | None = None,
+    callbacks: Sequence[Callback] = (),
+) -> DepthModel:
+    """Train `model` in place and return it, in eval mode.
+
+    Args:
+        model: newly made; its weights are replaced if there is a checkpoint to go on from.
+        settings: budget and learning rate.
+        train: datasets to train on.
+        validation: datasets to validate on; may be none.
+        folder: takes `checkpoints/` and `logs/`. A training that was killed goes on from the last checkpoint here.
+        objective: loss terms that override the model's own.
+        pose: where relative poses come from.
+        seed: of order, crops and augmentation.
+        metrics: updated with (predicted depth, ground truth) in validation.
+        trainer_arguments: further arguments of Lightning's Trainer.
+        callbacks: further callbacks.
+
+    Raises:
+        DeuxError: an option is wrong, a dataset is broken, or the loss is not finite.
+    """
+    seed_everything(seed, workers=True, verbose=False)
+    data = TripletDataModule(
+        model,
+        train=train,
+        validation=validation,
+        batch_size=settings.batch_size,
+        crop=settings.crop,
+        seed=seed,
+        num_workers=settings.num_workers,
+    )
+    module = DepthCompletion(
+        model, make_objective(model, objective), make_pose_source(pose, model), settings, metrics
+    )
+    checkpoints = folder / "checkpoints"
+    version = f"version_{len(list((folder / 'logs').glob('version_*')))}"
+    arguments: dict[str, Any] = {
+        "precision": default_precision((trainer_arguments or {}).get("accelerator", "auto")),
+        "logger": [logger(folder, "logs", version) for logger in (CSVLogger, TensorBoardLogger)],
+        "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
+        "enable_model_summary": False,
+        "log_every_n_steps": 10,
+        "num_sanity_val_steps": 0,
+        # The loader reads the list files anew, so that frames that were added in the meantime are not passed over.
+        "reload_dataloaders_every_n_epochs": 1,
+        **_budget(settings),
+        **(trainer_arguments or {}),
+    }
+    trainer = construct(Trainer, arguments, "trainer")
+    trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
+    if trainer.interrupted:
+        raise KeyboardInterrupt
+    return model.eval()
+
+
+def _budget(settings: TrainingSettings) -> dict[str, Any]:
+    """When training ends and when it pauses to validate."""
+    if settings.steps is None:
+        return {
+            "max_epochs": settings.epochs,
+            "check_val_every_n_epoch": max(1, settings.epochs // settings.validations),
+        }
+    return {
+        "max_steps": settings.steps,
+        "val_check_interval": max(1, settings.steps // settings.validations),
+        "check_val_every_n_epoch": None,  # count steps across epochs
+    }

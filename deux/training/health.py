@@ -1,0 +1,59 @@
+"""Noticing a training run that has gone wrong and says nothing."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.utilities import rank_zero_warn
+
+from deux.errors import DeuxError
+from deux.training.module import DepthCompletion
+
+
+class HealthCheck(Callback):
+    """Stops a run whose loss is not finite, and warns once if the predictions stick to an end of the depth range.
+
+    A network that saturates its output has almost no gradient left and seldom comes back; too high a learning rate
+    is the usual cause.
+
+    Args:
+        every: look at every so many steps; a look waits for the device.
+        patience: warn after so many looks in a row that found the predictions stuck.
+        margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
+
+    Raises:
+        DeuxError: during training, when the loss is not finite.
+    """
+
+    def __init__(self, every: int = 20, patience: int = 5, margin: float = 0.05) -> None:
+        self.every = every
+        self.patience = patience
+        self.margin = margin
+        self.stuck_looks = 0
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Look at what `DepthCompletion.training_step` returned."""
+        if trainer.global_step % self.every == 0 and isinstance(pl_module, DepthCompletion):
+            self._look(trainer.global_step, pl_module, outputs)
+
+    def _look(self, step: int, module: DepthCompletion, outputs: Mapping[str, Any]) -> None:
+        rate = module.trainer.optimizers[0].param_groups[0]["lr"]
+        if not math.isfinite(outputs["loss"]):
+            raise DeuxError(
+                f"the training loss is {float(outputs['loss'])} at step {step}, learning rate {rate:g}: lower "
+                "training.learning_rate, or look for frames with broken values."
+            )
+        depth, model = float(outputs["mean_depth"]), module.model
+        near = depth <= model.min_depth * (1 + self.margin)
+        far = depth >= model.max_depth * (1 - self.margin)
+        self.stuck_looks = self.stuck_looks + 1 if near or far else 0
+        if self.stuck_looks == self.patience:
+            end = "nearest" if near else "farthest"
+            rank_zero_warn(
+                f"The predicted depth has stuck to its {end} value ({depth:.2f} m on average) for "
+                f"{self.every * self.patience} steps, at step {step}, learning rate {rate:g}: the network has "
+                "saturated and will not recover, so start again with a lower training.learning_rate."
+            )

@@ -1,0 +1,121 @@
+"""Training a depth model without ground truth, as a LightningModule."""
+
+from dataclasses import replace
+
+import torch
+from lightning.pytorch import LightningModule
+from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
+from torch import Tensor
+from torchmetrics import Metric
+
+from deux.contracts import Batch, DepthModel, Prediction
+from deux.geometry.sparse_outliers import remove_outliers
+from deux.geometry.uncertainty import photometric_residual
+from deux.training.objective import Losses, Objective
+from deux.training.pose_source import PoseSource
+from deux.training.schedule import Schedule
+
+
+class DepthCompletion(LightningModule):
+    """A depth model with its objective, its relative poses and its optimiser.
+
+    The network runs in the trainer's precision and in channels-last layout; reconstructions, losses and metrics are
+    float32. The module saves no hyperparameters: whoever resumes makes it anew from the configuration, and a checkpoint
+    holds nothing but tensors and plain values, so that it loads with `weights_only=True`.
+
+    Args:
+        model: the depth model to train.
+        objective: compares its predictions with the frames.
+        pose_source: gives the relative poses; a learned one trains together with the model.
+        schedule: the learning rate.
+        metrics: updated with (predicted depth, ground truth) during validation, if frames come with ground truth; its
+            `compute` returns a dictionary of scalars.
+    """
+
+    def __init__(
+        self,
+        model: DepthModel,
+        objective: Objective,
+        pose_source: PoseSource | None = None,
+        schedule: Schedule | None = None,
+        metrics: Metric | None = None,
+    ) -> None:
+        super().__init__()
+        self.model = model.to(memory_format=torch.channels_last)
+        self.objective = objective
+        self.pose_source = pose_source or PoseSource()
+        self.schedule = schedule or Schedule()
+        self.metrics = metrics
+
+    def forward(self, batch: Batch) -> Prediction:
+        """Predict the depth of a batch's target frames."""
+        return self.model(
+            batch.image.contiguous(memory_format=torch.channels_last),
+            batch.input_sparse_depth,
+            batch.validity,
+            batch.intrinsics,
+            **batch.prepared,
+        )
+
+    def on_after_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
+        """Take the outliers out of the validity, once, for the network and the losses alike."""
+        return replace(batch, validity=batch.validity * remove_outliers(batch.sparse_depth))
+
+    def training_step(self, batch: Batch, batch_idx: int) -> dict[str, Tensor]:
+        """One step; also returns the mean predicted depth, for `deux.training.health`."""
+        prediction, losses = self._losses(batch)
+        values = {"loss": losses.total, **losses.terms, **_photometric_error(batch, losses)}
+        self._log("train", values, batch, prog_bar=("loss",))
+        self.log("train/learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"])
+        return {"loss": losses.total, "mean_depth": prediction.depth.detach().float().mean()}
+
+    def validation_step(self, batch: Batch, batch_idx: int) -> None:
+        """Log the losses of held-out frames and count them in the metrics."""
+        prediction, losses = self._losses(batch)
+        self._log(
+            "validation", {"loss": losses.total, **losses.terms, **_photometric_error(batch, losses)}, batch
+        )
+        if self.metrics is not None and batch.ground_truth is not None:
+            self.metrics.update(prediction.depth.float(), batch.ground_truth)
+
+    def on_validation_epoch_end(self) -> None:
+        """Log the metrics over all held-out frames."""
+        if self.metrics is not None and self.metrics.update_called:
+            values = self.metrics.compute()
+            self.log_dict({f"validation/{name}": value.float() for name, value in values.items()})
+            self.metrics.reset()
+
+    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
+        """Adam over everything that trains, with the schedule applied at every step."""
+        parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
+        optimizer = torch.optim.Adam(parameters, lr=self.schedule.learning_rate, fused=True)
+        total_steps = self.trainer.estimated_stepping_batches
+
+        # A function and not an object: LambdaLR would put an object's state into the checkpoint.
+        def factor(step: int) -> float:
+            return self.schedule.factor(step, total_steps, self.current_epoch)
+
+        scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
+        return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
+
+    def _losses(self, batch: Batch) -> tuple[Prediction, Losses]:
+        prediction = self(batch)
+        poses = None
+        if self.objective.needs_reconstructions:
+            poses = self.pose_source(batch, backward=self.objective.needs_backward_poses)
+        return prediction, self.objective(batch, prediction, poses)
+
+    def _log(
+        self, stage: str, values: dict[str, Tensor], batch: Batch, prog_bar: tuple[str, ...] = ()
+    ) -> None:
+        for name, value in values.items():
+            self.log(f"{stage}/{name}", value, prog_bar=name in prog_bar, batch_size=len(batch.image))
+
+
+@torch.no_grad()
+def _photometric_error(batch: Batch, losses: Losses) -> dict[str, Tensor]:
+    """The residual of Eq. 8 averaged over the batch: comparable between objectives, unlike the loss."""
+    if losses.reconstructions is None:
+        return {}
+    rebuilt = losses.reconstructions
+    return {"photometric_error": photometric_residual(batch.image, rebuilt.images, rebuilt.visible).nanmean()}

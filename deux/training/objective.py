@@ -1,0 +1,164 @@
+"""The training objective: a weighted set of loss terms, composed by the configuration (Eq. 7)."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from deux.contracts import Batch, DepthModel, LossNeed, LossSettings, LossTerm, Prediction, Reconstructions
+from deux.errors import DeuxError
+from deux.geometry.reprojection import reproject
+from deux.registry import registry
+from deux.training.pose_source import RelativePoses
+
+
+class Losses(NamedTuple):
+    """What the objective makes of one batch.
+
+    Args:
+        total: the weighted sum, a float32 scalar.
+        terms: each term's unweighted value by its registered name, detached.
+        reconstructions: what the terms were computed from; None if no term asked for them.
+    """
+
+    total: Tensor
+    terms: dict[str, Tensor]
+    reconstructions: Reconstructions | None
+
+
+class Objective(nn.Module):
+    """Weighted sum of loss terms, always computed in float32.
+
+    The reconstructions are made once if some term needs them. Ground truth is taken out of the batch before any term
+    sees it, unless the model is supervised.
+
+    Args:
+        terms: weight and term by name.
+        supervised: whether the terms may read ground truth.
+
+    Raises:
+        DeuxError: there is no term, or a term needs ground truth that it must not have.
+    """
+
+    def __init__(self, terms: Mapping[str, tuple[float, LossTerm]], supervised: bool = False) -> None:
+        super().__init__()
+        if not terms:
+            raise DeuxError("the objective has no terms: give at least one loss term a weight above 0.")
+        self.weights = {name: weight for name, (weight, _) in terms.items()}
+        self.terms = {name: term for name, (_, term) in terms.items()}
+        self.supervised = supervised
+        # Terms with parameters or buffers of their own follow the objective to its device and into checkpoints.
+        self.term_modules = nn.ModuleDict({n: t for n, t in self.terms.items() if isinstance(t, nn.Module)})
+        for name in self._needing(LossNeed.GROUND_TRUTH):
+            if not supervised:
+                raise DeuxError(
+                    f"objective.{name} reads ground truth, but the model is unsupervised: "
+                    f"remove the term with objective.{name}=null or choose a supervised model."
+                )
+
+    @property
+    def needs_reconstructions(self) -> bool:
+        """Whether some term compares frames, so that relative poses are needed."""
+        return self.needs_backward_poses or bool(self._needing(LossNeed.RECONSTRUCTIONS))
+
+    @property
+    def needs_backward_poses(self) -> bool:
+        """Whether some term needs the poses from the source frames to the target as well."""
+        return bool(self._needing(LossNeed.BACKWARD_POSES))
+
+    def forward(self, batch: Batch, prediction: Prediction, poses: RelativePoses | None = None) -> Losses:
+        """Compare a prediction with its batch.
+
+        Args:
+            batch: the samples.
+            prediction: the depth model's output for them, in any precision.
+            poses: the relative poses of the reconstructions; the batch's own if None.
+
+        Raises:
+            DeuxError: a term needs a prior or ground truth and there is none.
+        """
+        self._check(batch, prediction)
+        with torch.autocast(prediction.depth.device.type, enabled=False):
+            extras = {name: extra.float() for name, extra in prediction.extras.items()}
+            prediction = Prediction(prediction.depth.float(), extras)
+            reconstructions = None
+            if self.needs_reconstructions:
+                reconstructions = reconstruct(
+                    batch, prediction, poses or RelativePoses(batch.source_from_target)
+                )
+            readable = batch if self.supervised else replace(batch, ground_truth=None)
+            values = {name: term(readable, prediction, reconstructions) for name, term in self.terms.items()}
+            total = torch.stack([self.weights[name] * value for name, value in values.items()]).sum()
+        return Losses(total, {name: value.detach() for name, value in values.items()}, reconstructions)
+
+    def _needing(self, need: LossNeed) -> list[str]:
+        return [name for name, term in self.terms.items() if need in term.needs]
+
+    def _check(self, batch: Batch, prediction: Prediction) -> None:
+        for name in self._needing(LossNeed.PRIOR):
+            if "prior" not in prediction.extras:
+                raise DeuxError(
+                    f"objective.{name} needs a prior, and this depth model predicts none: remove the term."
+                )
+        for name in self._needing(LossNeed.GROUND_TRUTH):
+            if batch.ground_truth is None:
+                raise DeuxError(
+                    f"objective.{name} needs ground truth, and the training frames come without it."
+                )
+
+
+def reconstruct(batch: Batch, prediction: Prediction, poses: RelativePoses) -> Reconstructions:
+    """Rebuild the target frame from each source frame with the predicted depth (Eq. 1)."""
+    images, visible = reproject(batch.sources, prediction.depth, batch.intrinsics, poses.source_from_target)
+    return Reconstructions(images, visible, poses.source_from_target, poses.target_from_source)
+
+
+def make_objective(model: DepthModel, overrides: Mapping[str, Any] | None = None) -> Objective:
+    """The objective of a depth model: its published terms, changed by the configuration.
+
+    Args:
+        model: gives the published terms and weights, and whether ground truth may be read.
+        overrides: the configuration's `objective`, see `merge_settings`.
+
+    Raises:
+        DeuxError: a term is not installed or its options are wrong, or its weight is missing or no number.
+    """
+    terms: dict[str, tuple[float, LossTerm]] = {}
+    for name, options in merge_settings(type(model).objective, overrides or {}).items():
+        weight = options.pop("weight")
+        terms[name] = (weight, registry().create("losses", name, options))
+    return Objective(terms, supervised=type(model).supervised)
+
+
+def merge_settings(published: LossSettings, overrides: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """Lay the configuration's loss settings over a model's published ones.
+
+    A number changes a term's weight and keeps its published options; a mapping changes or adds what it names; null
+    or a weight of 0 removes the term.
+
+    Returns:
+        For each remaining term, its options together with its "weight".
+
+    Raises:
+        DeuxError: a term has no weight, or one that is no number of 0 or more.
+    """
+    merged = {name: _options(name, setting) for name, setting in published.items()}
+    for name, setting in overrides.items():
+        merged[name] = {"weight": 0.0} if setting is None else merged.get(name, {}) | _options(name, setting)
+    for name, options in merged.items():
+        if "weight" not in options:
+            raise DeuxError(f"objective.{name} has no weight: set objective.{name}.weight.")
+    return {name: options for name, options in merged.items() if options["weight"] > 0}
+
+
+def _options(name: str, setting: Any) -> dict[str, Any]:
+    """One term's setting as a mapping, its weight checked."""
+    options = dict(setting) if isinstance(setting, Mapping) else {"weight": setting}
+    weight = options.get("weight", 0.0)
+    if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0 <= weight < float("inf"):
+        raise DeuxError(
+            f"objective.{name} has the weight {weight!r}: a weight is a number of 0 or more, or null."
+        )
+    return options

@@ -1,0 +1,81 @@
+"""Where the relative camera motion of the reconstructions comes from: the robot, or a pose network."""
+
+from typing import Literal, NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from deux.contracts import Batch, DepthModel
+from deux.errors import DeuxError, near_matches
+
+PoseKind = Literal["simulator", "learned"]
+
+
+class RelativePoses(NamedTuple):
+    """Motion between the target frame and its source frames.
+
+    Args:
+        source_from_target: N x S x 4 x 4, carries points of the target camera into each source camera.
+        target_from_source: N x S x 4 x 4, the way back; None unless asked for.
+    """
+
+    source_from_target: Tensor
+    target_from_source: Tensor | None = None
+
+
+class PoseSource(nn.Module):
+    """The poses that the robot recorded (`pose=simulator`)."""
+
+    def forward(self, batch: Batch, backward: bool = False) -> RelativePoses:
+        """The poses of a batch, with those of the way back if `backward`."""
+        forward = batch.source_from_target.float()
+        return RelativePoses(forward, _inverse(forward) if backward else None)
+
+
+class LearnedPoseSource(PoseSource):
+    """Poses estimated from pairs of images by a network that trains together with the depth model (`pose=learned`).
+
+    All source frames go through the network in one call, so its batch statistics are those of all pairs together.
+
+    Args:
+        network: as `DepthModel.pose_network` describes it.
+    """
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, batch: Batch, backward: bool = False) -> RelativePoses:
+        """Estimate the poses of a batch; `backward` runs the network a second time on the swapped pairs."""
+        sources = batch.sources.flatten(0, 1)
+        targets = batch.image[:, None].expand_as(batch.sources).flatten(0, 1)
+        shape = batch.sources.shape[:2]
+        forward = self.network(targets, sources).float().unflatten(0, shape)
+        if not backward:
+            return RelativePoses(forward)
+        return RelativePoses(forward, self.network(sources, targets).float().unflatten(0, shape))
+
+
+def make_pose_source(kind: PoseKind, model: DepthModel) -> PoseSource:
+    """The pose source of this kind for a depth model.
+
+    Raises:
+        DeuxError: the kind is unknown, or poses are to be learned for a model that has no pose network.
+    """
+    if kind == "simulator":
+        return PoseSource()
+    if kind != "learned":
+        raise DeuxError(f"pose={kind} is no source of poses: {near_matches(kind, ['simulator', 'learned'])}")
+    network = model.pose_network()
+    if network is None:
+        raise DeuxError(
+            f"pose=learned needs a pose network, and {type(model).__name__} has none: use pose=simulator."
+        )
+    return LearnedPoseSource(network)
+
+
+def _inverse(pose: Tensor) -> Tensor:
+    """Inverse of rigid matrices ... x 4 x 4."""
+    rotation = pose[..., :3, :3].mT
+    upper = torch.cat([rotation, -rotation @ pose[..., :3, 3:]], dim=-1)
+    return torch.cat([upper, pose[..., 3:, :]], dim=-2)

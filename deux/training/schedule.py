@@ -1,0 +1,53 @@
+"""The learning rate over the course of a training run."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from deux.errors import DeuxError
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """A piecewise constant learning rate with an optional linear warm-up.
+
+    The defaults are the paper's 1e-4 for 10 of 25 epochs, then 5e-5, for a run of any length.
+
+    Args:
+        learning_rate: the rate that the factors multiply.
+        boundaries: where the rate changes, increasing.
+        factors: the factor from each boundary on; 1 before the first.
+        unit: what the boundaries count: the fraction of the run's steps that are done, or finished epochs.
+        warmup_steps: number of first steps over which the rate rises to its value.
+
+    Raises:
+        DeuxError: the rate is not above 0, or the boundaries do not fit the factors.
+    """
+
+    learning_rate: float = 1e-4
+    boundaries: tuple[float, ...] = (0.4,)
+    factors: tuple[float, ...] = (0.5,)
+    unit: Literal["fraction", "epoch"] = "fraction"
+    warmup_steps: int = 0
+
+    def __post_init__(self) -> None:
+        if not self.learning_rate > 0:
+            raise DeuxError(f"training.learning_rate is {self.learning_rate}: it must be above 0.")
+        if len(self.boundaries) != len(self.factors) or list(self.boundaries) != sorted(set(self.boundaries)):
+            raise DeuxError(
+                f"the learning rate's boundaries {self.boundaries} and factors {self.factors} must be equally many, "
+                "and the boundaries increasing."
+            )
+
+    def factor(self, step: int, total_steps: float, epoch: int) -> float:
+        """Factor of the learning rate in one step.
+
+        Args:
+            step: optimiser steps done so far.
+            total_steps: optimiser steps of the whole run; infinite if it has no end.
+            epoch: epochs done so far.
+        """
+        progress = epoch if self.unit == "epoch" else step / total_steps
+        reached = 1.0
+        for boundary, factor in zip(self.boundaries, self.factors, strict=True):
+            reached = factor if progress >= boundary else reached
+        return reached * min(1.0, (step + 1) / (self.warmup_steps + 1))

@@ -1,0 +1,86 @@
+"""KBNet as a depth model of the framework."""
+
+from typing import ClassVar
+
+from torch import Tensor, nn
+
+from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
+from deux.errors import DeuxError
+from deux_plugins.depth_models.kbnet.encoder import KBNetEncoder
+from deux_plugins.depth_models.kbnet.sparse_to_dense import SparseToDensePool
+from deux_plugins.depth_models.parts.decoder import Decoder
+from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
+from deux_plugins.depth_models.parts.pose_network import PoseNetwork, residual_pose_network
+
+
+class KBNet(DepthModel):
+    """Depth completion with calibrated backprojection layers (Wong and Soatto, ICCV 2021).
+
+    The defaults are the published VOID settings, with DEUX's depth range. Works at any image size.
+
+    Args:
+        min_pools: windows, pixels, in which the nearest sparse point is looked for.
+        max_pools: windows, pixels, in which the farthest sparse point is looked for.
+        pool_filters: channels of the sparse-to-dense layer.
+        image_filters: channels of the encoder's image branch at its five levels.
+        depth_filters: channels of the encoder's depth branch at its five levels.
+        decoder_filters: channels of the decoder's five levels.
+        min_depth: nearest predicted depth in metres.
+        max_depth: farthest predicted depth in metres.
+    """
+
+    objective: ClassVar[LossSettings] = {
+        "color_consistency": 0.15,
+        "structural_consistency": 0.95,
+        "sparse_depth": 2.0,
+        "local_smoothness": 2.0,
+    }
+    augmentation: ClassVar[Augmentation] = Augmentation(drop_points=(0.30, 0.60))
+
+    def __init__(
+        self,
+        min_pools: tuple[int, ...] = (15, 17),
+        max_pools: tuple[int, ...] = (23, 27, 29),
+        pool_filters: int = 8,
+        image_filters: tuple[int, ...] = (48, 96, 192, 384, 384),
+        depth_filters: tuple[int, ...] = (16, 32, 64, 128, 128),
+        decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 12),
+        min_depth: float = 0.1,
+        max_depth: float = 10.0,
+    ) -> None:
+        super().__init__()
+        check_depth_range(min_depth, max_depth)
+        filters = {
+            "image_filters": image_filters,
+            "depth_filters": depth_filters,
+            "decoder_filters": decoder_filters,
+        }
+        for option, value in filters.items():
+            if len(value) != 5:
+                raise DeuxError(f"{option}={value} has {len(value)} entries: KBNet has 5 levels.")
+        self.min_depth = min_depth
+        self.max_depth = max_depth
+        self.sparse_to_dense_pool = SparseToDensePool(tuple(min_pools), tuple(max_pools), pool_filters)
+        self.encoder = KBNetEncoder(pool_filters, image_filters, depth_filters)
+        joined = [image + depth for image, depth in zip(image_filters, depth_filters, strict=True)]
+        self.decoder = Decoder(joined[4], [*reversed(joined[:4]), 0], decoder_filters)
+
+    def forward(
+        self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
+    ) -> Prediction:
+        """Predict dense depth; see `DepthModel.forward`."""
+        depth_features = self.sparse_to_dense_pool(sparse_depth, validity)
+        logits = self.decoder(*self.encoder(image, depth_features, intrinsics))
+        return Prediction(depth_from_logits(logits, self.min_depth, self.max_depth))
+
+    def pose_network(self) -> PoseNetwork:
+        """KBNet's ResNet18-style pose network, newly made."""
+        return residual_pose_network()
+
+    def published_modules(self) -> dict[str, nn.Module]:
+        """The modules that kbnet-*.pth holds."""
+        return {
+            "sparse_to_dense_pool_state_dict": self.sparse_to_dense_pool,
+            "encoder_state_dict": self.encoder,
+            "decoder_state_dict": self.decoder,
+        }

@@ -1,0 +1,71 @@
+"""The convolutions that the published depth models are made of."""
+
+from typing import Literal
+
+from torch import Tensor, nn
+
+Activation = Literal["leaky_relu", "relu", "linear"]
+
+
+def activation_layer(name: Activation) -> nn.Module:
+    """Make an activation; the published LeakyReLU has a slope of 0.2."""
+    if name == "leaky_relu":
+        return nn.LeakyReLU(0.2, inplace=True)
+    return nn.ReLU(inplace=True) if name == "relu" else nn.Identity()
+
+
+class Convolution(nn.Module):
+    """A k x k convolution without bias, batch normalisation where asked for, then an activation.
+
+    Zero padding of k // 2 keeps the size at stride 1 and gives ceil(size / 2) at stride 2. The weights start from
+    Glorot's normal distribution, as in all published trainings.
+    """
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        kernel: int = 3,
+        stride: int = 1,
+        activation: Activation = "leaky_relu",
+        batch_norm: bool = False,
+    ) -> None:
+        super().__init__()
+        self.conv = nn.Conv2d(in_channels, out_channels, kernel, stride, padding=kernel // 2, bias=False)
+        nn.init.xavier_normal_(self.conv.weight)
+        self.batch_norm = nn.BatchNorm2d(out_channels) if batch_norm else nn.Identity()
+        self.activation = activation_layer(activation)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """N x in_channels x H x W to N x out_channels x H' x W'."""
+        return self.finish(self.conv(x))
+
+    def finish(self, x: Tensor) -> Tensor:
+        """What follows the convolution: normalisation and activation."""
+        return self.activation(self.batch_norm(x))
+
+
+class ConvolutionBlock(nn.Module):
+    """3 x 3 convolutions in a row (a VGG block); the last one has the stride."""
+
+    def __init__(
+        self,
+        in_channels: int,
+        out_channels: int,
+        convolutions: int = 1,
+        stride: int = 1,
+        batch_norm: bool = False,
+    ) -> None:
+        super().__init__()
+        channels = [in_channels] + [out_channels] * convolutions
+        strides = [1] * (convolutions - 1) + [stride]
+        self.conv_block = nn.Sequential(
+            *(
+                Convolution(channels[i], channels[i + 1], stride=strides[i], batch_norm=batch_norm)
+                for i in range(convolutions)
+            )
+        )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """N x in_channels x H x W to N x out_channels x H' x W'."""
+        return self.conv_block(x)

@@ -1,0 +1,112 @@
+"""The decoder with skip connections that the published depth models share."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from deux_plugins.depth_models.parts.convolution import Convolution
+
+Size = tuple[int, int]
+
+
+MERGE_PIXELS = 2048
+"""From this many pixels on, merging the enlargement into the kernel costs less than it saves."""
+
+
+def doubling_kernel(weight: Tensor) -> Tensor:
+    """The kernel that doubles the size and convolves in one go.
+
+    A 3 x 3 convolution of an image doubled by nearest neighbours is a transposed convolution of stride 2 and padding
+    1 with the mirrored 3 x 3 kernel summed over 2 x 2 windows: 16 instead of 36 products a pixel.
+
+    Args:
+        weight: out x in x 3 x 3.
+
+    Returns:
+        in x out x 4 x 4.
+    """
+    padded = functional.pad(weight.transpose(0, 1).flip(2, 3), (1, 1, 1, 1))
+    rows = padded[:, :, :-1] + padded[:, :, 1:]
+    return rows[:, :, :, :-1] + rows[:, :, :, 1:]
+
+
+class UpConvolution(nn.Module):
+    """Nearest-neighbour enlargement, then a 3 x 3 convolution."""
+
+    def __init__(self, in_channels: int, out_channels: int, batch_norm: bool = False) -> None:
+        super().__init__()
+        self.conv = Convolution(in_channels, out_channels, batch_norm=batch_norm)
+
+    def forward(self, x: Tensor, size: Size) -> Tensor:
+        """N x in_channels x h x w to N x out_channels x H x W, where size = (H, W)."""
+        height, width = x.shape[2:]
+        if size != (2 * height, 2 * width) or height * width < MERGE_PIXELS:
+            return self.conv(functional.interpolate(x, size))
+        kernel = doubling_kernel(self.conv.conv.weight)
+        return self.conv.finish(functional.conv_transpose2d(x, kernel, stride=2, padding=1))
+
+
+class DecoderBlock(nn.Module):
+    """One level up: enlarge, join with the skip connection where there is one, convolve."""
+
+    def __init__(
+        self, in_channels: int, skip_channels: int, out_channels: int, batch_norm: bool = False
+    ) -> None:
+        super().__init__()
+        self.deconv = UpConvolution(in_channels, out_channels, batch_norm)
+        self.conv = Convolution(out_channels + skip_channels, out_channels, batch_norm=batch_norm)
+
+    def forward(self, x: Tensor, skip: Sequence[Tensor], size: Size) -> Tensor:
+        """Enlarge `x` to `size`; `skip` holds the tensors of that size to join, none at a level without any."""
+        x = self.deconv(x, size)
+        return self.conv(torch.cat([x, *skip], dim=1) if skip else x)
+
+
+class Decoder(nn.Module):
+    """From the latent code up to level `last` (0 is the full size, 1 half of it), then a linear 3 x 3 convolution.
+
+    The blocks are called deconv4 ... deconv0 and the output layer output<last>, as in the published checkpoints.
+
+    Args:
+        latent_channels: channels of the latent code at 1/32 of the size.
+        skip_channels: channels of the skip connection at each level, from 1/16 of the size upwards; 0 is none.
+        filters: channels of each level's convolutions, in the same order.
+        out_channels: channels of the output.
+        batch_norm: whether the convolutions are normalised (never the output).
+    """
+
+    def __init__(
+        self,
+        latent_channels: int,
+        skip_channels: Sequence[int],
+        filters: Sequence[int],
+        out_channels: int = 1,
+        batch_norm: bool = False,
+    ) -> None:
+        super().__init__()
+        channels = latent_channels
+        self.levels = list(range(4, 4 - len(filters), -1))
+        for level, skip, width in zip(self.levels, skip_channels, filters, strict=True):
+            self.add_module(f"deconv{level}", DecoderBlock(channels, skip, width, batch_norm))
+            channels = width
+        self.add_module(f"output{self.levels[-1]}", Convolution(channels, out_channels, activation="linear"))
+
+    def forward(self, latent: Tensor, skips: Sequence[Sequence[Tensor]], sizes: Sequence[Size]) -> Tensor:
+        """Decode.
+
+        Args:
+            latent: N x latent_channels x h x w.
+            skips: the tensors to join at each level, from 1/16 of the size upwards.
+            sizes: (height, width) of each level, in the same order.
+
+        Returns:
+            N x out_channels x H x W float32, also under autocast: 8 bits of mantissa before a sigmoid would step
+            the depth by more than a per cent.
+        """
+        x = latent
+        for level, skip, size in zip(self.levels, skips, sizes, strict=True):
+            x = self.get_submodule(f"deconv{level}")(x, skip, size)
+        with torch.autocast(x.device.type, enabled=False):
+            return self.get_submodule(f"output{self.levels[-1]}")(x.float())

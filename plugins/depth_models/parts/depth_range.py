@@ -1,0 +1,22 @@
+"""From a network's unbounded output to metres."""
+
+import torch
+from torch import Tensor
+
+from deux.errors import DeuxError
+
+
+def check_depth_range(min_depth: float, max_depth: float) -> None:
+    """Raise DeuxError unless 0 < min_depth < max_depth."""
+    if not 0.0 < min_depth < max_depth:
+        raise DeuxError(
+            f"min_depth={min_depth} and max_depth={max_depth} are no depth range: 0 < min_depth < max_depth (metres)."
+        )
+
+
+def depth_from_logits(logits: Tensor, min_depth: float, max_depth: float) -> Tensor:
+    """Depth in metres, d = d_min / (sigmoid(x) + d_min / d_max): inverse depth grows linearly with the sigmoid.
+
+    The range is (d_min / (1 + d_min / d_max), d_max), so the nearest depth lies slightly below d_min.
+    """
+    return min_depth / (torch.sigmoid(logits) + min_depth / max_depth)

@@ -1,0 +1,74 @@
+"""The frontier explorer (Yamauchi 1997) with A*: the classic way to see all of a place."""
+
+import math
+from typing import Literal
+
+import numpy as np
+from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
+
+from deux.contracts import Observation
+from deux.errors import DeuxError
+from deux.mapping.frontiers import frontier_mask
+from deux.mapping.goal_explorer import GoalExplorer
+from deux.mapping.pursuit import Target
+
+
+class FrontierExplorer(GoalExplorer):
+    """Goes to frontiers between free floor and the unknown until none is left, then to random places.
+
+    A frontier that resolves itself on the way (it came into view) is dropped at once. One that is still there after
+    the robot stood before it and looked at it is not chosen again.
+
+    Args:
+        depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
+        choose: "nearest", the frontier at the end of the shortest path (Yamauchi); or "largest", a random place on
+            one of the three largest (the published agent of exploring_exploration).
+        resolution: edge of a map cell in metres.
+        max_range: distance along the floor in metres up to which depth enters the map.
+        safety_margin: metres that paths keep from obstacles beyond the robot's radius.
+        unknown_traversable: whether paths may lead through the unknown.
+    """
+
+    def __init__(
+        self,
+        depth: DepthSource = "sensor",
+        choose: Literal["nearest", "largest"] = "nearest",
+        resolution: float = 0.05,
+        max_range: float = 3.0,
+        safety_margin: float = 0.05,
+        unknown_traversable: bool = False,
+    ) -> None:
+        super().__init__(resolution, max_range, safety_margin, unknown_traversable)
+        if choose not in ("nearest", "largest"):
+            raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')
+        self.needs = frozenset({depth_need(depth, "frontier's depth")})
+        self._depth: DepthSource = depth
+        self._choose = choose
+
+    def map_depth(self, observation: Observation) -> np.ndarray:
+        """The depth image that the map is built from."""
+        return depth_of(observation, self._depth)
+
+    def choose_target(self, distance: np.ndarray) -> Target | None:
+        """A frontier; a random reachable place if none is left."""
+        candidates = self.frontiers(distance)
+        if len(candidates) == 0:
+            row, column = self.free_places(distance, 1)[0]
+            return Target(self.occupancy.frame.centre(row, column))
+        if self._choose == "nearest":
+            index = int(np.argmin(candidates.lengths))
+        else:
+            largest = np.unique(candidates.frontier)[:3]
+            index = int(self.rng.choice(np.flatnonzero(candidates.frontier == self.rng.choice(largest))))
+        return self.frontier_target(candidates, index)
+
+    def target_is_stale(self, target: Target) -> bool:
+        """Whether no frontier cell is left around the one that was chosen."""
+        if self.frontier is None:
+            return False
+        row, column = self.occupancy.frame.cell(*self.frontier)
+        reach = math.ceil(self.frontier_reach / self.occupancy.resolution)
+        window = np.s_[
+            max(0, row - reach - 1) : row + reach + 2, max(0, column - reach - 1) : column + reach + 2
+        ]
+        return not frontier_mask(self.occupancy.cells[window])[1:-1, 1:-1].any()

@@ -1,0 +1,26 @@
+"""Which depth image an explorer's map is built from."""
+
+from typing import Literal
+
+import numpy as np
+
+from deux.contracts import Need, Observation
+from deux.errors import DeuxError
+
+DepthSource = Literal["predicted", "sensor"]
+
+
+def depth_need(source: DepthSource, option: str) -> Need:
+    """What to declare for a depth source; `option` names it in the error for an unknown one."""
+    if source == "predicted":
+        return Need.PREDICTED_DEPTH
+    if source == "sensor":
+        return Need.SENSOR_DEPTH
+    raise DeuxError(f'{option} is "{source}": it must be "predicted" or "sensor".')
+
+
+def depth_of(observation: Observation, source: DepthSource) -> np.ndarray:
+    """The H x W depth image of that source."""
+    depth = observation.predicted_depth if source == "predicted" else observation.sensor_depth
+    assert depth is not None
+    return depth

@@ -1,0 +1,44 @@
+"""Colour consistency of the reconstructions with the target frame (Eq. 2)."""
+
+from typing import Literal
+
+from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
+from torch import Tensor
+
+from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+
+
+class ColorConsistency(LossTerm):
+    """L1 difference between the target frame and its reconstructions, summed over the source frames.
+
+    The defaults are Eq. 2, except that only pixels which the source frame sees count. |.| of a colour is read as the
+    L1 norm of its three channels, as in the published models. KBNet and FusionNet: `pixels="all"`. VOICED:
+    `pixels="all", skip_points=True, divisor="image"`.
+
+    Args:
+        channels: sum the absolute differences of the three channels, or take their mean.
+        pixels: count the pixels that the source frame sees, or all.
+        skip_points: leave out pixels with a valid sparse point.
+        divisor: divide by the number of counted pixels, or of all pixels in the image.
+    """
+
+    needs = frozenset({LossNeed.RECONSTRUCTIONS})
+
+    def __init__(
+        self,
+        channels: Literal["sum", "mean"] = "sum",
+        pixels: Pixels = "visible",
+        skip_points: bool = False,
+        divisor: Divisor = "counted",
+    ) -> None:
+        self.channels = channels
+        self.average = PhotometricAverage(pixels, skip_points, divisor)
+
+    def __call__(
+        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
+    ) -> Tensor:
+        """The term's value in [0, 3 S] for images in [0, 1] and S source frames."""
+        assert reconstructions is not None
+        difference = (reconstructions.images.float() - batch.image.float()[:, None]).abs()
+        residual = difference.sum(dim=2) if self.channels == "sum" else difference.mean(dim=2)
+        return self.average(residual, reconstructions.visible[:, :, 0], batch.validity)

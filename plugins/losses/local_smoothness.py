@@ -1,0 +1,26 @@
+"""Local smoothness of the predicted depth, relaxed at the edges of the image (Eq. 5)."""
+
+from torch import Tensor
+
+from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+
+
+class LocalSmoothness(LossTerm):
+    """Mean depth difference of neighbouring pixels, each weighted by exp(-|colour difference|).
+
+    Eq. 5's gradients are taken along each axis with a weight of its own and added up, as in the works that the paper
+    follows; the image's gradient is the mean of its channels'. Depth enters in metres, not normalised.
+    """
+
+    def __call__(
+        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
+    ) -> Tensor:
+        """The term's value in metres per pixel."""
+        image, depth = batch.image.float(), prediction.depth.float()
+        return _weighted_variation(image, depth, axis=-1) + _weighted_variation(image, depth, axis=-2)
+
+
+def _weighted_variation(image: Tensor, depth: Tensor, axis: int) -> Tensor:
+    """Mean over the pairs of neighbours along one axis."""
+    weight = image.diff(dim=axis).abs().mean(dim=1, keepdim=True).neg().exp()
+    return (weight * depth.diff(dim=axis).abs()).mean()

@@ -1,0 +1,23 @@
+"""Agreement of the predicted depth with the sparse points (Eq. 6)."""
+
+import torch
+from torch import Tensor
+
+from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+
+
+class SparseDepth(LossTerm):
+    """Mean absolute difference in metres at the sparse points that survive outlier removal.
+
+    The mean is taken in each frame and then over the batch, as in the published models. A frame without points adds
+    zero where the published code gives NaN.
+    """
+
+    def __call__(
+        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
+    ) -> Tensor:
+        """The term's value in metres."""
+        valid = batch.validity > 0
+        difference = (prediction.depth.float() - batch.sparse_depth.float()).abs()
+        total = torch.where(valid, difference, 0.0).sum(dim=(1, 2, 3))
+        return (total / valid.sum(dim=(1, 2, 3)).clamp(min=1)).mean()

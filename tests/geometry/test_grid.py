@@ -1,0 +1,32 @@
+import numpy as np
+import pytest
+
+from deux.geometry.grid import FreeSpace, GridFrame
+
+FRAME = GridFrame(origin_x=-1.0, origin_z=2.0, rows=40, columns=20, resolution=0.05)
+
+
+def test_rows_run_along_z_and_columns_along_x():
+    assert FRAME.shape == (40, 20)
+    assert FRAME.cell(-0.99, 2.01) == (0, 0)
+    assert FRAME.cell(-0.99 + 3 * 0.05, 2.01 + 7 * 0.05) == (7, 3)
+
+
+def test_cell_is_moved_to_the_border_and_cells_are_not():
+    assert FRAME.cell(-5.0, 100.0) == (39, 0)
+    rows, columns = FRAME.cells(np.array([-5.0, -0.5]), np.array([100.0, 2.0]))
+    np.testing.assert_array_equal(FRAME.contains(rows, columns), [False, True])
+    assert rows[0] > 39
+    assert columns[0] < 0
+
+
+def test_centre_of_a_cell_lies_in_it():
+    for row, column in [(0, 0), (7, 3), (39, 19)]:
+        assert FRAME.cell(*FRAME.centre(row, column)) == (row, column)
+    assert FRAME.centre(0, 0) == pytest.approx((-0.975, 2.025))
+
+
+def test_free_area_in_square_metres():
+    free = np.zeros(FRAME.shape, dtype=bool)
+    free[:10, :4] = True
+    assert FreeSpace(FRAME, free, np.zeros(FRAME.shape, np.float32), 0.0).area == pytest.approx(40 * 0.05**2)

@@ -1,0 +1,174 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from deux.geometry.camera import Camera
+from deux.geometry.poses import camera_pose, source_from_target
+from deux.geometry.reprojection import reproject
+
+CAMERA = Camera(width=64, height=48, hfov=80.0)
+K = torch.tensor(CAMERA.intrinsics, dtype=torch.float32)[None]
+
+
+def noise(*shape: int, seed: int = 0) -> torch.Tensor:
+    return torch.rand(*shape, generator=torch.Generator().manual_seed(seed))
+
+
+def poses(*translations: tuple[float, float, float]) -> torch.Tensor:
+    result = torch.eye(4).repeat(1, len(translations), 1, 1)
+    result[0, :, :3, 3] = torch.tensor(translations)
+    return result
+
+
+def wall(pose: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    """Image and depth of a smoothly coloured slanted wall, by intersecting every ray with its plane."""
+    normal, offset = np.array([0.3, 0.2, 1.0]), -3.0
+    directions = CAMERA.rays() @ pose[:3, :3].T
+    depth = (offset - normal @ pose[:3, 3]) / (directions @ normal)
+    points = pose[:3, 3] + directions * depth[..., None]
+    image = np.stack(
+        [0.5 + 0.4 * np.sin(points @ w) for w in ([1.0, 0.5, 0.0], [0.0, 1.2, 0.7], [0.8, -0.9, 0.3])]
+    )
+    return torch.tensor(image, dtype=torch.float32), torch.tensor(depth, dtype=torch.float32)
+
+
+def test_identity_gives_the_image_back():
+    images = noise(1, 1, 3, 48, 64)
+    rebuilt, visible = reproject(images, noise(1, 1, 48, 64) + 0.5, K, poses((0, 0, 0)))
+    torch.testing.assert_close(rebuilt, images, atol=1e-4, rtol=0)
+    assert visible.all()
+
+
+def test_sideways_motion_shifts_a_frontal_wall_by_whole_pixels():
+    images = noise(1, 2, 3, 48, 64)
+    step = 2.0 / CAMERA.focal_length  # one pixel at two metres
+    rebuilt, visible = reproject(
+        images, torch.full((1, 1, 48, 64), 2.0), K, poses((3 * step, 0, 0), (0, -2 * step, 0))
+    )
+    torch.testing.assert_close(rebuilt[0, 0, :, :, :-3], images[0, 0, :, :, 3:], atol=1e-4, rtol=0)
+    torch.testing.assert_close(rebuilt[0, 1, :, 2:], images[0, 1, :, :-2], atol=1e-4, rtol=0)
+    assert visible[0, 0, 0, :, :-3].all()
+    assert not visible[0, 0, 0, :, -3:].any()
+    assert visible[0, 1, 0, 2:].all()
+    assert not visible[0, 1, 0, :2].any()
+
+
+def test_slanted_wall_seen_from_two_poses():
+    target_pose = camera_pose(0.1, 1.2, 0.3, yaw=0.05)
+    source_pose = camera_pose(0.3, 1.25, 0.1, yaw=-0.15)
+    target, depth = wall(target_pose)
+    source, _ = wall(source_pose)
+    motion = torch.tensor(source_from_target(target_pose, source_pose), dtype=torch.float32)
+    rebuilt, visible = reproject(source[None, None], depth[None, None], K, motion[None, None])
+    error = (rebuilt[0, 0] - target).abs()[:, visible[0, 0, 0]]
+    assert visible.float().mean() > 0.6
+    assert error.max() < 5e-3  # bilinear sampling of the texture
+    wrong, _ = reproject(source[None, None], depth[None, None], K, motion.inverse()[None, None])
+    assert (wrong[0, 0] - target).abs().mean() > 0.05
+
+
+def test_points_behind_the_camera_are_invisible_and_give_finite_gradients():
+    depth = torch.full((1, 1, 48, 64), 2.0, requires_grad=True)
+    rebuilt, visible = reproject(noise(1, 2, 3, 48, 64), depth, K, poses((0, 0, -2.0), (0, 0, -5.0)))
+    rebuilt.square().sum().backward()
+    assert not visible.any()
+    assert torch.isfinite(rebuilt).all()
+    assert torch.isfinite(depth.grad).all()
+
+
+def test_pixels_without_depth_are_invisible():
+    depth = torch.full((1, 1, 48, 64), 2.0)
+    depth[..., 10:20, 5:9] = 0.0
+    _, visible = reproject(noise(1, 1, 3, 48, 64), depth, K, poses((0, 0, 0)))
+    assert torch.equal(visible[0, 0], depth[0] > 0)
+
+
+def test_padding():
+    images, depth = noise(1, 1, 3, 48, 64) + 0.1, torch.full((1, 1, 48, 64), 2.0)
+    motion = poses((20 * 2.0 / CAMERA.focal_length, 0, 0))
+    border, visible = reproject(images, depth, K, motion)
+    zeros, visible_zeros = reproject(images, depth, K, motion, padding="zeros")
+    outside = ~visible.expand_as(border)
+    assert torch.equal(visible, visible_zeros)
+    torch.testing.assert_close(border[..., -10], images[..., -1], atol=1e-4, rtol=0)
+    assert (zeros[..., -10] == 0).all()
+    torch.testing.assert_close(border[~outside], zeros[~outside], atol=1e-4, rtol=0)
+
+
+def test_mixed_precision_does_not_reach_the_geometry():
+    images, depth, motion = noise(1, 1, 3, 48, 64), noise(1, 1, 48, 64) + 1.0, poses((0.1, 0.0, 0.05))
+    expected, _ = reproject(images, depth, K, motion)
+    with torch.autocast("cpu", torch.bfloat16):
+        rebuilt, _ = reproject(images, depth, K, motion)
+    assert torch.equal(rebuilt, expected)
+
+
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_half_precision_inputs_give_float32(dtype):
+    images, depth = noise(1, 1, 3, 48, 64).to(dtype), (noise(1, 1, 48, 64) + 1.0).to(dtype)
+    rebuilt, _ = reproject(images, depth, K, poses((0, 0, 0)))
+    assert rebuilt.dtype == torch.float32
+    torch.testing.assert_close(rebuilt, images.float(), atol=1e-4, rtol=0)
+
+
+def test_gradients_in_depth_and_pose():
+    images = noise(1, 2, 3, 6, 7).double()
+    depth = (noise(1, 1, 6, 7, seed=1) + 1.0).double().requires_grad_()
+    intrinsics = torch.tensor([[[5.0, 0.0, 2.8], [0.0, 6.0, 2.6], [0.0, 0.0, 1.0]]], dtype=torch.float64)
+    motion = poses((0.11, 0.02, 0.07), (-0.08, 0.05, -0.03)).double().requires_grad_()
+    assert torch.autograd.gradcheck(
+        lambda d, p: reproject(images, d, intrinsics, p)[0], (depth, motion), eps=1e-7
+    )
+
+
+def test_agrees_with_the_published_reconstructions(shared_data):
+    case = {
+        key: torch.from_numpy(value) for key, value in np.load(shared_data("cases") / "kbnet.npz").items()
+    }
+    sources = torch.stack([case["image1"], case["image2"]], dim=1)
+    motion = torch.stack([case["pose01"], case["pose02"]], dim=1)
+    rebuilt, _ = reproject(sources, case["output_depth"], case["intrinsics"], motion)
+    expected = torch.stack([case["image01"], case["image02"]], dim=1)
+    torch.testing.assert_close(rebuilt, expected, atol=1e-4, rtol=0)
+
+
+def recorded_pair(folder: Path, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Target image, its depth in metres, source image and relative pose of frames i and i + 1 of a recording."""
+    names = [path.name for path in sorted((folder / "images").iterdir())]
+    target, source = (
+        cv2.imread(str(folder / "images" / name)).astype(np.float32) for name in names[i : i + 2]
+    )
+    depth = cv2.imread(str(folder / "depth" / names[i]), cv2.IMREAD_UNCHANGED).astype(np.float32) / 1000.0
+    camera_poses = np.loadtxt(folder / "poses.txt").reshape(-1, 4, 4)
+    return target, depth, source, source_from_target(camera_poses[i], camera_poses[i + 1])
+
+
+def warped_by_opencv(source: np.ndarray, depth: np.ndarray, k: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
+    points = np.stack([(u - k[0, 2]) / k[0, 0] * depth, (v - k[1, 2]) / k[1, 1] * depth, depth], axis=-1)
+    pixels = (points @ motion[:3, :3].T + motion[:3, 3]) @ k.T
+    x, y = (pixels[..., axis] / pixels[..., 2] for axis in (0, 1))
+    return cv2.remap(source, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
+
+
+def test_recorded_frames_match_with_their_recorded_poses(shared_data):
+    folder = shared_data("rgbd") / "lounge"
+    k = np.loadtxt(folder / "K.txt")
+    errors = []
+    for i in range(0, 56, 5):
+        target, depth, source, motion = recorded_pair(folder, i)
+        sources = torch.from_numpy(source).permute(2, 0, 1)[None, None].repeat(1, 2, 1, 1, 1)
+        both = torch.tensor(np.stack([motion, np.eye(4)]), dtype=torch.float32)[None]
+        k_tensor = torch.tensor(k, dtype=torch.float32)[None]
+        rebuilt, visible = reproject(sources, torch.from_numpy(depth)[None, None], k_tensor, both)
+        rebuilt, seen = rebuilt[0].permute(0, 2, 3, 1).numpy(), visible[0, :, 0].numpy()
+        expected = warped_by_opencv(source, depth, k, motion)
+        # OpenCV rounds the sampled position to 1/32 pixel.
+        assert np.abs(rebuilt[0] - expected)[seen[0]].mean() < 0.5
+        errors.append([np.abs(rebuilt[s] - target)[seen[s]].mean() for s in (0, 1)])
+    moved, still = np.mean(errors, axis=0)
+    assert moved < 9.0
+    assert still > 4.0 * moved

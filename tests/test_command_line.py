@@ -1,0 +1,135 @@
+"""The real command in processes of its own, with the task `train` replaced by a stub."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deux.registry import registry
+
+STUB = """
+import json, sys, types
+from pathlib import Path
+
+def run(cfg):
+    from deux.configuration import in_sweep, run_folder, user_path
+    from deux.errors import DeuxError
+    errors = {1: DeuxError("the seed is 1."), 2: ZeroDivisionError("a fault"), 3: KeyboardInterrupt()}
+    if cfg.random_seed in errors:
+        raise errors[cfg.random_seed]
+    facts = {"explore": cfg.explore.name, "sweep": in_sweep(), "folder": str(run_folder()), "path": str(user_path("x"))}
+    Path(run_folder() / "facts.json").write_text(json.dumps(facts))
+
+task = types.ModuleType("deux.tasks.train")
+task.run = run
+sys.modules["deux.tasks.train"] = task
+from deux.__main__ import main
+sys.exit(main())
+"""
+
+
+def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def stubbed(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
+    return command(folder, "-c", STUB, *overrides, "task=train")
+
+
+def facts(folder: Path, pattern: str) -> dict[str, object]:
+    (path,) = folder.glob(pattern)
+    return json.loads(path.read_text())
+
+
+def test_help_tells_what_there_is_without_importing_torch(tmp_path: Path) -> None:
+    result = command(tmp_path, "-X", "importtime", "-m", "deux", "--help")
+    assert result.returncode == 0
+    for expected in (
+        "usage: python -m deux",
+        "experiment   collect, train",
+        f"explore: {', '.join(registry().names('explorers'))}",
+        f"model: {', '.join(registry().names('depth_models'))}",
+        "scenes: apartments, ",
+        "experiment: debug",
+        "sparse_depth",
+        "docs/plugins.md",
+        "batch_size:",
+    ):
+        assert expected in result.stdout
+    imported = {line.rpartition("|")[2].strip().split(".")[0] for line in result.stderr.splitlines()}
+    assert "hydra" in imported
+    assert not imported & {"torch", "lightning", "deux_plugins", "numba", "matplotlib"}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_same_command_finds_the_same_run_folder(tmp_path: Path) -> None:
+    for _ in range(2):
+        result = stubbed(tmp_path, "explore=random")
+        assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+    known = facts(tmp_path, "outputs/runs/kbnet-random-*/facts.json")
+    (folder,) = tmp_path.glob("outputs/runs/*")
+    assert known == {"explore": "random", "sweep": False, "folder": str(folder), "path": str(tmp_path / "x")}
+    assert (folder / "deux.log").is_file()
+    assert "name: random" in (folder / ".hydra" / "config.yaml").read_text()
+
+
+def test_a_mistake_of_the_users_is_one_sentence_without_a_stack_trace(tmp_path: Path) -> None:
+    result = stubbed(tmp_path, "random_seed=1")
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", "deux: the seed is 1.\n")
+    (log,) = tmp_path.glob("outputs/runs/*/deux.log")
+    assert "Traceback" in log.read_text()
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("task=trian", "deux: there is no task called 'trian': did you mean train?"),
+        ("model=kbnt", "deux: there is no depth model called 'kbnt': did you mean kbnet?"),
+        (
+            "task=${nowhere}",
+            "deux: the configuration cannot be composed: Interpolation key 'nowhere' not found",
+        ),
+    ],
+)
+def test_a_mistake_in_the_configuration_is_one_sentence_too(
+    tmp_path: Path, override: str, sentence: str
+) -> None:
+    result = command(tmp_path, "-m", "deux", override)
+    assert result.returncode == 1
+    assert result.stderr.startswith(sentence)
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_fault_of_the_program_keeps_its_stack_trace(tmp_path: Path) -> None:
+    result = stubbed(tmp_path, "random_seed=2")
+    assert result.returncode == 1
+    assert "Traceback" in result.stderr
+    assert "ZeroDivisionError: a fault" in result.stderr
+
+
+def test_an_interrupted_run_ends_with_130(tmp_path: Path) -> None:
+    result = stubbed(tmp_path, "random_seed=3")
+    assert result.returncode == 130
+    assert result.stderr == "deux: interrupted; the same command goes on from here.\n"
+
+
+def test_a_sweep_goes_on_after_a_job_that_fails_and_ends_with_1(tmp_path: Path) -> None:
+    result = stubbed(tmp_path, "-m", "random_seed=1,0", "explore=random,deux")
+    assert result.returncode == 1
+    assert "deux: [random_seed=1 explore=random task=train] the seed is 1.\n" in result.stderr
+    assert "deux: [random_seed=1 explore=deux task=train] the seed is 1.\n" in result.stderr
+    assert result.stderr.endswith("deux: 2 of the sweep's 4 jobs failed, as reported above.\n")
+    assert "Traceback" not in result.stderr
+    assert len(list(tmp_path.glob("outputs/sweeps/*/*/deux.log"))) == 4
+    assert facts(tmp_path, "outputs/sweeps/*/kbnet-deux-*/facts.json")["sweep"] is True
+
+
+def test_a_sweep_that_cannot_be_composed_starts_no_job(tmp_path: Path) -> None:
+    result = stubbed(tmp_path, "-m", "explore=random,nowhere")
+    assert result.returncode == 1
+    assert result.stderr.startswith("deux: there is no explorer called 'nowhere'")
+    assert not list(tmp_path.glob("outputs/**/facts.json"))

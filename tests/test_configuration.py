@@ -1,0 +1,209 @@
+import logging
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from omegaconf import DictConfig, OmegaConf
+
+from deux.configuration import (
+    OPEN_NODES,
+    PLUGIN_GROUPS,
+    TASKS,
+    compose,
+    config_folder,
+    in_sweep,
+    run_id,
+    user_path,
+)
+from deux.contracts import Action, Episode, Explorer, Observation, Robot
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.options import construct
+from deux.registry import registry
+
+CHOICES = [
+    f"{path.parent.name}={path.stem}"
+    for group in ("scenes", "experiment")
+    for path in config_folder().glob(f"{group}/*")
+] + [f"{group}={name}" for group, kind in PLUGIN_GROUPS.items() for name in registry().names(kind)]
+
+
+class Resting(Explorer):
+    def __init__(self, patience: float = 1.0) -> None:
+        self.patience = patience
+
+    def reset(self, episode: Episode) -> None:
+        pass
+
+    def act(self, observation: Observation) -> Action:
+        return Action.STOP
+
+
+@pytest.fixture
+def fresh_registry() -> Iterator[None]:
+    """Lets a test install packages: the process's registry is made anew, before and after it."""
+    registry.cache_clear()
+    yield
+    registry.cache_clear()
+
+
+def install(folder: Path, name: str, entry_points: str, files: dict[str, str]) -> None:
+    metadata = folder / f"{name}-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(entry_points)
+    for path, content in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(content)
+
+
+def test_the_defaults_are_the_papers_pair_and_fit_their_constructors() -> None:
+    cfg = compose()
+    assert (cfg.task, cfg.model.name, cfg.explore.name, cfg.pose) == (
+        "experiment",
+        "kbnet",
+        "deux",
+        "simulator",
+    )
+    assert cfg.task in TASKS
+    assert cfg.seed.checkpoint is None
+    assert "hydra" not in cfg
+    construct(Camera, cfg.camera, "camera")
+    construct(Robot, cfg.robot, "robot")
+
+
+@pytest.mark.parametrize("choice", CHOICES)
+def test_every_option_of_every_group_composes(choice: str) -> None:
+    group, _, name = choice.partition("=")
+    cfg = compose([choice])
+    if group in PLUGIN_GROUPS:
+        assert cfg[group].name == name
+    if group == "scenes":
+        assert cfg.scenes.source == name
+
+
+def test_options_of_plugins_and_constructors_need_no_plus() -> None:
+    overrides = [f"{node}.anything=3" for node in OPEN_NODES if node != "objective"]
+    cfg = compose([*overrides, "objective.sparse_depth.weight=0.5", "objective.sparse_depth.anything=3"])
+    assert all(cfg[node].anything == 3 for node in OPEN_NODES if node != "objective")
+    assert cfg.objective == {"sparse_depth": {"weight": 0.5, "anything": 3}}
+
+
+def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_experiment() -> None:
+    assert compose(["experiment=debug"]).collect.steps < compose().collect.steps
+    assert compose(["experiment=debug", "collect.steps=7"]).collect.steps == 7
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("model=kbnt", "there is no depth model called 'kbnt': did you mean kbnet?"),
+        ("explore=duex", "there is no explorer called 'duex': did you mean deux?"),
+        ("scenes=apartment", "there is no kind of scenes called 'apartment': did you mean apartments?"),
+        ("experiment=debg", "there is no experiment called 'debg': did you mean debug?"),
+        ("objective.sparse=1", "there is no loss term called 'sparse': did you mean sparse_depth?"),
+        ("explore.name=duex", "there is no explorer called 'duex': did you mean deux?"),
+        ("collect.step=3", "there is no option collect.step: did you mean steps?"),
+        ("colect.steps=3", "there is no option colect: did you mean collect"),
+        ("collect={stps: 3}", "there is no option collect.stps: did you mean steps?"),
+        ("collect.steps.more=3", "there is no option collect.steps.more: collect.steps is a single value."),
+        ("random_seed", "'random_seed' is not of the form option=value."),
+        (
+            "seed.checkpoint=a=b.ckpt",
+            """the value of seed.checkpoint needs quotes of its own, as in 'seed.checkpoint=""",
+        ),
+        (
+            "model=kbnet,voiced",
+            "model cannot be kbnet,voiced: add -m to run each in turn, or write model=[kbnet,voiced]",
+        ),
+    ],
+)
+def test_mistakes_are_told_in_one_sentence(override: str, sentence: str) -> None:
+    with pytest.raises(DeuxError) as caught:
+        compose([override])
+    assert str(caught.value).startswith(sentence)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_run_folder_is_named_by_everything_but_the_paths() -> None:
+    names = {
+        run_id(compose(overrides))
+        for overrides in (
+            ["task=train", "random_seed=3"],
+            ["random_seed=3", "task=train", "paths.outputs=elsewhere"],
+        )
+    }
+    assert len(names) == 1
+    assert names.pop().startswith("kbnet-deux-")
+    variations: tuple[list[str], ...] = (
+        [],
+        ["random_seed=1"],
+        ["model.min_depth=0.2"],
+        ["robot.radius=0.2"],
+        ["trainer.max_epochs=1"],
+    )
+    assert len({run_id(compose(overrides)) for overrides in variations}) == len(variations)
+
+
+def test_a_package_can_bring_yaml(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh_registry: None
+) -> None:
+    entry_points = "[deux.explorers]\nspiral = spirals:Spiral\n[deux.conf]\nspirals = spirals.conf\n"
+    yaml = {
+        "__init__.py": "",
+        "explore/spiral.yaml": "name: spiral\npitch: 2\n",
+        "scenes/mine.yaml": "source: mine\n",
+    }
+    files = {f"spirals/conf/{path}": content for path, content in yaml.items()}
+    install(tmp_path, "spirals", entry_points, {"spirals/__init__.py": "", **files})
+    monkeypatch.syspath_prepend(str(tmp_path))
+    cfg = compose(["explore=spiral", "explore.turns=3", "scenes=mine"])
+    assert cfg.explore == {"name": "spiral", "pitch": 2, "turns": 3}
+    assert cfg.scenes.source == "mine"
+
+
+def test_a_package_whose_yaml_cannot_be_found_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, fresh_registry: None
+) -> None:
+    install(
+        tmp_path,
+        "broken-yaml",
+        "[deux.conf]\nbroken = broken_yaml.conf\n",
+        {"broken_yaml.py": "raise OSError"},
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with caplog.at_level(logging.WARNING):
+        assert compose().model.name == "kbnet"
+    assert "the configuration of broken-yaml is left out" in caplog.text
+
+
+def test_a_checkout_finds_its_own_folder_where_the_installed_one_is_not_importable(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import deux
+
+    monkeypatch.setitem(sys.modules, "deux.conf", None)
+    assert config_folder() == Path(deux.__file__).resolve().parents[1] / "conf"
+
+
+def test_outside_a_job_there_is_no_sweep_and_paths_start_here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert not in_sweep()
+    assert user_path("a/b.ckpt") == tmp_path / "a" / "b.ckpt"
+    assert user_path("/a/b.ckpt") == Path("/a/b.ckpt")
+
+
+def test_a_plugin_that_was_registered_by_hand_composes(fresh_registry: None) -> None:
+    registry().register("explorers", "resting", Resting)
+    cfg = compose(["explore=resting", "explore.patience=2"])
+    assert registry().create("explorers", cfg.explore.name, cfg.explore).patience == 2.0
+
+
+def test_composing_returns_plain_nodes_that_stay_checked() -> None:
+    cfg = compose()
+    assert isinstance(cfg, DictConfig)
+    assert OmegaConf.is_struct(cfg.collect)
+    assert not OmegaConf.is_struct(cfg.model)

@@ -1,0 +1,87 @@
+"""The example in docs/ is a real package: it is installed here and used as a third party's would be."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from deux.configuration import compose
+from deux.registry import registry
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "docs" / "examples" / "deux-example"
+OVERRIDES = ["explore=wall_follower", "model=pooled_network", "objective.second_order_smoothness=0.1"]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder into which the example is installed, from a copy."""
+    source = tmp_path_factory.mktemp("source") / "deux-example"
+    shutil.copytree(EXAMPLE, source, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build"))
+    folder = tmp_path_factory.mktemp("site")
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check"]
+    command = [sys.executable, "-m", "pip", "install", *options, "--target", str(folder), str(source)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    assert result.returncode == 0, result.stderr
+    return folder
+
+
+@pytest.fixture
+def installed(site: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.syspath_prepend(str(site))
+    registry.cache_clear()
+    yield
+    registry.cache_clear()
+
+
+def python(site: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(site)},
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+
+
+def test_its_plugins_are_listed_with_their_package(site: Path, tmp_path: Path) -> None:
+    rows = python(site, tmp_path, "-m", "deux.plugins").stdout.splitlines()
+    for kind, name in (
+        ("explorer", "wall_follower"),
+        ("depth model", "pooled_network"),
+        ("loss term", "second_order_smoothness"),
+    ):
+        assert f"{kind}\t{name}\tdeux-example\t0.1.0" in rows
+
+
+@pytest.mark.usefixtures("installed")
+def test_its_plugins_are_composed_and_made_without_any_yaml() -> None:
+    cfg = compose([*OVERRIDES, "explore.distance=1", "model.channels=4"])
+    explorer = registry().create("explorers", cfg.explore.name, cfg.explore)
+    model = registry().create("depth_models", cfg.model.name, cfg.model)
+    term = registry().create("losses", "second_order_smoothness", {"sharpness": 2})
+    assert (explorer.distance, model.max_depth, term.sharpness) == (1.0, 10.0, 2.0)
+    assert {type(plugin).__module__ for plugin in (explorer, model, term)} == {
+        "deux_example.wall_follower",
+        "deux_example.pooled_network",
+        "deux_example.second_order_smoothness",
+    }
+
+
+def test_its_own_tests_pass(site: Path) -> None:
+    result = python(site, EXAMPLE, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist")
+    assert result.returncode == 0, result.stdout
+
+
+def test_the_whole_experiment_runs_with_it(site: Path, tmp_path: Path) -> None:
+    result = python(site, tmp_path, "-m", "deux", "experiment=debug", "trainer.accelerator=cpu", *OVERRIDES)
+    assert result.returncode == 0, result.stderr
+    (path,) = tmp_path.glob("outputs/runs/pooled_network-wall_follower-*/results.json")
+    results = json.loads(path.read_text())
+    assert (results["model"], results["explore"]) == ("pooled_network", "wall_follower")

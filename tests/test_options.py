@@ -1,0 +1,145 @@
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import pytest
+from omegaconf import OmegaConf
+
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.options import REQUIRED, construct, describe, full_settings, options
+
+if TYPE_CHECKING:
+    from somewhere import Unknown
+
+
+@dataclass(frozen=True)
+class Lens:
+    focal_length: float = 2.0
+
+
+@dataclass(frozen=True)
+class Everything:
+    count: int
+    gain: float = 1.0
+    label: str = "a"
+    fast: bool = False
+    mode: Literal["near", "far"] = "near"
+    limit: float | None = None
+    size: tuple[int, int] = (4, 4)
+    weights: Sequence[float] = ()
+    names: list[str] = field(default_factory=list)
+    folder: Path = Path(".")
+    lens: Lens = Lens()
+
+
+class Undeclared:
+    def __init__(self, value, *, other: "Unknown" = None):  # type: ignore[no-untyped-def]
+        self.value = value
+        self.other = other
+
+
+class Open:
+    def __init__(self, known: int = 1, **more: Any) -> None:
+        self.settings = {"known": known, **more}
+
+
+def test_constructs_a_dataclass_of_the_framework_from_a_configuration_node() -> None:
+    node = OmegaConf.create({"width": 64, "height": "${.width}", "hfov": 79})
+    camera = construct(Camera, node, "camera")
+    assert camera == Camera(width=64, height=64, hfov=79.0)
+    assert isinstance(camera.hfov, float)
+
+
+def test_simple_types_are_converted() -> None:
+    settings = {
+        "count": 3.0,
+        "gain": 2,
+        "limit": 5,
+        "size": OmegaConf.create([8, 6]),
+        "weights": [1, 2],
+        "names": ["x"],
+        "folder": "here",
+        "lens": {"focal_length": 3},
+    }
+    made = construct(Everything, settings, "everything")
+    assert made == Everything(
+        3, 2.0, "a", False, "near", 5.0, (8, 6), (1.0, 2.0), ["x"], Path("here"), Lens(3.0)
+    )
+    assert type(made.count) is int
+    assert type(made.limit) is float
+    assert construct(Everything, {"count": 1, "limit": None}, "everything").limit is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"cuont": 3}, "box.cuont is not an option of Everything: did you mean count?"),
+        ({}, "Everything needs a value for box.count."),
+        ({"count": "???"}, "Everything needs a value for box.count."),
+        ({"count": 1.5}, "box.count must be a whole number, but is 1.5."),
+        ({"count": True}, "box.count must be a whole number, but is True."),
+        ({"count": 1, "gain": "high"}, "box.gain must be a number, but is 'high'."),
+        ({"count": 1, "gain": float("inf"), "fast": 1}, "box.fast must be true or false, but is 1."),
+        ({"count": 1, "label": 3}, "box.label must be text, but is 3."),
+        ({"count": 1, "mode": "fra"}, "box.mode cannot be 'fra': did you mean far?"),
+        ({"count": 1, "mode": 3}, "box.mode must be 'near' or 'far', but is 3."),
+        ({"count": 1, "limit": "x"}, "box.limit must be a number or null, but is 'x'."),
+        (
+            {"count": 1, "size": [1, 2, 3]},
+            "box.size must be a list of 2 values (a whole number, a whole number)",
+        ),
+        ({"count": 1, "weights": "12"}, "box.weights must be a list (each a number), but is '12'."),
+        ({"count": 1, "folder": 2}, "box.folder must be a path, but is 2."),
+        (
+            {"count": 1, "lens": {"focal": 2}},
+            "box.lens.focal is not an option of Lens: did you mean focal_length?",
+        ),
+    ],
+)
+def test_mistakes_are_told_in_one_sentence(settings: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(DeuxError) as caught:
+        construct(Everything, settings, "box")
+    assert str(caught.value).startswith(sentence)
+    assert "\n" not in str(caught.value)
+
+
+def test_infinity_is_no_whole_number() -> None:
+    with pytest.raises(DeuxError, match="must be a whole number"):
+        construct(Everything, {"count": float("inf")}, "box")
+
+
+def test_an_interpolation_that_leads_nowhere_is_the_users_mistake() -> None:
+    with pytest.raises(DeuxError, match="box cannot be resolved: Interpolation key 'nowhere' not found"):
+        construct(Camera, OmegaConf.create({"width": "${nowhere}"}), "box")
+
+
+def test_parameters_without_known_types_take_anything() -> None:
+    made = construct(Undeclared, {"value": [1, "x"], "other": 2}, "it")
+    assert (made.value, made.other) == ([1, "x"], 2)
+
+
+def test_a_constructor_with_open_keywords_takes_any_option() -> None:
+    assert construct(Open, {"known": 2, "new": 3}, "it").settings == {"known": 2, "new": 3}
+    assert full_settings(Open, {"new": (3,)}) == {"known": 1, "new": [3]}
+
+
+def test_full_settings_hold_the_defaults_and_do_not_depend_on_how_values_are_written() -> None:
+    full = full_settings(Everything, {"count": 1, "gain": 2, "size": [8, 6]})
+    assert full == full_settings(Everything, OmegaConf.create({"size": (8, 6), "gain": 2.0, "count": 1.0}))
+    assert full["size"] == [8, 6]
+    assert full["lens"] == {"focal_length": 2.0}
+    assert full["folder"] == "."
+    assert list(full)[:3] == ["count", "gain", "label"]
+    with pytest.raises(DeuxError, match=r"settings\.cuont"):
+        full_settings(Everything, {"cuont": 1})
+
+
+def test_options_are_those_of_the_constructor() -> None:
+    known = options(Everything)
+    assert list(known)[:2] == ["count", "gain"]
+    assert known["count"].default is REQUIRED
+    assert known["gain"].default == 1.0
+    assert describe(known["limit"].annotation) == "a number or null"
+    assert options(object) == {}

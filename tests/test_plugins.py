@@ -1,0 +1,48 @@
+"""`python -m deux.plugins`."""
+
+import pytest
+
+from deux import plugins
+from deux.registry import Plugin, Registry
+
+
+@pytest.fixture
+def two_of_a_name(monkeypatch: pytest.MonkeyPatch) -> Registry:
+    """The installed plugins, and a second package with a loss term called `sparse_depth`."""
+    found = Registry()
+    second = Plugin("sparse_depth", "losses", "other-package", "2.0", "other:Term", lambda: None)
+    monkeypatch.setattr(found, "_plugins", {"losses": [*found.plugins("losses"), second]})
+    monkeypatch.setattr(plugins, "registry", lambda: found)
+    return found
+
+
+def test_the_listing_has_one_line_for_each_plugin(capsys: pytest.CaptureFixture[str]) -> None:
+    assert plugins.main([]) == 0
+    rows = [line.split("\t") for line in capsys.readouterr().out.splitlines()]
+    assert rows[0] == ["kind", "name", "package", "version", "state"]
+    assert ["explorer", "random", "deux", "0.1.0"] in rows
+    assert len(rows) == 1 + sum(len(Registry().plugins(kind)) for kind in plugins.KINDS)
+
+
+@pytest.mark.usefixtures("two_of_a_name")
+def test_a_name_that_is_used_twice_is_marked_and_is_an_error_when_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    marked = {(row[1], row[2]) for row in plugins.listing() if row[-1] == "the name is used twice"}
+    assert marked == {("sparse_depth", "deux"), ("sparse_depth", "other-package")}
+    assert plugins.main(["sparse_depth"]) == 1
+    assert "'sparse_depth' belongs to 2 loss terms, of deux" in capsys.readouterr().err
+
+
+def test_one_plugin_is_explained_with_the_options_of_its_constructor(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert plugins.main(["kbnet"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("depth model kbnet, from deux 0.1.0 (deux_plugins.depth_models.kbnet:KBNet)\n")
+    assert "\n  model.max_depth: a number, default " in text
+
+
+def test_an_unknown_name_is_answered_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert plugins.main(["kbnt"]) == 1
+    assert capsys.readouterr().err.startswith("deux: there is no plugin called 'kbnt': did you mean kbnet?")

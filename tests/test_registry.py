@@ -1,0 +1,160 @@
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+from deux.errors import DeuxError
+from deux.registry import KINDS, Registry, registry
+
+TERM = """
+from deux.contracts import LossTerm
+
+class Term(LossTerm):
+    def __init__(self, sharpness: float = 1.0) -> None:
+        self.sharpness = sharpness
+
+    def __call__(self, batch, prediction, reconstructions):
+        return prediction.depth.mean()
+
+class Unfinished(LossTerm):
+    pass
+
+class Stranger:
+    pass
+"""
+
+
+class Mean(LossTerm):
+    def __call__(
+        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
+    ) -> torch.Tensor:
+        return prediction.depth.mean()
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A function that installs a package as pip would leave it: a module, and metadata with entry points."""
+
+    def install(package: str, code: str, losses: dict[str, str], version: str = "1.2") -> None:
+        module = package.replace("-", "_")
+        site = tmp_path / package
+        metadata = site / f"{module}-{version}.dist-info"
+        metadata.mkdir(parents=True)
+        (site / f"{module}.py").write_text(code)
+        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: {version}\n")
+        lines = [f"{name} = {module}:{attribute}" for name, attribute in losses.items()]
+        (metadata / "entry_points.txt").write_text("\n".join(["[deux.losses]", *lines, ""]))
+        monkeypatch.syspath_prepend(str(site))
+        monkeypatch.delitem(sys.modules, module, raising=False)
+
+    return install
+
+
+def test_ships_plugins_of_every_kind_from_its_own_package() -> None:
+    for kind in KINDS:
+        own = [plugin for plugin in registry().plugins(kind) if plugin.package == "deux"]
+        assert own
+        assert all(plugin.kind == kind and plugin.target.startswith("deux_plugins.") for plugin in own)
+    assert registry() is registry()
+
+
+def test_a_foreign_package_is_listed_without_being_imported(install: Any) -> None:
+    install("foreign-term", TERM, {"foreign": "Term"}, version="3.1")
+    found = Registry()
+    plugin = found.find("losses", "foreign")
+    assert (plugin.name, plugin.kind, plugin.package, plugin.version) == (
+        "foreign",
+        "losses",
+        "foreign-term",
+        "3.1",
+    )
+    assert plugin.target == "foreign_term:Term"
+    assert "foreign" in found.names("losses")
+    assert "foreign_term" not in sys.modules
+    assert found.get("losses", "foreign").__name__ == "Term"
+
+
+def test_create_checks_the_options_against_the_constructor(install: Any) -> None:
+    install("foreign-term", TERM, {"foreign": "Term"})
+    assert Registry().create("losses", "foreign", {"name": "foreign", "sharpness": 3}).sharpness == 3.0
+    with pytest.raises(
+        DeuxError, match=r"^objective\.foreign\.sharpnes is not an option of Term: did you mean sharp"
+    ):
+        Registry().create("losses", "foreign", {"sharpnes": 3})
+
+
+def test_an_unknown_name_is_answered_with_near_matches_and_all_names(install: Any) -> None:
+    install("foreign-term", TERM, {"foreign": "Term"})
+    with pytest.raises(
+        DeuxError, match=r"no loss term called 'foriegn': did you mean foreign\? There is: .*foreign"
+    ):
+        Registry().find("losses", "foriegn")
+    with pytest.raises(DeuxError, match="'loss' is not a kind of plugin: did you mean losses"):
+        Registry().names("loss")
+
+
+def test_one_name_of_two_packages_is_an_error_that_names_both_when_it_is_asked_for(install: Any) -> None:
+    install("first-term", TERM, {"shared": "Term", "alone": "Term"}, version="1.0")
+    install("second-term", TERM, {"shared": "Term"}, version="2.0")
+    found = Registry()
+    assert found.names("losses").count("shared") == 1
+    assert [plugin.package for plugin in found.plugins("losses") if plugin.name == "shared"] == [
+        "first-term",
+        "second-term",
+    ]
+    assert found.get("losses", "alone")
+    with pytest.raises(
+        DeuxError, match=r"'shared' belongs to 2 loss terms, of first-term 1\.0 .* and second-term 2\.0"
+    ):
+        found.get("losses", "shared")
+
+
+@pytest.mark.parametrize(
+    ("code", "cause"),
+    [
+        ("import no_such_module", "ModuleNotFoundError: No module named 'no_such_module'"),
+        ("raise RuntimeError('needs a\\nGPU')", "RuntimeError: needs a GPU"),
+        ("", "AttributeError"),
+        ("def broken(", "SyntaxError"),
+    ],
+)
+def test_a_package_that_cannot_be_imported_fails_only_when_it_is_chosen(
+    install: Any, code: str, cause: str
+) -> None:
+    install("broken-term", code, {"broken": "Term"}, version="0.7")
+    found = Registry()
+    assert found.find("losses", "broken").version == "0.7"
+    assert found.get("losses", "sparse_depth")
+    with pytest.raises(DeuxError) as caught:
+        found.get("losses", "broken")
+    message = str(caught.value)
+    assert message.startswith(
+        "the loss term 'broken' of broken-term 0.7 (broken_term:Term) cannot be imported: "
+    )
+    assert cause in message
+    assert "\n" not in message
+
+
+def test_what_does_not_fulfil_the_contract_is_refused(install: Any) -> None:
+    install("odd-term", TERM, {"stranger": "Stranger", "unfinished": "Unfinished"})
+    with pytest.raises(DeuxError, match=r"odd-term 1\.2 .* is not a subclass of deux\.contracts\.LossTerm"):
+        Registry().get("losses", "stranger")
+    with pytest.raises(DeuxError, match=r"'unfinished' of odd-term .* does not define __call__"):
+        Registry().get("losses", "unfinished")
+
+
+def test_plugins_can_be_registered_by_hand() -> None:
+    found = Registry()
+    plugin = found.register("losses", "mean", Mean)
+    assert plugin.package == "registered by hand"
+    assert isinstance(found.create("losses", "mean", {}), Mean)
+    assert "mean" not in Registry().names("losses")
+    with pytest.raises(DeuxError, match="'mean' is there already, from registered by hand"):
+        found.register("losses", "mean", Mean)
+    with pytest.raises(DeuxError, match=r"is not a subclass of deux\.contracts\.Explorer"):
+        found.register("explorers", "mean", Mean)
+    assert found.unregister("losses", "mean") == plugin
+    assert "mean" not in found.names("losses")

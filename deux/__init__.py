@@ -1,3 +1,25 @@
 """Active exploration for learning unsupervised depth perception."""
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from deux.training.model_files import load_model as load
+    from deux.training.published import load_published
+
+__all__ = ["__version__", "load", "load_published"]
 __version__ = "0.1.0"
+
+LAZY = {
+    "load": ("deux.training.model_files", "load_model"),
+    "load_published": ("deux.training.published", "load_published"),
+}
+"""Where the functions of this package live. They bring torch, which `--help` and composition must not wait for."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import one of the `LAZY` functions when it is first asked for (PEP 562)."""
+    if name not in LAZY:
+        raise AttributeError(f"module 'deux' has no attribute {name!r}")
+    module, attribute = LAZY[name]
+    return getattr(import_module(module), attribute)

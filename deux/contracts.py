@@ -273,6 +273,22 @@ class DepthModel(nn.Module, ABC):
     size_multiple: ClassVar[int] = 1
     """`predict` pads images to a multiple of this many pixels and crops the result."""
 
+    def predict(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
+        """Predict dense depth from plain camera data; see `deux.training.prediction.predict`.
+
+        Args:
+            image: N x 3 x H x W in [0, 1].
+            sparse_depth: N x 1 x H x W metres, 0 = none.
+            intrinsics: N x 3 x 3.
+
+        Returns:
+            N x 1 x H x W float32 metres.
+        """
+        # The contracts compute nothing: this is the one door from them to the framework.
+        from deux.training.prediction import predict
+
+        return predict(self, image, sparse_depth, intrinsics)
+
 
 # ------------------------------------------------------------------------------------------------------- loss term
 

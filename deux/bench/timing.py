@@ -1,47 +1,113 @@
-"""Timing that states its spread."""
+"""Timing that states its spread, of things that take turns."""
 
 import statistics
 import time
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
+
+T = TypeVar("T")
+K = TypeVar("K", bound=Hashable)
 
 
 @dataclass(frozen=True)
-class Timing:
-    """Durations of repeated calls in seconds."""
+class Spread:
+    """Repeated measurements of one number.
 
-    durations: tuple[float, ...]
+    Args:
+        median: the median.
+        low: the 10th percentile.
+        high: the 90th percentile.
+    """
 
-    @property
-    def median(self) -> float:
-        """Median duration in seconds."""
-        return statistics.median(self.durations)
+    median: float
+    low: float
+    high: float
 
-    @property
-    def spread(self) -> tuple[float, float]:
-        """10th and 90th percentile of the durations in seconds."""
-        ordered = sorted(self.durations)
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Spread":
+        """Summarise one or more measurements."""
+        ordered = sorted(values)
         last = len(ordered) - 1
-        return ordered[round(0.1 * last)], ordered[round(0.9 * last)]
+        return cls(statistics.median(ordered), ordered[round(0.1 * last)], ordered[round(0.9 * last)])
 
-    def rate(self, work: int = 1) -> str:
-        """`work` done per second in the median, with the spread: "25.1 (23.0 to 26.4)"."""
-        fast, slow = self.spread
-        return f"{work / self.median:.1f} ({work / slow:.1f} to {work / fast:.1f})"
-
-    def milliseconds(self) -> str:
-        """The median in milliseconds, with the spread: "25.1 (23.0 to 26.4)"."""
-        fast, slow = self.spread
-        return f"{1e3 * self.median:.1f} ({1e3 * fast:.1f} to {1e3 * slow:.1f})"
+    def __str__(self) -> str:
+        return f"{_digits(self.median)} ({_digits(self.low)} to {_digits(self.high)})"
 
 
-def time_calls(call: Callable[[], object], repeats: int = 20, warm_up: int = 3) -> Timing:
-    """Time `repeats` calls, one by one, after `warm_up` calls that are not counted."""
-    for _ in range(warm_up):
+class Stopwatch:
+    """Durations of the named parts of repeated work, in seconds.
+
+    Args:
+        synchronize: waits until a device has done what it was given; nothing to wait for by default.
+    """
+
+    def __init__(self, synchronize: Callable[[], object] = lambda: None) -> None:
+        self.durations: dict[str, list[float]] = defaultdict(list)
+        self._synchronize = synchronize
+        self._started: dict[str, float] = {}
+
+    def start(self, part: str) -> None:
+        """Begin a part; forget it if it was begun before."""
+        self._started[part] = self._now()
+
+    def stop(self, part: str) -> None:
+        """End a part."""
+        self.durations[part].append(self._now() - self._started.pop(part))
+
+    @contextmanager
+    def measure(self, part: str) -> Iterator[None]:
+        """Time the body of a `with` statement."""
+        self.start(part)
+        yield
+        self.stop(part)
+
+    def total(self, part: str) -> float:
+        """Seconds of all durations of a part."""
+        return sum(self.durations[part])
+
+    def _now(self) -> float:
+        self._synchronize()
+        return time.perf_counter()
+
+
+def rate(call: Callable[[], object], seconds: float) -> float:
+    """Calls a second, of as many as fit into a time; at least one."""
+    started, count, elapsed = time.perf_counter(), 0, 0.0
+    while elapsed < seconds or count == 0:
         call()
-    durations = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        call()
-        durations.append(time.perf_counter() - started)
-    return Timing(tuple(durations))
+        count += 1
+        elapsed = time.perf_counter() - started
+    return count / elapsed
+
+
+def in_turn(measurements: Mapping[K, Callable[[], T]], rounds: int) -> dict[K, list[T]]:
+    """Take every measurement once a round, every other round in the opposite order.
+
+    What changes while a benchmark runs, such as the load of the machine, then meets all of them alike, and their ratios
+    hold even where the numbers do not.
+    """
+    results: dict[K, list[T]] = {name: [] for name in measurements}
+    for number in range(rounds):
+        for name in list(measurements)[:: -1 if number % 2 else 1]:
+            results[name].append(measurements[name]())
+    return results
+
+
+def times_the_slowest(rates: Mapping[K, Sequence[float]]) -> dict[K, Spread]:
+    """Ratio of each rate to that of the slowest, formed within each round."""
+    if not rates:
+        return {}
+    slowest = rates[min(rates, key=lambda name: statistics.median(rates[name]))]
+    return {
+        name: Spread.of([own / other for own, other in zip(values, slowest, strict=True)])
+        for name, values in rates.items()
+    }
+
+
+def _digits(value: float) -> str:
+    """About three significant digits, without an exponent."""
+    size = abs(value)
+    return f"{value:.{0 if size >= 100 else 1 if size >= 10 else 2 if size >= 0.1 or size == 0 else 4}f}"

@@ -123,7 +123,7 @@ class EpisodeRun:
         Args:
             percept: what the depth model sees; None if the explorer does not need it.
         """
-        if percept is not None and Need.RESIDUAL in self.explorer.needs:
+        if percept is not None:
             self._uncertainty.append(percept.uncertainty)
         action = self.explorer.act(self._observation(percept))
         self._actions.append(action)
@@ -150,17 +150,17 @@ class EpisodeRun:
     def _observation(self, percept: Percept | None) -> Observation:
         """Exactly what the explorer declared, in arrays of its own."""
         needs, frame = self.explorer.needs, self.history[0]
-        predicted = percept is not None and Need.PREDICTED_DEPTH in needs
-        residual = percept is not None and Need.RESIDUAL in needs
+        predicted = percept if Need.PREDICTED_DEPTH in needs else None
+        judged = percept if Need.RESIDUAL in needs else None
         return Observation(
             step=self.step,
             pose=frame.pose.copy(),
             collided=self._collided,
             rgb=frame.rgb.copy(),
             sensor_depth=frame.depth.copy() if Need.SENSOR_DEPTH in needs else None,
-            predicted_depth=percept.predicted_depth if percept and predicted else None,
-            residual=percept.residual if percept and residual else None,
-            uncertainty=percept.uncertainty if percept and residual else None,
+            predicted_depth=predicted.predicted_depth if predicted else None,
+            residual=judged.residual if judged else None,
+            uncertainty=judged.uncertainty if judged else None,
             labels=frame.labels.copy() if frame.labels is not None else None,
         )
 

@@ -12,6 +12,7 @@ def locked(path: Path) -> Iterator[None]:
 
     Waits until the process that holds it is done.
     """
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield

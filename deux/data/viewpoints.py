@@ -155,9 +155,11 @@ def _record(
 ) -> list[Frame] | None:
     """The frames along a motion, or None if something stood in the way."""
     simulator.reset(*start)
+    if any(simulator.step(action) for action in motion):
+        return None
+    simulator.reset(*start)
     seen = [simulator.observe()]
     for action in motion:
-        if simulator.step(action):
-            return None
+        simulator.step(action)
         seen.append(simulator.observe())
     return [Frame(frame.rgb.copy(), quantise_depth(frame.depth), frame.pose.copy()) for frame in seen]

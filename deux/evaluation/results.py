@@ -73,7 +73,7 @@ class Results:
         table = Table(title=f"Errors on the test frames{training}")
         table.add_column("prediction")
         for name in METRIC_NAMES:
-            table.add_column(f"{name} [{_UNITS[name]}]", justify="right")
+            table.add_column(f"{name} \\[{_UNITS[name]}]", justify="right")
         best = {name: min(row[name] for row in rows.values()) for name in METRIC_NAMES}
         for title, row in rows.items():
             marks = ["[bold]{}[/bold]" if row[name] == best[name] else "{}" for name in METRIC_NAMES]

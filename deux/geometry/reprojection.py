@@ -9,6 +9,9 @@ from torch import Tensor
 NEAREST = 1e-3
 """Points closer to a camera's plane than this (metres), or behind it, are not seen by it."""
 
+FARTHEST = 1e4
+"""How far outside the image, in half images, a projected point is let go."""
+
 EDGE_TOLERANCE = 1e-3
 """Pixels by which a point may miss the image and still count as inside: rounding of an identity warp."""
 
@@ -43,8 +46,13 @@ def reproject(
         depth = depth.to(dtype)
         points = _project(depth, intrinsics.to(dtype), source_from_target.to(dtype))
         distance = points[:, :, 2:]
-        # The clamp keeps the division finite; what it changes is invisible.
-        grid = points[:, :, :2] / distance.clamp(min=NEAREST)
+        # The clamps keep division and positions finite; what they change is invisible. A NaN must go because
+        # grid_sample's backward pass on the CPU takes it for an address and brings the process down.
+        grid = (
+            (points[:, :, :2] / distance.clamp(min=NEAREST))
+            .clamp(-FARTHEST, FARTHEST)
+            .nan_to_num(nan=FARTHEST)
+        )
         images = F.grid_sample(
             source_images.to(dtype).flatten(0, 1),
             grid.flatten(0, 1).permute(0, 2, 3, 1),
@@ -52,9 +60,8 @@ def reproject(
             padding_mode=padding,
             align_corners=True,
         )
-    return images.unflatten(0, source_images.shape[:2]), _visible(
-        grid.detach(), distance.detach(), depth.detach()
-    )
+    visible = _visible(grid.detach(), distance.detach(), depth.detach())
+    return images.unflatten(0, source_images.shape[:2]), visible
 
 
 def _project(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> Tensor:

@@ -45,10 +45,11 @@ class GoalExplorer(Explorer):
         """The H x W depth image that the map is built from."""
 
     @abstractmethod
-    def choose_target(self, distance: np.ndarray) -> Target | None:
+    def choose_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
         """The next target, or None if there is nowhere to go.
 
         Args:
+            pose: 4 x 4, the camera's present camera-to-world matrix.
             distance: rows x columns float64 over `self.occupancy.frame`: path length from the robot in cells, inf
                 where it cannot go.
         """
@@ -137,7 +138,7 @@ class GoalExplorer(Explorer):
             if self._pursuit is None or self.target_is_stale(self._pursuit.target):
                 distance = distance_field(traversable, here) if distance is None else distance
                 self.frontier = None
-                target = self.choose_target(distance)
+                target = self.choose_target(pose, distance)
                 if target is None:
                     break
                 self._pursuit = Pursuit(target, self.robot)

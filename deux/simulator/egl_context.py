@@ -57,6 +57,7 @@ class EGLContext:
             )
         pyrender = load_pyrender()
         from OpenGL.error import Error
+        from OpenGL.GL import GL_UNPACK_ALIGNMENT, glPixelStorei
         from pyrender.platforms.egl import EGLPlatform
 
         try:
@@ -65,6 +66,8 @@ class EGLContext:
         except (AssertionError, IndexError, Error) as cause:
             raise DeuxError(f"renderer=pyrender cannot make an EGL context ({cause!r}): {_REMEDY}") from cause
         _creator = os.getpid()
+        # pyrender hands over textures without padding, but OpenGL expects rows of a multiple of four bytes.
+        glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
         self._renderer = pyrender.Renderer(width, height)
         weakref.finalize(self, _release, self._platform, self._renderer).atexit = False
 

@@ -17,15 +17,21 @@ _console = Console()
 
 
 def say(message: RenderableType) -> None:
-    """Print a line or a table."""
-    _console.print(message, highlight=False)
+    """Print a line, however long, or a table."""
+    _console.print(message, highlight=False, markup=not isinstance(message, str), soft_wrap=isinstance(message, str))
 
 
 def quieten_libraries() -> None:
-    """Silence two notices that a user of this command can do nothing about."""
+    """Silence notices of Lightning's that a user of this command can do nothing about."""
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-    # Frames are decoded once and kept in memory, so workers would only copy them between processes.
-    warnings.filterwarnings("ignore", message=".*does not have many workers")
+    for notice in (
+        "does not have many workers",  # frames are decoded once and kept in memory: workers would only copy them
+        "is smaller than the logging interval",  # a run of a few steps logs what it can
+        "You have overridden `on_after_batch_transfer`",  # the module's is the one that is meant
+        "`isinstance.treespec, LeafSpec.` is deprecated",  # Lightning's own use of torch
+        "Checkpoint directory .* exists and is not empty",  # a run that goes on where it was killed
+    ):
+        warnings.filterwarnings("ignore", message=f".*{notice}")
 
 
 def training_bar() -> list[Callback]:

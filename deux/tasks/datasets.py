@@ -47,11 +47,7 @@ def explored_dataset(
 
 def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) -> Path:
     """Frames from free poses spread evenly over held-out scenes: the same for every explorer and every seed."""
-    count = (
-        settings.cfg.evaluation.viewpoints
-        if split == "test"
-        else settings.cfg.evaluation.validation_viewpoints
-    )
+    count = settings.cfg.evaluation.viewpoints if split == "test" else settings.cfg.evaluation.validation_viewpoints
     spec = DatasetSpec(
         name=split,
         scenes=getattr(settings.splits, split),
@@ -89,9 +85,7 @@ def _build(
             processes=settings.cfg.collect.processes,
         )
     manifest = read_manifest(dataset)
-    rejected = ", ".join(
-        f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items()
-    )
+    rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items())
     say(
         f"  {manifest['triplets']} of {manifest['candidates']} {spec.name} frames usable"
         f"{f' (rejected: {rejected})' if rejected else ''}{', collected before' if known else ''}: {dataset}"

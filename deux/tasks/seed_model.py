@@ -14,6 +14,10 @@ from deux.tasks.run_folder import RunFolder, short_hash
 from deux.tasks.settings import PluginChoice, Settings
 from deux.tasks.training import train
 from deux.training.model_files import MODEL_FILE, load_model
+from deux.training.published import load_published
+
+PUBLISHED_SUFFIX = ".pth"
+"""Of the checkpoint files that the models' authors published."""
 
 
 def needs_model(explorer: PluginChoice) -> bool:
@@ -24,16 +28,20 @@ def needs_model(explorer: PluginChoice) -> bool:
 def seed_model(settings: Settings) -> tuple[DepthModel, str]:
     """The seed model in eval mode, and what identifies its weights.
 
-    It is `seed.checkpoint` if that is given. Otherwise it is trained on a random agent's frames, with the final model's
+    It is `seed.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the configured
+    model published. Otherwise it is trained on a random agent's frames, with the final model's
     architecture and settings but for `seed.steps`, and kept under `outputs/seed_models` for every run that asks for
     the same.
     """
     checkpoint = settings.cfg.seed.checkpoint
     path = _trained(settings) if checkpoint is None else user_path(checkpoint)
-    if path.is_dir():
-        path = path / MODEL_FILE
-    model = load_model(path)
-    return model, hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    model = (
+        load_published(settings.model.name, path, settings=settings.model.settings)
+        if path.suffix == PUBLISHED_SUFFIX
+        else load_model(path)
+    )
+    weights = path / MODEL_FILE if path.is_dir() else path
+    return model, hashlib.sha256(weights.read_bytes()).hexdigest()[:16]
 
 
 def _trained(settings: Settings) -> Path:

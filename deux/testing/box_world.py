@@ -59,6 +59,8 @@ class BoxWorld:
         self.width = width
         self.length = length
         self.boxes = boxes
+        blocking = [box for box in boxes if box.height > (robot or Robot()).max_climb]
+        self._blocking = np.array([(box.x0, box.z0, box.x1, box.z1) for box in blocking]).reshape(-1, 4)
         self.camera = camera or Camera(width=64, height=64)
         self.robot = robot or Robot()
         self._rays = self.camera.rays()
@@ -96,15 +98,12 @@ class BoxWorld:
 
     def clearance(self, x: np.ndarray | float, z: np.ndarray | float) -> np.ndarray:
         """Distance in metres from floor points to the nearest wall or box that blocks the robot; negative inside."""
-        x, z = np.asarray(x), np.asarray(z)
-        nearest = np.minimum.reduce([x, self.width - x, z, self.length - z])
-        for box in self.boxes:
-            if box.height > self.robot.max_climb:
-                apart_x = np.maximum(box.x0 - x, x - box.x1)
-                apart_z = np.maximum(box.z0 - z, z - box.z1)
-                outside = np.hypot(np.maximum(apart_x, 0.0), np.maximum(apart_z, 0.0))
-                nearest = np.minimum(nearest, outside + np.minimum(np.maximum(apart_x, apart_z), 0.0))
-        return nearest
+        x, z = np.asarray(x)[..., None], np.asarray(z)[..., None]
+        x0, z0, x1, z1 = self._blocking.T
+        apart_x, apart_z = np.maximum(x0 - x, x - x1), np.maximum(z0 - z, z - z1)
+        outside = np.hypot(np.maximum(apart_x, 0.0), np.maximum(apart_z, 0.0))
+        boxes = outside + np.minimum(np.maximum(apart_x, apart_z), 0.0)
+        return np.concatenate([x, self.width - x, z, self.length - z, boxes], axis=-1).min(axis=-1)
 
     def observe(self, labels: bool = False) -> Frame:
         """Depth and labels by ray casting; the colours tell the room and the boxes apart, with a pattern on both."""

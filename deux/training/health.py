@@ -12,7 +12,7 @@ from deux.training.module import DepthCompletion
 
 
 class HealthCheck(Callback):
-    """Stops a run whose loss is not finite, and warns once if the predictions stick to an end of the depth range.
+    """Stops a run whose loss or depth is not finite; warns once if the depth sticks to an end of its range.
 
     A network that saturates its output has almost no gradient left and seldom comes back; too high a learning rate
     is the usual cause.
@@ -23,7 +23,7 @@ class HealthCheck(Callback):
         margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
 
     Raises:
-        DeuxError: during training, when the loss is not finite.
+        DeuxError: during training, when the loss or the predicted depth is not finite.
     """
 
     def __init__(self, every: int = 20, patience: int = 5, margin: float = 0.05) -> None:
@@ -41,12 +41,12 @@ class HealthCheck(Callback):
 
     def _look(self, step: int, module: DepthCompletion, outputs: Mapping[str, Any]) -> None:
         rate = module.trainer.optimizers[0].param_groups[0]["lr"]
-        if not math.isfinite(outputs["loss"]):
+        loss, depth, model = float(outputs["loss"]), float(outputs["mean_depth"]), module.model
+        if not (math.isfinite(loss) and math.isfinite(depth)):
             raise DeuxError(
-                f"the training loss is {float(outputs['loss'])} at step {step}, learning rate {rate:g}: lower "
+                f"the training loss is {loss} and the mean depth {depth} at step {step}, learning rate {rate:g}: lower "
                 "training.learning_rate, or look for frames with broken values."
             )
-        depth, model = float(outputs["mean_depth"]), module.model
         near = depth <= model.min_depth * (1 + self.margin)
         far = depth >= model.max_depth * (1 - self.margin)
         self.stuck_looks = self.stuck_looks + 1 if near or far else 0

@@ -93,7 +93,7 @@ class DeuxExplorer(GoalExplorer):
         """The depth image that the map is built from."""
         return depth_of(observation, self._map_depth)
 
-    def choose_target(self, distance: np.ndarray) -> Target | None:
+    def choose_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
         """`SampleFrontiers`, then `SampleDepthGuidedTarget`."""
         candidates = self.frontiers(distance)
         frame = self.occupancy.frame

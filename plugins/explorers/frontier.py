@@ -8,8 +8,10 @@ from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
 
 from deux.contracts import Observation
 from deux.errors import DeuxError
+from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.frontiers import frontier_mask
 from deux.mapping.goal_explorer import GoalExplorer
+from deux.mapping.navigation import heading_error
 from deux.mapping.pursuit import Target
 
 
@@ -21,7 +23,7 @@ class FrontierExplorer(GoalExplorer):
 
     Args:
         depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
-        choose: "nearest", the frontier at the end of the shortest path (Yamauchi); or "largest", a random place on
+        choose: "nearest", the frontier that takes the fewest actions, turns included (Yamauchi); or "largest", a random place on
             one of the three largest (the published agent of exploring_exploration).
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map.
@@ -49,18 +51,24 @@ class FrontierExplorer(GoalExplorer):
         """The depth image that the map is built from."""
         return depth_of(observation, self._depth)
 
-    def choose_target(self, distance: np.ndarray) -> Target | None:
+    def choose_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
         """A frontier; a random reachable place if none is left."""
         candidates = self.frontiers(distance)
         if len(candidates) == 0:
             row, column = self.free_places(distance, 1)[0]
             return Target(self.occupancy.frame.centre(row, column))
         if self._choose == "nearest":
-            index = int(np.argmin(candidates.lengths))
+            index = int(np.argmin(self._actions_to(pose, candidates)))
         else:
             largest = np.unique(candidates.frontier)[:3]
             index = int(self.rng.choice(np.flatnonzero(candidates.frontier == self.rng.choice(largest))))
         return self.frontier_target(candidates, index)
+
+    def _actions_to(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
+        """About how many actions each candidate costs: the turn to face it and the steps along the path."""
+        x, z = cell_centres(self.occupancy.frame, candidates.cells).T
+        turns = np.degrees(np.abs(heading_error(pose, x, z))) / self.robot.turn_angle
+        return turns + candidates.lengths * self.occupancy.resolution / self.robot.forward_step
 
     def target_is_stale(self, target: Target) -> bool:
         """Whether no frontier cell is left around the one that was chosen."""

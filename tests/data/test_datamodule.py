@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import torch
 from lightning import LightningModule, Trainer
+from lightning.fabric.utilities.apply_func import move_data_to_device
 from torch import Tensor, nn
+from torch.utils.data._utils.pin_memory import pin_memory
 from toy_world import ToySimulator, Wanderer, specification
 
 from deux.contracts import Augmentation, Batch, DepthModel, Prediction
@@ -77,7 +79,7 @@ def fit(data: TripletDataModule, epochs: int = 2, **settings: Any) -> list[Batch
 
 
 @pytest.mark.filterwarnings("ignore:.*does not have many workers")
-@pytest.mark.filterwarnings("ignore:.*GPU available")
+@pytest.mark.filterwarnings("ignore:.*isinstance.treespec, LeafSpec.*:FutureWarning")  # Lightning itself
 def test_lightning_trains_on_it(tmp_path: Path) -> None:
     data = module([build(tmp_path)])
     data.validation = [build(tmp_path, split="validation")]
@@ -156,7 +158,15 @@ def test_batches_can_be_pinned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     pinned: list[torch.Size] = []
     monkeypatch.setattr(Tensor, "pin_memory", lambda tensor: pinned.append(tensor.shape) or tensor)
     (batch, *_) = drawn(module([build(tmp_path, sparse=replace(specification().sparse, density=0.05))]))
-    from torch.utils.data._utils.pin_memory import pin_memory
-
     assert pin_memory(batch) is batch
     assert len(pinned) == 8  # seven tensors and the prepared one
+
+
+def test_batches_can_be_moved_to_a_device(tmp_path: Path) -> None:
+    (batch, *_) = drawn(module([build(tmp_path)]))
+    moved = move_data_to_device(batch, torch.device("meta"))
+    for name in ("image", "sources", "sparse_depth", "validity", "intrinsics", "source_from_target"):
+        assert getattr(moved, name).device.type == "meta"
+    assert moved.prepared["double"].device.type == "meta"
+    assert moved.ground_truth is None
+    assert batch.image.device.type == "cpu"

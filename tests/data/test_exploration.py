@@ -10,7 +10,7 @@ from toy_world import CAMERA, GuessingModel, ToyScene, ToySimulator, Wanderer, t
 from deux.contracts import Action, Need
 from deux.data.calibration import read_intrinsics, read_pose
 from deux.data.episodes import EpisodePlan
-from deux.data.exploration import explore
+from deux.data.exploration import MODEL_NEEDS, explore
 from deux.data.images import quantise_depth, read_depth, read_image, read_labels
 from deux.data.sparse import SparseSettings, sample_sparse
 from deux.errors import DeuxError
@@ -92,7 +92,7 @@ def test_an_explorer_is_given_what_it_declares_and_nothing_else(
         assert (seen.uncertainty is not None) == (Need.RESIDUAL in needs)
         assert (seen.labels is not None) == (Need.LABELS in needs)
     assert (tmp_path / "room-0/labels").exists() == (Need.LABELS in needs)
-    assert (tmp_path / "room-0/uncertainty.csv").exists() == (Need.RESIDUAL in needs)
+    assert (tmp_path / "room-0/uncertainty.csv").exists() == bool(MODEL_NEEDS & needs)
 
 
 def test_depth_is_given_as_the_files_hold_it(tmp_path: Path) -> None:

@@ -53,12 +53,12 @@ def test_fewer_pixels_with_depth_than_points_gives_them_all() -> None:
 
 def test_corners_come_first() -> None:
     image = np.zeros((100, 100, 3), np.uint8)
-    corners = [(r, c) for r in (20, 50, 80) for c in (20, 50, 80)]
-    for row, column in corners:
-        image[row : row + 10, column : column + 10] = 255
-    sparse = sample_sparse(image, np.ones((100, 100), np.float32), SparseSettings(36 / 10000))
+    squares = [(r, c) for r in (15, 55) for c in (15, 55)]
+    for row, column in squares:
+        image[row : row + 30, column : column + 30] = 255
+    sparse = sample_sparse(image, np.ones((100, 100), np.float32), SparseSettings(16 / 10000))
     points = np.argwhere(sparse > 0)
-    true_corners = np.array([(r + dr, c + dc) for r, c in corners for dr in (0, 9) for dc in (0, 9)])
+    true_corners = np.array([(r + dr, c + dc) for r, c in squares for dr in (0, 29) for dc in (0, 29)])
     distance = np.abs(points[:, None] - true_corners[None]).max(axis=-1)
     assert (distance.min(axis=1) <= 2).all()  # every point lies at a corner
     assert (distance.min(axis=0) <= 2).all()  # and every corner has its point
@@ -69,7 +69,7 @@ def test_a_rich_texture_does_not_take_all_points() -> None:
     image[:80] = noise(160)[:80]
     image[80:] += noise(160, seed=1)[80:] // 64
     points = sample_sparse(image, np.ones((160, 160), np.float32), PAPER) > 0
-    assert points[80:].sum() > 0.3 * points.sum()
+    assert points[80:].sum() >= 0.2 * points.sum()
 
 
 def test_the_image_alone_decides() -> None:

@@ -69,7 +69,7 @@ class ToySimulator:
             distances = np.maximum((ROOM[0] - pose[:3, 3]) / directions, (ROOM[1] - pose[:3, 3]) / directions)
         depth, axis = distances.min(axis=-1), distances.argmin(axis=-1)
         points = pose[:3, 3] + directions * depth[..., None]
-        phase = len(self.scene.identity) + np.array([3.0, 5.0, 7.0])
+        phase = 0.1 * len(self.scene.identity) + np.array([2.0, 2.5, 3.0])
         waves = np.sin(phase * points[..., [0, 1, 2]]) * np.sin(phase * points[..., [1, 2, 0]] + 1.0)
         rgb = (127.5 + 120.0 * waves).astype(np.uint8)
         return Frame(rgb, depth.astype(np.float32), pose, axis.astype(np.int32) if labels else None)
@@ -107,7 +107,7 @@ class Wanderer(Explorer):
 
     def map(self) -> ExplorerMap:
         frame = GridFrame(0.0, 0.0, 2, 3)
-        return ExplorerMap(frame, np.full(frame.shape, len(self.seen), np.int8))
+        return ExplorerMap(frame, np.full(frame.shape, len(self.seen) % 100, np.int8))
 
 
 class GuessingModel:

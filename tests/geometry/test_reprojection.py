@@ -79,6 +79,22 @@ def test_points_behind_the_camera_are_invisible_and_give_finite_gradients():
     assert torch.isfinite(depth.grad).all()
 
 
+@pytest.mark.parametrize("padding", ["border", "zeros"])
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e30])
+def test_broken_depth_is_invisible_and_harms_no_other_pixel(value, padding):
+    """A NaN in the sampled positions makes PyTorch's own backward pass write out of bounds."""
+    depth = torch.full((1, 1, 48, 64), 2.0)
+    depth[..., 7, 9] = value
+    depth.requires_grad_()
+    rebuilt, visible = reproject(noise(1, 1, 3, 48, 64), depth, K, poses((0.1, 0, 0.1)), padding)
+    rebuilt.sum().backward()
+    sound = torch.ones(48, 64, dtype=torch.bool)
+    sound[7, 9] = False
+    assert torch.isfinite(rebuilt).all()
+    assert torch.isfinite(depth.grad[0, 0][sound]).all()
+    assert value == 1e30 or not visible[..., 7, 9].any()
+
+
 def test_pixels_without_depth_are_invisible():
     depth = torch.full((1, 1, 48, 64), 2.0)
     depth[..., 10:20, 5:9] = 0.0

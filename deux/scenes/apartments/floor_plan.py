@@ -1,7 +1,7 @@
 """Floor plans: a rectangle split into rooms, joined by doorways, lit by windows."""
 
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, pairwise
 
 from deux.scenes.apartments.draws import Draws
 
@@ -9,6 +9,7 @@ WALL = 0.1
 """Thickness of the walls, metres."""
 
 DOOR_HEIGHT = 2.05
+LEAST_ROOMS, MOST_ROOMS = 4, 7
 CORNER_MARGIN = 0.2
 """Least distance of a doorway from the corner of a room, metres: room for its frame."""
 
@@ -83,6 +84,8 @@ def make_floor_plan(draws: Draws) -> FloorPlan:
     """Draw a plan of 35 to 90 square metres with 4 to 7 rooms, all joined by doorways."""
     while True:
         cells, hallway = _cells(draws)
+        if len(cells) < LEAST_ROOMS:
+            continue
         kinds = _kinds(cells, hallway, draws)
         doors = _doors(cells, kinds, draws)
         if doors is not None:
@@ -104,7 +107,7 @@ def _cells(draws: Draws) -> tuple[list[Cell], int | None]:
             break
     if depth >= 680 and width >= 700 and draws.chance(0.65):
         return _cells_along_hallway(width, depth, draws)
-    count = min(draws.integer(4, 7), width * depth // 8_0000)
+    count = min(draws.integer(LEAST_ROOMS, MOST_ROOMS), width * depth // 8_0000)
     cells: list[Cell] = [(0, 0, width, depth)]
     while len(cells) < count:
         cell = max(cells, key=lambda c: (c[2] - c[0]) * (c[3] - c[1]) * (1 + draws.integer(0, 40) / 100))
@@ -124,7 +127,7 @@ def _cells_along_hallway(width: int, depth: int, draws: Draws) -> tuple[list[Cel
         count = draws.integer(2, 3) if width >= 800 else 2
         weights = [draws.integer(80, 130) for _ in range(count)]
         edges = [round(width * sum(weights[:index]) / sum(weights) / 10) * 10 for index in range(count)] + [width]
-        cells += [(x0, z0, x1, z1) for x0, x1 in zip(edges[:-1], edges[1:], strict=True)]
+        cells += [(x0, z0, x1, z1) for x0, x1 in pairwise(edges)]
     return cells, 0
 
 
@@ -171,7 +174,7 @@ def _doors(cells: list[Cell], kinds: list[str], draws: Draws) -> list[Opening] |
     for _, a, b, wall in sorted(shared, key=lambda item: item[0]):
         joins = group[a] != group[b]
         group = [group[a] if member == group[b] else member for member in group]
-        loop_chance = 0.0 if "bathroom" in (kinds[a], kinds[b]) else 0.35
+        loop_chance = 0.0 if "bathroom" in (kinds[a], kinds[b]) else 0.6
         if joins or draws.chance(loop_chance):
             doors.append(_doorway(a, b, wall, kinds, draws))
     return doors if len(set(group)) == 1 else None
@@ -197,9 +200,7 @@ def _doorway(a: int, b: int, wall: tuple[str, int, int, int, bool], kinds: list[
     # Doors near a corner leave long walls for furniture.
     place = draws.choice((0.0, 0.0, 1.0, 1.0, draws.uniform(0.0, 1.0)))
     low = round(start / 100 + margin + (room - width) * place, 2)
-    return Opening(
-        axis, coordinate / 100, low, round(low + width, 2), 0.0, DOOR_HEIGHT, (b, a) if swapped else (a, b)
-    )
+    return Opening(axis, coordinate / 100, low, round(low + width, 2), 0.0, DOOR_HEIGHT, (b, a) if swapped else (a, b))
 
 
 def _windows(cells: list[Cell], rooms: tuple[Room, ...], draws: Draws) -> list[Opening]:
@@ -225,7 +226,7 @@ def _windows_in_wall(
     small = kind == "bathroom"
     width = draws.choice((0.6, 0.7)) if small else draws.choice((0.9, 1.1, 1.3, 1.6))
     bottom, top = (1.4, 2.0) if small else (draws.choice((0.85, 0.95, 1.05)), draws.choice((2.05, 2.15, 2.25)))
-    count = 2 if high - low > 3.6 and not small and draws.chance(0.5) else 1
+    count = 2 if high - low > 2.5 * width + 0.6 and not small and draws.chance(0.5) else 1
     if high - low < width + 0.5:
         return []
     windows = []

@@ -18,9 +18,11 @@ Turn = tuple[float, float]
 
 
 def furnish(space: RoomSpace, style: Style) -> None:
-    """Fill a room: curtains and radiators, the furniture of its kind, then what every room has."""
-    _dress_windows(space, style)
+    """Fill a room: the furniture of its kind, then curtains, radiators and what else every room has."""
+    if space.entrance and space.outer_sides:
+        space.against_wall(decor.front_door(style), tries=40, gap=0.002, at=space.outer_sides)
     ROOMS[space.room.kind](space, style)
+    _dress_windows(space, style)
     if style.draws.chance(0.7):
         space.against_wall(decor.plant(style))
     if style.draws.chance(0.2):
@@ -33,7 +35,7 @@ def furnish(space: RoomSpace, style: Style) -> None:
 
 def _living_room(space: RoomSpace, style: Style) -> None:
     couch = seating.sofa(style)
-    seat = space.against_wall(couch, tries=30)
+    seat = space.against_wall(couch, tries=60)
     if seat is not None:
         _lay_rug(space, style, seat.beside(0.0, couch.depth - 0.15))
         low_table = tables.coffee_table(style)
@@ -50,14 +52,17 @@ def _living_room(space: RoomSpace, style: Style) -> None:
 
 
 def _bedroom(space: RoomSpace, style: Style) -> None:
-    sleeping = storage.bed(style)
-    head = space.against_wall(sleeping, tries=40)
+    for width in (style.draws.choice((1.4, 1.6, 1.8)), 0.95):
+        sleeping = storage.bed(style, width)
+        head = space.against_wall(sleeping, tries=50)
+        if head is not None:
+            break
     if head is not None:
         for side in (-1, 1):
             stand = storage.nightstand(style)
             space.place(stand, head.beside(side * (sleeping.width / 2 + stand.width / 2 + 0.03), 0.0))
         _lay_rug(space, style, head.beside(style.draws.uniform(-0.5, 0.5), 1.0))
-    space.against_wall(storage.wardrobe(style), tries=25)
+    space.against_wall(storage.wardrobe(style), tries=50)
     for piece in (storage.dresser, seating.armchair, storage.bookshelf, decor.floor_lamp):
         if style.draws.chance(0.55):
             space.against_wall(piece(style))
@@ -110,7 +115,6 @@ def _bathroom(space: RoomSpace, style: Style) -> None:
 
 
 def _hallway(space: RoomSpace, style: Style) -> None:
-    space.against_wall(decor.front_door(style), tries=40, gap=0.002)
     space.against_wall(decor.coat_rack(style), up=style.draws.uniform(0.75, 0.85), gap=0.002)
     for piece in (storage.shoe_cabinet, storage.shoe_cabinet, seating.stool):
         space.against_wall(piece(style))
@@ -176,10 +180,14 @@ def _dress_windows(space: RoomSpace, style: Style) -> None:
     cloth = style.cloth()
     for side, low, high, bottom, top in space.windows:
         if curtained:
-            height = min(top + 0.18, space.height - 0.05)
-            model = decor.curtain(style, height, cloth)
-            for right in (low - model.width / 2 + 0.04, high + model.width / 2 - 0.04):
-                space.place(model, side.place(right, GAP), at_window=True)
+            rail = min(top + 0.18, space.height - 0.05)
+            # Where furniture stands at the window, the curtain ends above it.
+            for right in (low, high):
+                for foot in (0.0, bottom - 0.15):
+                    model = decor.curtain(style, round(rail - foot, 3), cloth)
+                    outer = right + (0.04 - model.width / 2) * (1 if right == low else -1)
+                    if space.place(model, side.place(outer, GAP, foot), at_window=True):
+                        break
         if bottom > 0.8 and style.draws.chance(0.6):
             space.place(decor.radiator(style, min(high - low - 0.1, 1.1)), side.place((low + high) / 2, GAP))
 

@@ -16,8 +16,16 @@ def bathtub(style: Style) -> Model:
     model.box((-half + 0.001, 0.0, rim), (-half + rim, height - 0.001, depth - rim), glaze)
     model.box((half - rim, 0.0, rim), (half - 0.001, height - 0.001, depth - rim), glaze)
     model.box((-half + rim, 0.0, rim), (half - rim, 0.15, depth - rim), glaze)
-    model.box((-half + 0.02, height, depth / 2 - 0.02), (-half + 0.05, height + 0.15, depth / 2 + 0.02), style.metal())
-    model.box((-half + 0.05, height + 0.1, depth / 2 - 0.015), (-half + 0.16, height + 0.13, depth / 2 + 0.015), style.metal())
+    model.box(
+        (-half + 0.02, height, depth / 2 - 0.02),
+        (-half + 0.05, height + 0.15, depth / 2 + 0.02),
+        style.metal(),
+    )
+    model.box(
+        (-half + 0.05, height + 0.1, depth / 2 - 0.015),
+        (-half + 0.16, height + 0.13, depth / 2 + 0.015),
+        style.metal(),
+    )
     return model
 
 
@@ -69,8 +77,12 @@ def washing_machine(style: Style) -> Model:
 def mirror_cabinet(style: Style) -> Model:
     """A shallow cabinet above the basin; its doors are painted, as nothing here reflects."""
     width = style.draws.uniform(0.45, 0.65)
-    model = Model("cabinet", width, 0.14, 0.6)
+    model = Model("cabinet", width, 0.14, 0.6, hangs=True)
     model.box((-width / 2, 0.0, 0.0), (width / 2, 0.6, 0.12), style.wood())
     for left in (-width / 2 + 0.004, 0.004):
-        model.box((left, 0.01, 0.12), (left + width / 2 - 0.008, 0.59, 0.135), style.pick("metal", "marble", "paint"))
+        model.box(
+            (left, 0.01, 0.12),
+            (left + width / 2 - 0.008, 0.59, 0.135),
+            style.pick("metal", "marble", "paint"),
+        )
     return model

@@ -8,7 +8,7 @@ from deux.scenes.apartments.surfaces import Surface
 def picture(style: Style) -> Model:
     """A framed painting."""
     width, height = style.draws.uniform(0.35, 1.0), style.draws.uniform(0.35, 0.8)
-    model = Model("picture", width, 0.03, height)
+    model = Model("picture", width, 0.03, height, hangs=True)
     frame, half, border = style.pick("wood", "paint", "metal"), width / 2, 0.035
     for left in (-half, half - border):
         model.box((left, 0.0, 0.0), (left + border, height, 0.03), frame)
@@ -43,7 +43,7 @@ def curtain(style: Style, height: float, surface: Surface) -> Model:
 def radiator(style: Style, width: float) -> Model:
     """A ribbed radiator for under a window."""
     model = Model("radiator", width, 0.12, 0.66)
-    surface, count = style.pick("enamel", "paint", "metal"), max(int(width / 0.11), 3)
+    surface, count = style.pick("enamel", "paint", "metal"), max(int(width / 0.16), 3)
     step = width / count
     for index in range(count):
         left = -width / 2 + index * step
@@ -76,7 +76,12 @@ def floor_lamp(style: Style) -> Model:
     """A standing lamp."""
     height = style.draws.uniform(1.45, 1.75)
     model = Model("lamp", 0.4, 0.4, height)
-    model.turned((0.0, 0.0, 0.2), [(0.0, 0.14), (0.03, 0.13), (0.05, 0.02), (height - 0.25, 0.015)], style.metal(), sides=8)
+    model.turned(
+        (0.0, 0.0, 0.2),
+        [(0.0, 0.14), (0.03, 0.13), (0.05, 0.02), (height - 0.25, 0.015)],
+        style.metal(),
+        sides=8,
+    )
     model.turned((0.0, height - 0.3, 0.2), [(0.0, 0.2), (0.3, 0.12)], style.pick("linen", "weave", "plaid"), sides=10)
     return model
 

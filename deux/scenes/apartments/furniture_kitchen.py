@@ -63,16 +63,20 @@ def refrigerator(style: Style) -> Model:
     model.box((-half, 0.02, 0.0), (half, height, 0.58), body)
     for foot, top in ((0.06, split - 0.005), (split + 0.005, height - 0.01)):
         model.box((-half + 0.004, foot, 0.58), (half - 0.004, top, 0.62), body)
-        model.box((-half + 0.04, (foot + top) / 2 - 0.12, 0.62), (-half + 0.065, (foot + top) / 2 + 0.12, 0.64), style.metal())
-    for _ in range(style.draws.integer(2, 4)):
+        model.box(
+            (-half + 0.04, (foot + top) / 2 - 0.12, 0.62),
+            (-half + 0.065, (foot + top) / 2 + 0.12, 0.64),
+            style.metal(),
+        )
+    for index in range(style.draws.integer(2, 4)):
         x, y = style.draws.uniform(-half + 0.12, half - 0.16), style.draws.uniform(split + 0.1, height - 0.25)
-        model.box((x, y, 0.62), (x + 0.1, y + 0.14, style.draws.uniform(0.623, 0.628)), style.picture(), label="picture")
+        model.box((x, y, 0.62), (x + 0.1, y + 0.14, 0.623 + 0.002 * index), style.picture(), label="picture")
     return model
 
 
 def wall_cabinet(style: Style, width: float, front: Surface) -> Model:
     """A cabinet that hangs above the worktop; a board with pots and books in some kitchens."""
-    model = Model("cabinet", width, 0.33, 0.62)
+    model = Model("cabinet", width, 0.33, 0.62, hangs=True)
     half = width / 2
     if style.draws.chance(0.25):
         model.box((-half, 0.0, 0.0), (half, 0.03, 0.3), style.wood())

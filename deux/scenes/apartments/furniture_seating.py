@@ -48,7 +48,11 @@ def cushion(style: Style) -> Model:
 
 def chair(style: Style) -> Model:
     """A chair with four legs and a back with slats or a panel."""
-    width, depth, seat = style.draws.uniform(0.4, 0.48), style.draws.uniform(0.42, 0.5), style.draws.uniform(0.43, 0.47)
+    width, depth, seat = (
+        style.draws.uniform(0.4, 0.48),
+        style.draws.uniform(0.42, 0.5),
+        style.draws.uniform(0.43, 0.47),
+    )
     height = style.draws.uniform(0.82, 0.98)
     frame, cover = style.wood(), style.cloth() if style.draws.chance(0.6) else style.wood()
     model = Model("chair", width, depth, height)

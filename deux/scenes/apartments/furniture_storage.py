@@ -6,9 +6,9 @@ from deux.scenes.apartments.style import Style
 from deux.scenes.apartments.surfaces import Surface
 
 
-def bed(style: Style) -> Model:
+def bed(style: Style, width: float) -> Model:
     """A single or double bed with its head at the wall."""
-    width, depth = style.draws.choice((0.95, 1.4, 1.6, 1.8)), style.draws.uniform(1.95, 2.1)
+    depth = style.draws.uniform(1.95, 2.1)
     wood, cover, sheet = style.wood(), style.linen(), style.linen()
     head = style.draws.uniform(0.8, 1.15)
     model = Model("bed", width, depth, head, front=0.3)
@@ -36,7 +36,7 @@ def wardrobe(style: Style) -> Model:
     """A wardrobe with two to four doors."""
     doors = style.draws.integer(2, 4)
     width, height = doors * style.draws.uniform(0.42, 0.52), style.draws.uniform(1.95, 2.2)
-    model = Model("wardrobe", width, 0.6, height, front=0.5)
+    model = Model("wardrobe", width, 0.6, height, front=0.4)
     body, front = style.wood(), style.front()
     model.box((-width / 2, 0.0, 0.0), (width / 2, height, 0.57), body)
     _fronts(model, (0.1, height - 0.06), doors, 1, 0.57, front, style.metal())
@@ -81,7 +81,7 @@ def bookshelf(style: Style) -> Model:
 def wall_shelf(style: Style) -> Model:
     """A board on the wall with a row of books."""
     width = style.draws.uniform(0.6, 1.1)
-    model = Model("shelf", width, 0.22, 0.3)
+    model = Model("shelf", width, 0.22, 0.3, hangs=True)
     model.box((-width / 2, 0.0, 0.0), (width / 2, 0.025, 0.22), style.wood())
     model.box((-width / 2, -0.06, 0.0), (width / 2, 0.0, 0.02), style.metal())
     model.add(book_row(style, width - 0.06, 0.2, 0.27), 0.0, 0.025, 0.01)
@@ -94,7 +94,13 @@ def television(style: Style) -> Model:
     half, foot = style.draws.uniform(0.45, 0.58), model.height
     model.box((-0.2, foot + 0.002, 0.1), (0.2, foot + 0.02, 0.3), style.metal(), label="tv")
     model.box((-0.04, foot + 0.02, 0.17), (0.04, foot + 0.1, 0.2), style.metal(), label="tv")
-    model.box((-half, foot + 0.08, 0.18), (half, foot + 0.1 + half * 1.1, 0.22), style.metal(), front=style.picture(), label="tv")
+    model.box(
+        (-half, foot + 0.08, 0.18),
+        (half, foot + 0.1 + half * 1.1, 0.22),
+        style.metal(),
+        front=style.picture(),
+        label="tv",
+    )
     model.height = round(foot + 0.1 + half * 1.1, 3)
     return model
 
@@ -117,7 +123,11 @@ def _fronts(
     for column in range(columns):
         for row in range(rows):
             left, foot = -model.width / 2 + 0.02 + column * width, rise[0] + row * height
-            model.box((left + 0.006, foot + 0.006, z), (left + width - 0.006, foot + height - 0.006, z + 0.016), front)
+            model.box(
+                (left + 0.006, foot + 0.006, z),
+                (left + width - 0.006, foot + height - 0.006, z + 0.016),
+                front,
+            )
             x, y = left + width / 2, foot + height / 2
             if height > width:
                 x += width * (0.36 if column % 2 == 0 else -0.36)

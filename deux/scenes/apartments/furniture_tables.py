@@ -28,7 +28,11 @@ def round_table(style: Style) -> Model:
 
 def coffee_table(style: Style) -> Model:
     """A low table with a lower board."""
-    width, depth, height = style.draws.uniform(0.8, 1.2), style.draws.uniform(0.48, 0.62), style.draws.uniform(0.36, 0.45)
+    width, depth, height = (
+        style.draws.uniform(0.8, 1.2),
+        style.draws.uniform(0.48, 0.62),
+        style.draws.uniform(0.36, 0.45),
+    )
     model = _four_legged("table", width, depth, height, style)
     model.box((-width / 2 + 0.05, 0.12, 0.05), (width / 2 - 0.05, 0.14, depth - 0.05), style.wood())
     _strew(model, style, style.draws.integer(1, 3))

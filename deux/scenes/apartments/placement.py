@@ -1,12 +1,13 @@
 """Where furniture may stand in a room: nothing overlaps, doorways and windows stay clear, every door can be reached."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
 from deux.scenes.apartments.draws import Draws
-from deux.scenes.apartments.floor_plan import FloorPlan, Room
+from deux.scenes.apartments.floor_plan import WALL, FloorPlan, Room
 from deux.scenes.apartments.mesh_builder import MeshBuilder, Placement
 from deux.scenes.apartments.shapes import Model
 from deux.scenes.apartments.walls import Side, sides
@@ -15,13 +16,13 @@ GAP = 0.025
 """Distance of furniture from the wall, more than skirting boards and door frames stand out, metres."""
 
 WALK_CELL = 0.1
-WALK_RADIUS = 0.3
+WALK_RADIUS = 0.32
 """Cell of the walking grid and radius of what must be able to pass between all doors of a room, metres."""
 
 HEAD_HEIGHT = 1.6
 """What hangs higher than this does not stop a robot, metres."""
 
-LEAST_OPEN_SHARE = 0.9
+LEAST_OPEN_SHARE = 0.8
 """Least share of the free cells of a room that hang together."""
 
 
@@ -69,6 +70,10 @@ class RoomSpace:
         self.room: Room = plan.rooms[index]
         self.sides = sides(self.room)
         self.height = plan.height
+        bounds = [max(room.x1 for room in plan.rooms), max(room.z1 for room in plan.rooms)]
+        self.outer_sides = [side for side in self.sides if side.wall < WALL or side.wall == bounds[side.axis == "x"]]
+        kinds = {room.kind for room in plan.rooms}
+        self.entrance = self.room.kind == ("hallway" if "hallway" in kinds else "living room")
         self.windows: list[tuple[Side, float, float, float, float]] = []
         self._builder = builder
         self._draws = draws
@@ -99,7 +104,12 @@ class RoomSpace:
                 self.windows.append((side, low, high, opening.bottom, opening.top))
 
     def place(
-        self, model: Model, placement: Placement, *, ignoring: Placement | None = None, at_window: bool = False
+        self,
+        model: Model,
+        placement: Placement,
+        *,
+        ignoring: Placement | None = None,
+        at_window: bool = False,
     ) -> Placement | None:
         """Put a model where it is told to, and return the placement; None, and nothing done, where it does not fit.
 
@@ -127,10 +137,18 @@ class RoomSpace:
         self._builder.add(model, placement)
         return placement
 
-    def against_wall(self, model: Model, *, up: float = 0.0, tries: int = 12, gap: float = GAP) -> Placement | None:
-        """Put a model with its back to a wall, often into a corner; `up` hangs it at that height."""
+    def against_wall(
+        self,
+        model: Model,
+        *,
+        up: float = 0.0,
+        tries: int = 12,
+        gap: float = GAP,
+        at: Sequence[Side] | None = None,
+    ) -> Placement | None:
+        """Put a model with its back to a wall (one of `at`, if given), often into a corner; `up` hangs it that high."""
         for _ in range(tries):
-            side = self._draws.choice(self.sides)
+            side = self._draws.choice(at or self.sides)
             room = side.length / 2 - model.width / 2 - 2 * GAP
             if room <= 0.0:
                 continue
@@ -194,6 +212,6 @@ class RoomSpace:
 
 
 def _stands_at(solid: Block, placement: Placement) -> bool:
-    """Whether the box is that of the model at this placement: its back's middle lies on the box's border."""
+    """Whether the box is that of the model at this placement: it holds the point just inside the model's back."""
     inside = placement.beside(0.0, 0.05)
     return solid.x0 < inside.x < solid.x1 and solid.z0 < inside.z < solid.z1

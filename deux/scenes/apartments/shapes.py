@@ -43,6 +43,7 @@ def rectangle(origin: Point, right: Point, up: Point, surface: Surface, label: s
     uv = _lay(np.zeros((1, 2)), np.array([[width, height]]), surface)
     return Quads(corners[None], uv, surface, label)
 
+
 # Corners of the faces of a box, counter-clockwise from outside from the lower left one: 0 takes the least coordinate,
 # 1 the greatest. Front, back, right, left, top, bottom; then the axes along which u and v run.
 _BOX_CORNERS = np.array(
@@ -93,25 +94,42 @@ class Model:
         depth: extent along z, metres.
         height: extent along y, metres.
         front: metres in front of it that must stay free, such as for opening a door.
+        hangs: whether it hangs: what stands needs no faces at its foot, height 0.
     """
 
-    def __init__(self, label: str, width: float, depth: float, height: float, front: float = 0.0) -> None:
+    def __init__(
+        self,
+        label: str,
+        width: float,
+        depth: float,
+        height: float,
+        *,
+        front: float = 0.0,
+        hangs: bool = False,
+    ) -> None:
         self.label = label
         self.width = width
         self.depth = depth
         self.height = height
         self.front = front
+        self.hangs = hangs
         self.parts: list[Quads] = []
 
     def box(
-        self, low: Point, high: Point, surface: Surface, *, front: Surface | None = None, label: str | None = None
+        self,
+        low: Point,
+        high: Point,
+        surface: Surface,
+        *,
+        front: Surface | None = None,
+        label: str | None = None,
     ) -> None:
         """An axis-aligned box from its least to its greatest corner; `front` covers its +z face.
 
-        A face that lies on the floor is left out.
+        The lower face of a box at the foot of a standing model is left out.
         """
         name = label or self.label
-        faces = SIDE_FACES if low[1] <= 0.0 else ALL_FACES
+        faces = ALL_FACES if low[1] > 0.0 or self.hangs else SIDE_FACES
         if front is not None:
             self.parts.append(_box_faces(low, high, FRONT_FACE, front, name))
             faces = faces[1:]
@@ -143,7 +161,7 @@ class Model:
         corners, uv = _lathe(rings, [radius for _, radius in profile])
         if axis == "z":
             corners = np.stack([corners[..., 0], -corners[..., 2], corners[..., 1]], axis=-1)
-        if axis == "y" and base[1] <= 0.0:
+        if axis == "y" and base[1] <= 0.0 and not self.hangs:
             corners, uv = corners[: -(sides // 2 - 1)], uv[: -(sides // 2 - 1)]
         if STUFFS[surface.stuff].fit != "none":
             uv = np.broadcast_to(_UNIT_UV, uv.shape)
@@ -168,7 +186,8 @@ def _lathe(rings: np.ndarray, radii: Sequence[float]) -> tuple[np.ndarray, np.nd
     v_low, v_high = np.repeat(along[:-1], count), np.repeat(along[1:], count)
     u = np.tile(u, len(rings) - 1)
     side_uv = np.stack(
-        [np.stack(pair, axis=-1) for pair in ((u, v_low), (u + edge, v_low), (u + edge, v_high), (u, v_high))], axis=1
+        [np.stack(pair, axis=-1) for pair in ((u, v_low), (u + edge, v_low), (u + edge, v_high), (u, v_high))],
+        axis=1,
     )
     # A fan of quadrilaterals covers the cap of an even polygon.
     order = [[0, i + 1, i + 2, i + 3] for i in range(0, count - 2, 2)]

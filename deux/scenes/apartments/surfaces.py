@@ -67,7 +67,14 @@ STUFFS: dict[str, Stuff] = {
 }
 """All that a flat can be made of. Texels are 4 to 5 mm; the larger textures serve floors, walls and ceilings."""
 
-TINTS: tuple[Color, ...] = ((255, 255, 255), (255, 243, 226), (232, 242, 255), (224, 220, 214), (240, 222, 214), (222, 232, 216))
+TINTS: tuple[Color, ...] = (
+    (255, 255, 255),
+    (255, 243, 226),
+    (232, 242, 255),
+    (224, 220, 214),
+    (240, 222, 214),
+    (222, 232, 216),
+)
 """Tints that are multiplied onto the textures: none, warm, cool, grey, reddish, greenish."""
 
 
@@ -107,7 +114,11 @@ class Surfaces:
     def materials(self) -> tuple[Material, ...]:
         """The materials entered so far, in the order of their indices."""
         return tuple(
-            Material(f"{surface.stuff}-{surface.variant}", surface.tint, self._texture(surface.stuff, surface.variant))
+            Material(
+                f"{surface.stuff}-{surface.variant}",
+                surface.tint,
+                self._texture(surface.stuff, surface.variant),
+            )
             for surface in self._materials
         )
 

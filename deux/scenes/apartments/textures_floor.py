@@ -86,8 +86,8 @@ def terrazzo(canvas: Canvas) -> np.ndarray:
     """Chips of several stones in a light ground."""
     tone = canvas.tint(canvas.draws.choice(STONE_TONES))
     image = canvas.blend(scaled(tone, 0.75), scaled(tone, 1.15), 0.5 + canvas.mottle(4, 32) * 0.3)
-    for cells in (64, 32, 32, 16):
-        chips = np.clip((canvas.mottle(cells // 2, cells, 1.3) - 1.1) * 3.0, 0.0, 1.0)
+    for cells in (128, 64, 64, 32):
+        chips = np.clip((canvas.mottle(cells // 2, cells, 1.5) - 1.1) * 3.0, 0.0, 1.0)
         chip_tone = scaled(canvas.draws.choice(WOOD_TONES + STONE_TONES), canvas.draws.uniform(0.4, 0.9))
         image = canvas.blend(image, canvas.tint(chip_tone), chips)
     return image

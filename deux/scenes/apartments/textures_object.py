@@ -10,7 +10,8 @@ FABRIC_TONES: tuple[Color, ...] = (
     (196, 124, 84), (110, 110, 118), (204, 190, 160),
 )  # fmt: skip
 PAINT_TONES: tuple[Color, ...] = (
-    (222, 216, 204), (206, 212, 206), (150, 172, 160), (140, 160, 178), (214, 196, 160), (176, 120, 100), (120, 130, 128),
+    (222, 216, 204), (206, 212, 206), (150, 172, 160), (140, 160, 178), (214, 196, 160), (176, 120, 100),
+    (120, 130, 128),
 )  # fmt: skip
 
 
@@ -54,7 +55,9 @@ def linen(canvas: Canvas) -> np.ndarray:
 
 def leather(canvas: Canvas) -> np.ndarray:
     """Worn leather with a net of folds."""
-    tone = canvas.tint(canvas.draws.choice(((122, 78, 54), (92, 88, 92), (160, 116, 80), (110, 58, 50), (190, 174, 150))))
+    tone = canvas.tint(
+        canvas.draws.choice(((122, 78, 54), (92, 88, 92), (160, 116, 80), (110, 58, 50), (190, 174, 150)))
+    )
     folds = canvas.veins(16, 64, 1.6) * 0.3 + canvas.veins(8, 16, 3.0) * 0.18
     t = 0.62 + canvas.mottle(4, 32, 0.85) * 0.2 - folds
     return canvas.blend(scaled(tone, 0.42), scaled(tone, 1.45), t)

@@ -53,9 +53,9 @@ def abstract(canvas: Canvas) -> np.ndarray:
     image = canvas.blend(scaled(ground, 0.6), scaled(ground, 1.15), 0.55 + canvas.streaks(12, 40) * 0.2)
     strength = 0.85 + canvas.mottle(8, 32) * 0.12
     for _ in range(canvas.draws.integer(9, 15)):
-        x, y = (np.float32(canvas.draws.uniform(0.05, 0.95) * canvas.size) for _ in range(2))
-        radius = np.float32(canvas.draws.uniform(0.06, 0.24) * canvas.size)
-        slope = np.float32(canvas.draws.uniform(-1.0, 1.0))
+        x, y = (canvas.draws.uniform(0.05, 0.95) * canvas.size for _ in range(2))
+        radius = canvas.draws.uniform(0.06, 0.24) * canvas.size
+        slope = canvas.draws.uniform(-1.0, 1.0)
         across, down = canvas.x - x + (canvas.y - y) * slope, canvas.y - y
         kind = canvas.draws.integer(0, 2)
         round_distance = np.sqrt((canvas.x - x) * (canvas.x - x) + down * down)
@@ -74,8 +74,8 @@ def still_life(canvas: Canvas) -> np.ndarray:
     ground = scaled(canvas.draws.choice(ACCENT_TONES), 0.7)
     image = canvas.blend(scaled(ground, 0.5), scaled(ground, 1.5), 0.5 + canvas.mottle(2, 32) * 0.28)
     for _ in range(canvas.draws.integer(7, 11)):
-        x, y = (np.float32(canvas.draws.uniform(0.12, 0.88) * canvas.size) for _ in range(2))
-        radius = np.float32(canvas.draws.uniform(0.09, 0.2) * canvas.size)
+        x, y = (canvas.draws.uniform(0.12, 0.88) * canvas.size for _ in range(2))
+        radius = canvas.draws.uniform(0.09, 0.2) * canvas.size
         p, q = (canvas.x - x) / radius, (canvas.y - y) / radius
         distance = np.sqrt(p * p + q * q)
         real, imaginary = p, q

@@ -1,5 +1,6 @@
 """The building: floors, walls, ceilings, doorways and windows, closed all round."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,7 +12,7 @@ from deux.scenes.apartments.shapes import Model, Quads, rectangle
 from deux.scenes.apartments.style import Style
 from deux.scenes.apartments.surfaces import Surface
 
-TILE = 0.6
+TILE = 0.75
 """Greatest edge of the quadrilaterals of floors, walls and ceilings, metres; light varies from corner to corner."""
 
 NICHE = 0.14
@@ -118,16 +119,20 @@ def build_structure(plan: FloorPlan, style: Style, builder: MeshBuilder) -> None
 
 def _lines(fixed: list[float]) -> np.ndarray:
     """The fixed coordinates, and more between them so that none are farther apart than TILE."""
-    marks = sorted(set(round(mark, 3) for mark in fixed))
+    marks = sorted({round(mark, 3) for mark in fixed})
     lines = [
         np.linspace(start, end, int(np.ceil(round((end - start) / TILE, 3))) + 1)[:-1]
-        for start, end in zip(marks[:-1], marks[1:], strict=True)
+        for start, end in itertools.pairwise(marks)
     ]
     return np.append(np.concatenate(lines), marks[-1])
 
 
 def _sheet(
-    u: np.ndarray, v: np.ndarray, keep: Callable[[np.ndarray, np.ndarray], np.ndarray], surface: Surface, label: str
+    u: np.ndarray,
+    v: np.ndarray,
+    keep: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    surface: Surface,
+    label: str,
 ) -> Quads:
     """Quadrilaterals between the lines u and v in the plane (u, v, 0), where `keep` holds at their centres."""
     low_u, low_v = np.meshgrid(u[:-1], v[:-1], indexing="ij")
@@ -144,14 +149,22 @@ def _level(room: Room, surface: Surface, label: str, height: float) -> list[Quad
     facing = 1.0 if height == 0.0 else -1.0
     z_low, z_high = sorted((-facing * room.z0, -facing * room.z1))
     plane = _sheet(
-        _lines([room.x0, room.x1]), _lines([z_low, z_high]), lambda u, v: np.ones(u.shape, bool), surface, label
+        _lines([room.x0, room.x1]),
+        _lines([z_low, z_high]),
+        lambda u, v: np.ones(u.shape, bool),
+        surface,
+        label,
     )
     x, z = plane.corners[..., 0], -facing * plane.corners[..., 1]
     return [Quads(np.stack([x, np.full(x.shape, height), z], axis=-1), plane.uv, surface, label)]
 
 
 def _wall(
-    side: Side, height: float, openings: list[Opening], covering: tuple[Surface, Surface, float], builder: MeshBuilder
+    side: Side,
+    height: float,
+    openings: list[Opening],
+    covering: tuple[Surface, Surface, float],
+    builder: MeshBuilder,
 ) -> None:
     """One wall with its openings cut out, in two coverings if the border between them is not at 0."""
     lower, upper, border = covering
@@ -170,7 +183,9 @@ def _wall(
             builder.extend([Quads(place.apply(sheet.corners), sheet.uv + shift, surface, "wall")])
 
 
-def _outside(holes: list[tuple[float, float, float, float]]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def _outside(
+    holes: list[tuple[float, float, float, float]],
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     def outside(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         inside = [(u > left) & (u < right) & (v > bottom) & (v < top) for left, right, bottom, top in holes]
         return ~np.logical_or.reduce(inside) if inside else np.ones(u.shape, dtype=bool)
@@ -183,7 +198,11 @@ def _skirting(side: Side, doors: list[tuple[float, float]], surface: Surface, bu
     model = Model("wall", side.length, SKIRTING_DEPTH, SKIRTING_HEIGHT)
     # One of two walls that meet leaves the corner to the other.
     end = side.length / 2 - (SKIRTING_DEPTH if side.axis == "z" else 0.0)
-    edges = [-end, *(edge for low, high in sorted(doors) for edge in (low - CASING_WIDTH, high + CASING_WIDTH)), end]
+    edges = [
+        -end,
+        *(edge for low, high in sorted(doors) for edge in (low - CASING_WIDTH, high + CASING_WIDTH)),
+        end,
+    ]
     for low, high in zip(edges[::2], edges[1::2], strict=True):
         if high - low > 0.02:
             model.box((low, 0.0, 0.0), (high, SKIRTING_HEIGHT, SKIRTING_DEPTH), surface)
@@ -241,5 +260,5 @@ def _window(width: float, opening: Opening, style: Style) -> Model:
         model.box((left, bottom, back), (left + bar, top, front), trim)
     for foot in (bottom, top - bar):
         model.box((-half, foot, back), (half, foot + bar, front - 0.005), trim)
-    model.box((-half - 0.05, bottom - 0.03, 0.0), (half + 0.05, bottom - 0.002, 0.05), trim)
+    model.box((-half - 0.05, bottom - 0.03, 0.0), (half + 0.05, bottom - 0.002, 0.022), trim)
     return model

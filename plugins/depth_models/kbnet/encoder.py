@@ -85,9 +85,7 @@ class KBNetEncoder(nn.Module):
         depth_filters: channels of the depth branch, level by level.
     """
 
-    def __init__(
-        self, depth_channels: int, image_filters: Sequence[int], depth_filters: Sequence[int]
-    ) -> None:
+    def __init__(self, depth_channels: int, image_filters: Sequence[int], depth_filters: Sequence[int]) -> None:
         super().__init__()
         self.conv0_image = Convolution(3, image_filters[0])
         self.conv0_depth = Convolution(depth_channels, depth_filters[0])

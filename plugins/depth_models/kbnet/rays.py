@@ -18,7 +18,7 @@ def camera_rays(intrinsics: Tensor, size: tuple[int, int], finer_size: tuple[int
         finer_size: size of the level before it; at the first level its own.
 
     Returns:
-        N x 3 x H_l x W_l float32.
+        N x 3 x H_l x W_l float32, channels last in memory.
     """
     height, width = size
     scale_y, scale_x = height / finer_size[0], width / finer_size[1]
@@ -27,4 +27,4 @@ def camera_rays(intrinsics: Tensor, size: tuple[int, int], finer_size: tuple[int
     v = torch.arange(height, device=k.device, dtype=torch.float32)[None, :, None]
     y = (v - scale_y * k[:, 1, 2]) / (scale_y * k[:, 1, 1])
     x = (u - scale_x * k[:, 0, 2] - scale_x * k[:, 0, 1] * y) / (scale_x * k[:, 0, 0])
-    return torch.stack([x, y.expand_as(x), torch.ones_like(x)], dim=1)
+    return torch.stack([x, y.expand_as(x), torch.ones_like(x)], dim=-1).permute(0, 3, 1, 2)

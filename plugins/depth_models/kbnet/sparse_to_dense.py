@@ -36,5 +36,5 @@ class SparseToDensePool(nn.Module):
         nearest = [sliding_min_of_points(sparse_depth, window) for window in self.min_pools]
         farthest = [sliding_max(sparse_depth, window) for window in self.max_pools]
         pools = self.pool_convs(torch.cat(nearest + farthest, dim=1))
-        points = torch.cat([sparse_depth, validity], dim=1).to(pools.dtype)
+        points = torch.cat([sparse_depth, validity], dim=1).to(pools.dtype, memory_format=torch.channels_last)
         return self.conv(torch.cat([pools, points], dim=1))

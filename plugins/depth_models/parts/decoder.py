@@ -51,9 +51,7 @@ class UpConvolution(nn.Module):
 class DecoderBlock(nn.Module):
     """One level up: enlarge, join with the skip connection where there is one, convolve."""
 
-    def __init__(
-        self, in_channels: int, skip_channels: int, out_channels: int, batch_norm: bool = False
-    ) -> None:
+    def __init__(self, in_channels: int, skip_channels: int, out_channels: int, batch_norm: bool = False) -> None:
         super().__init__()
         self.deconv = UpConvolution(in_channels, out_channels, batch_norm)
         self.conv = Convolution(out_channels + skip_channels, out_channels, batch_norm=batch_norm)

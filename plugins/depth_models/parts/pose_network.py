@@ -55,8 +55,7 @@ class PoseDecoder(nn.Module):
         super().__init__()
         last = Convolution(channels, 6, kernel=1, activation="linear")
         before = (
-            Convolution(channels, channels, stride=2, activation="relu", batch_norm=True)
-            for _ in range(convolutions)
+            Convolution(channels, channels, stride=2, activation="relu", batch_norm=True) for _ in range(convolutions)
         )
         # The published names differ: conv.<index> where there are several convolutions, conv where there is one.
         self.conv = nn.Sequential(*before, last) if convolutions else last

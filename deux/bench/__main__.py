@@ -1,0 +1,92 @@
+"""The benchmarks from the command line: `python -m deux.bench [render|explore|train|all] [--quick] [--json PATH]`."""
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from deux.errors import DeuxError
+
+if TYPE_CHECKING:
+    from deux.bench.report import Table
+
+BENCHMARKS = ("render", "explore", "train")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the benchmarks and return the exit code: 0, or 1 after a mistake of the user's, told on stderr."""
+    options = _parser().parse_args(arguments)
+    try:
+        _run(options)
+    except DeuxError as error:
+        print(f"deux: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m deux.bench",
+        description="Measure how fast deux renders, explores and trains here. What is compared takes turns within one "
+        "run, so ratios hold on a busy machine too; each number is a median with its 10th and 90th percentile.",
+    )
+    parser.add_argument("benchmark", nargs="?", default="all", choices=[*BENCHMARKS, "all"], help="default: all")
+    parser.add_argument("--quick", action="store_true", help="small and short: two minutes for all")
+    parser.add_argument("--json", type=Path, metavar="PATH", help="write the numbers to this file, too")
+    parser.add_argument(
+        "--scene", type=Path, metavar="PATH", help="scene file to render in place of the flat with its faces split"
+    )
+    parser.add_argument(
+        "--model",
+        metavar="NAME",
+        help="depth model that guides explorers, untrained; default: the first that is installed and unsupervised",
+    )
+    parser.add_argument(
+        "--threads", type=_positive, metavar="N", help="threads of torch and OpenCV; default: all cores"
+    )
+    return parser
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of 1 or more")
+    return int(text)
+
+
+def _run(options: argparse.Namespace) -> None:
+    # Imported here because they bring torch, which `--help` must not wait for.
+    from deux.bench.machine import prepare_machine
+    from deux.bench.report import make_console, print_table
+    from deux.data.atomic import write_json
+
+    console = make_console()
+    machine = prepare_machine(options.threads)
+    console.print(str(machine), markup=False, end="\n\n")
+    tables = []
+    for name in BENCHMARKS if options.benchmark == "all" else [options.benchmark]:
+        with console.status(f"{name} ..."):
+            for table in _tables(name, options):
+                print_table(console, table)
+                tables.append(table)
+    if options.json is not None:
+        write_json(options.json, {"machine": machine.as_json(), "tables": [table.as_json() for table in tables]})
+
+
+def _tables(name: str, options: argparse.Namespace) -> "Iterator[Table]":
+    if name == "render":
+        from deux.bench import render
+
+        return render.measure_rendering(render.QUICK if options.quick else render.RenderSettings(), options.scene)
+    if name == "explore":
+        from deux.bench import explore
+
+        settings = explore.QUICK if options.quick else explore.ExploreSettings()
+        return explore.measure_exploration(settings, options.model)
+    from deux.bench import train
+
+    return train.measure_training(train.QUICK if options.quick else train.TrainSettings())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""What the numbers were measured on."""
+
+import os
+import platform
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cv2
+import torch
+
+PACKAGES = ("deux", "torch", "lightning", "numpy", "numba", "embreex", "pyrender")
+"""The packages whose versions matter."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine, without a name.
+
+    Args:
+        processor: the processor's model.
+        cores: number of cores that this process may use.
+        threads: number of threads of torch and OpenCV in this process.
+        accelerator: the graphics card that training uses, or "none".
+        load: load average of the last minute; above 0 somebody else is at work.
+        versions: of Python and the packages that matter.
+    """
+
+    processor: str
+    cores: int
+    threads: int
+    accelerator: str
+    load: float
+    versions: dict[str, str]
+
+    def __str__(self) -> str:
+        versions = ", ".join(f"{name} {number}" for name, number in self.versions.items())
+        return (
+            f"{self.cores} cores of {self.processor}, {self.threads} threads of torch and OpenCV, accelerator: "
+            f"{self.accelerator}, load average at the start {self.load:.1f}; {versions}"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON values."""
+        return asdict(self)
+
+
+def prepare_machine(threads: int | None) -> Machine:
+    """Set the number of threads of this process (all cores if None) and describe the machine."""
+    count = threads or cores()
+    torch.set_num_threads(count)
+    cv2.setNumThreads(count)
+    return Machine(
+        processor=_processor(),
+        cores=cores(),
+        threads=count,
+        accelerator=torch.cuda.get_device_name() if torch.cuda.is_available() else "none",
+        load=os.getloadavg()[0],
+        versions={"Python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    )
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.machine()

@@ -1,0 +1,63 @@
+"""Tables of measurements, for people and as JSON."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from deux.bench.timing import Spread
+
+Value = str | int | Spread
+
+
+@dataclass(frozen=True)
+class Table:
+    """What one benchmark found.
+
+    Args:
+        name: of the benchmark, a short word.
+        title: what was measured.
+        rows: values by the names of their columns, which all rows share.
+        notes: what a reader must know, such as what was left out and why.
+    """
+
+    name: str
+    title: str
+    rows: tuple[Mapping[str, Value], ...]
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """JSON values; a spread is an object with `median`, `low` and `high`."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "rows": [
+                {column: asdict(value) if isinstance(value, Spread) else value for column, value in row.items()}
+                for row in self.rows
+            ],
+            "notes": list(self.notes),
+        }
+
+
+def make_console() -> Console:
+    """Standard output: coloured tables on a terminal, and Markdown of unlimited width elsewhere."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=1000)
+
+
+def print_table(console: Console, table: Table) -> None:
+    """Print a table with its title above and its notes below it."""
+    plain = not console.is_terminal
+    drawn = RichTable(box=box.MARKDOWN if plain else box.SIMPLE)
+    for column in table.rows[0] if table.rows else ():
+        drawn.add_column(column, justify="left" if isinstance(table.rows[0][column], str) else "right")
+    for row in table.rows:
+        drawn.add_row(*(str(value) for value in row.values()))
+    console.print(table.title, style="bold", markup=False)
+    console.print(drawn)
+    for note in table.notes:
+        console.print(note, markup=False)
+    console.print()

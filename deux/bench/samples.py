@@ -1,0 +1,54 @@
+"""Training samples that are made in memory, in the way that the collector and the data loader make them."""
+
+import numpy as np
+import torch
+
+from deux.bench.scenes import flat
+from deux.contracts import Action, Batch, DepthModel, Frame, Robot
+from deux.data.sparse import SparseSettings, sample_sparse
+from deux.data.triplets import collate
+from deux.geometry.camera import Camera
+from deux.geometry.poses import source_from_target
+from deux.simulator.mesh_simulator import MeshSimulator
+from deux.simulator.starts import random_starts
+
+
+def render_batch(model: DepthModel, size: int, count: int) -> Batch:
+    """Samples from random places of a generated flat; the robot turns and goes forward between frames.
+
+    Args:
+        model: prepares its further inputs.
+        size: height and width in pixels.
+        count: number of samples.
+    """
+    simulator = MeshSimulator(flat(0).load(), Camera(size, size), Robot())
+    samples = []
+    for start in random_starts(simulator.free_space(), count, np.random.default_rng(0)):
+        simulator.reset(*start)
+        frames = [simulator.observe()]
+        for action in (Action.FORWARD, Action.LEFT):
+            simulator.step(action)
+            frames.insert(0, simulator.observe())
+        samples.append(_sample(frames, simulator.camera, model))
+    return collate(samples)
+
+
+def _sample(frames: list[Frame], camera: Camera, model: DepthModel) -> Batch:
+    """One sample, without the first dimension of a batch; the newest frame is the target."""
+    target, *sources = frames
+    images = np.stack([frame.rgb for frame in frames]).transpose(0, 3, 1, 2)
+    points = sample_sparse(target.rgb, target.depth, SparseSettings())
+    sparse_depth = torch.from_numpy(points)[None]
+    motions = np.stack([source_from_target(target.pose, source.pose) for source in sources])
+    colors = torch.from_numpy(images).float() / 255.0
+    return Batch(
+        image=colors[0],
+        sources=colors[1:],
+        sparse_depth=sparse_depth,
+        validity=(sparse_depth > 0).float(),
+        input_sparse_depth=sparse_depth,
+        intrinsics=torch.from_numpy(camera.intrinsics).float(),
+        source_from_target=torch.from_numpy(motions).float(),
+        ground_truth=torch.from_numpy(target.depth)[None],
+        prepared={name: torch.from_numpy(value) for name, value in model.prepare(points).items()},
+    )

@@ -1,0 +1,81 @@
+"""Where the time of a training step goes."""
+
+from typing import Any
+
+import torch
+from lightning.pytorch import Callback, LightningModule, Trainer
+from torch import nn
+
+from deux.bench.timing import Stopwatch
+from deux.training.module import DepthCompletion
+
+PARTS = ("network", "poses", "objective", "backward", "optimiser")
+"""The parts of a step, in their order; what is left over is logging and Lightning itself."""
+
+
+class StepClock(Callback):
+    """Times each step of a `Trainer` and its parts. A step lasts from the end of the one before it to its own end.
+
+    Args:
+        warm_up: first steps that are not counted; at least 1, for the first has no beginning.
+    """
+
+    def __init__(self, warm_up: int = 1) -> None:
+        self.watch = Stopwatch(torch.cuda.synchronize if torch.cuda.is_available() else lambda: None)
+        self._warm_up = warm_up
+        self._hooks: list[Any] = []
+
+    @property
+    def steps(self) -> list[float]:
+        """Seconds of each step."""
+        return self.watch.durations["step"]
+
+    @property
+    def shares(self) -> dict[str, list[float]]:
+        """Percentage of its step that each part took, and the rest."""
+        # An objective that compares no frames asks for no poses.
+        parts = {part: self.watch.durations[part] or [0.0] * len(self.steps) for part in PARTS}
+        shares = {
+            part: [100.0 * share / step for share, step in zip(durations, self.steps, strict=True)]
+            for part, durations in parts.items()
+        }
+        shares["rest"] = [100.0 - sum(step) for step in zip(*shares.values(), strict=True)]
+        return shares
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Watch the modules that a step calls."""
+        assert isinstance(pl_module, DepthCompletion)
+        modules: dict[str, nn.Module] = {
+            "network": pl_module.model,
+            "poses": pl_module.pose_source,
+            "objective": pl_module.objective,
+        }
+        for part, module in modules.items():
+            self._hooks.append(module.register_forward_pre_hook(lambda *_, part=part: self.watch.start(part)))
+            self._hooks.append(module.register_forward_hook(lambda *_, part=part: self.watch.stop(part)))
+
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Leave the modules as they were."""
+        for hook in self._hooks:
+            hook.remove()
+
+    def on_before_backward(self, *_: Any) -> None:
+        """The loss is there."""
+        self.watch.start("backward")
+
+    def on_after_backward(self, *_: Any) -> None:
+        """The gradients are there."""
+        self.watch.stop("backward")
+
+    def on_before_optimizer_step(self, *_: Any) -> None:
+        """The weights are about to change."""
+        self.watch.start("optimiser")
+
+    def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
+        """The weights have changed."""
+        self.watch.stop("optimiser")
+        if trainer.global_step > self._warm_up:
+            self.watch.stop("step")
+        elif trainer.global_step == self._warm_up:
+            self.watch.durations.clear()
+        self.watch.start("step")

@@ -1,0 +1,127 @@
+"""Speed of the depth models' training steps, and where their time goes."""
+
+import logging
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import Literal, NamedTuple
+
+import torch
+from lightning import Trainer
+from torch.utils.data import DataLoader
+
+from deux.bench.inference import measure_inference
+from deux.bench.installed import installed
+from deux.bench.report import Table
+from deux.bench.samples import render_batch
+from deux.bench.step_clock import PARTS, StepClock
+from deux.bench.timing import Spread, in_turn, times_the_slowest
+from deux.contracts import Batch, DepthModel
+from deux.registry import registry
+from deux.training.module import DepthCompletion
+from deux.training.objective import make_objective
+from deux.training.pose_source import PoseKind, make_pose_source
+
+PRECISIONS: dict[str, Literal["32-true", "bf16-mixed"]] = {"float32": "32-true", "bfloat16": "bf16-mixed"}
+"""Lightning's names of the precisions."""
+
+POSES: tuple[PoseKind, ...] = ("simulator", "learned")
+
+# What Lightning says of any training without validation data or loader processes, and of its own code.
+_KNOWN_WARNINGS = (
+    "You defined a `validation_step`",
+    ".*does not have many workers",
+    r"`isinstance\(treespec, LeafSpec\)`",
+)
+
+
+@dataclass(frozen=True)
+class TrainSettings:
+    """What is trained, and for how long.
+
+    Args:
+        batch_size: samples in a batch.
+        size: height and width of the samples in pixels.
+        steps: training steps in each round, after one that is not counted.
+        inference_size: height and width of the single image whose depth is predicted.
+        rounds: number of times that each variant is measured.
+    """
+
+    batch_size: int = 2
+    size: int = 192
+    steps: int = 3
+    inference_size: int = 384
+    rounds: int = 5
+
+
+QUICK = TrainSettings(batch_size=1, size=128, steps=1, inference_size=128, rounds=2)
+"""Settings for a quick look."""
+
+
+def measure_training(settings: TrainSettings) -> Iterator[Table]:
+    """Measure every installed depth model, with its published objective and default options."""
+    models, broken = installed("depth_models")
+    notes = broken if models else (*broken, "no depth model is installed.")
+    yield from _step_tables(settings, models, notes)
+    yield measure_inference(models, settings.inference_size, settings.rounds, notes)
+
+
+class _Variant(NamedTuple):
+    model: str
+    precision: str
+    poses: PoseKind
+
+
+def _step_tables(settings: TrainSettings, models: dict[str, DepthModel], notes: tuple[str, ...]) -> Iterator[Table]:
+    """The rate of training steps, and the shares of their parts."""
+    variants = [
+        _Variant(name, precision, poses)
+        for (name, model), precision, poses in product(models.items(), PRECISIONS, POSES)
+        if poses == "simulator" or model.pose_network() is not None
+    ]
+    batches = {name: render_batch(model, settings.size, settings.batch_size) for name, model in models.items()}
+    runs = {variant: partial(_train, variant, batches[variant.model], settings.steps) for variant in variants}
+    found = in_turn(runs, settings.rounds)
+    rates = {variant: [1.0 / seconds for clock in found[variant] for seconds in clock.steps] for variant in variants}
+    ratios = times_the_slowest(rates)
+    shape = f"batch {settings.batch_size}, {settings.size} x {settings.size}"
+    steps = tuple(
+        {**variant._asdict(), "steps per second": Spread.of(rates[variant]), "times the slowest": ratios[variant]}
+        for variant in variants
+    )
+    yield Table("train", f"Training steps: forward, losses, backward and Adam at {shape}", steps, notes)
+    parts = tuple({**variant._asdict(), **_shares(found[variant])} for variant in variants)
+    yield Table("train_parts", "Training steps: where their time goes", parts)
+
+
+def _train(variant: _Variant, batch: Batch, steps: int) -> StepClock:
+    """Train a newly made model for a few steps, as `deux.training.fit` does but for loading data and writing logs."""
+    torch.manual_seed(0)
+    model: DepthModel = registry().create("depth_models", variant.model, {})
+    module = DepthCompletion(model, make_objective(model), make_pose_source(variant.poses, model))
+    clock = StepClock()
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        for message in _KNOWN_WARNINGS:
+            warnings.filterwarnings("ignore", message)
+        trainer = Trainer(
+            precision=PRECISIONS[variant.precision],
+            devices=1,
+            max_steps=steps + 1,
+            callbacks=[clock],
+            logger=False,
+            enable_checkpointing=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+        )
+        trainer.fit(module, DataLoader([batch] * (steps + 1), batch_size=None))  # type: ignore[arg-type]
+    return clock
+
+
+def _shares(clocks: Sequence[StepClock]) -> dict[str, Spread]:
+    return {
+        f"{part}, %": Spread.of([share for clock in clocks for share in clock.shares[part]])
+        for part in (*PARTS, "rest")
+    }

@@ -1,0 +1,204 @@
+"""The conformance suite of depth models: what every `deux.contracts.DepthModel` must do.
+
+A plugin's test file subclasses it, and pytest runs the whole suite:
+
+    class TestMyModel(DepthModelSuite):
+        def make_model(self) -> DepthModel:
+            return MyModel()
+"""
+
+import copy
+import inspect
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from deux.contracts import DepthModel, Prediction
+from deux.errors import DeuxError
+from deux.geometry.sparse_outliers import remove_outliers
+
+INPUTS = ["image", "sparse_depth", "validity", "intrinsics"]
+RANGE_SLACK = 0.05
+"""How far predictions may leave the declared range, as a fraction of its ends; the published formula does, by 1 %."""
+
+
+def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, seed: int = 0) -> dict[str, Tensor]:
+    """Made-up inputs of `DepthModel.predict`: random images and points at 1 to 5 metres, a camera of 90 degrees.
+
+    Args:
+        size: height and width in pixels.
+        count: number of samples.
+        points: fraction of the pixels that have a sparse point.
+        seed: of the random numbers.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    height, width = size
+    depth = 1.0 + 4.0 * torch.rand(count, 1, height, width, generator=generator)
+    has_point = torch.rand(depth.shape, generator=generator) < points
+    f = width / 2
+    intrinsics = torch.tensor([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]])
+    return {
+        "image": torch.rand(count, 3, height, width, generator=generator),
+        "sparse_depth": torch.where(has_point, depth, 0.0),
+        "intrinsics": intrinsics.repeat(count, 1, 1),
+    }
+
+
+def run(model: DepthModel, data: dict[str, Tensor]) -> Prediction:
+    """Call the model as the training does: with the validity of the points and what the model prepares."""
+    samples = [model.prepare(depth) for depth in data["sparse_depth"][:, 0].numpy()]
+    prepared = {name: torch.from_numpy(np.stack([s[name] for s in samples])) for name in samples[0]}
+    return model(**data, validity=remove_outliers(data["sparse_depth"]), **prepared)
+
+
+class DepthModelSuite:
+    """Inherit this and define `make_model`; each test asks for a new model."""
+
+    size: ClassVar[tuple[int, int]] = (64, 96)
+    """Height and width of the images that most tests use, multiples of the model's `size_multiple`."""
+
+    odd_size: ClassVar[tuple[int, int]] = (49, 83)
+    """A size that no network divides evenly."""
+
+    @abstractmethod
+    def make_model(self) -> DepthModel:
+        """Make the model under test, small enough for tests that take seconds."""
+
+    @pytest.fixture
+    def model(self) -> DepthModel:
+        """A model with the same random weights in every test, in eval mode."""
+        torch.manual_seed(0)
+        return self.make_model().eval()
+
+    def check_depth(self, model: DepthModel, depth: Tensor, size: tuple[int, int], count: int = 2) -> None:
+        """Assert that `depth` is what a prediction must be."""
+        assert depth.shape == (count, 1, *size)
+        assert depth.dtype == torch.float32
+        assert torch.isfinite(depth).all()
+        assert depth.min() >= model.min_depth * (1 - RANGE_SLACK)
+        assert depth.max() <= model.max_depth * (1 + RANGE_SLACK)
+
+    def test_range_is_declared(self, model: DepthModel) -> None:
+        """The model says which depths it predicts."""
+        assert 0 < model.min_depth < model.max_depth
+
+    def test_forward_takes_no_ground_truth(self, model: DepthModel) -> None:
+        """The network gets the inputs of the contract and what it prepares from them, nothing else."""
+        parameters = inspect.signature(model.forward).parameters.values()
+        named = [p.name for p in parameters if p.kind is not inspect.Parameter.VAR_KEYWORD]
+        prepared = model.prepare(np.ones(self.size, np.float32))
+        assert named[: len(INPUTS)] == INPUTS
+        assert set(named) <= {*INPUTS, *prepared}
+
+    def test_predicts_depth_within_the_range(self, model: DepthModel) -> None:
+        """Depth is finite, float32, of the image's size and within the declared range."""
+        self.check_depth(model, run(model, camera_data(self.size)).depth, self.size)
+
+    def test_predicts_without_a_single_point(self, model: DepthModel) -> None:
+        """A frame in which the robot saw no sparse point still gives depth."""
+        depth = model.predict(**camera_data(self.size, points=0.0))
+        self.check_depth(model, depth, self.size)
+
+    def test_predict_takes_any_size_and_keeps_the_mode(self, model: DepthModel) -> None:
+        """`predict` pads by itself, tracks no gradient, and leaves every part in the mode that it was in."""
+        model.train()
+        frozen = next(iter(model.children()), model).eval()
+        modes = [module.training for module in model.modules()]
+        depth = model.predict(**camera_data(self.odd_size))
+        self.check_depth(model, depth, self.odd_size)
+        assert not depth.requires_grad
+        assert not frozen.training
+        assert [module.training for module in model.modules()] == modes
+
+    def test_predict_agrees_with_forward(self, model: DepthModel) -> None:
+        """`predict` gives what the training sees."""
+        data = camera_data(self.size)
+        torch.testing.assert_close(model.predict(**data), run(model, data).depth.detach())
+
+    def test_predict_refuses_a_singular_camera(self, model: DepthModel) -> None:
+        """Intrinsics that cannot be inverted are the user's mistake and named as such."""
+        data = camera_data(self.size)
+        data["intrinsics"][1, 0, 0] = 0.0
+        with pytest.raises(DeuxError, match=r"intrinsics\[1\].*singular"):
+            model.predict(**data)
+
+    def test_same_inputs_give_the_same_depth(self, model: DepthModel) -> None:
+        """Nothing is random in eval mode."""
+        first, second = (model.predict(**camera_data(self.size)) for _ in range(2))
+        assert torch.equal(first, second)
+
+    def test_samples_do_not_influence_each_other(self, model: DepthModel) -> None:
+        """A sample alone gives the same depth as in a batch."""
+        data = camera_data(self.size, count=3)
+        alone = torch.cat([model.predict(**{k: v[i : i + 1] for k, v in data.items()}) for i in range(3)])
+        torch.testing.assert_close(model.predict(**data), alone, rtol=1e-4, atol=1e-4)
+
+    def test_inputs_are_left_as_they_were(self, model: DepthModel) -> None:
+        """The losses read the same tensors after the network."""
+        data = camera_data(self.size)
+        before = copy.deepcopy(data)
+        model.train()
+        run(model, data)
+        assert all(torch.equal(data[name], before[name]) for name in data)
+
+    def test_every_trainable_parameter_gets_a_gradient(self, model: DepthModel) -> None:
+        """Parameters that a published checkpoint holds but the network does not use have `requires_grad=False`."""
+        model.train()
+        depth = run(model, camera_data(self.size)).depth
+        (depth.log() * torch.rand_like(depth)).sum().backward()
+        without = [
+            name
+            for name, parameter in model.named_parameters()
+            if parameter.requires_grad and (parameter.grad is None or not parameter.grad.any())
+        ]
+        assert without == []
+        assert all(p.grad is None or torch.isfinite(p.grad).all() for p in model.parameters())
+
+    def test_trains_under_bfloat16_autocast(self, model: DepthModel) -> None:
+        """Mixed precision gives float32 depth, close to that of float32, and gradients."""
+        data = camera_data(self.size)
+        expected = run(model, data).depth.detach()
+        with torch.autocast("cpu", dtype=torch.bfloat16):
+            prediction = run(model, data)
+        self.check_depth(model, prediction.depth, self.size)
+        assert ((prediction.depth - expected).abs() / expected).mean() < 0.05
+        prediction.depth.mean().backward()
+
+    def test_channels_last_gives_the_same_depth(self, model: DepthModel) -> None:
+        """The memory layout that makes training fast changes no result."""
+        data = camera_data(self.size)
+        expected = model.predict(**data)
+        data["image"] = data["image"].contiguous(memory_format=torch.channels_last)
+        depth = model.to(memory_format=torch.channels_last).predict(**data)
+        torch.testing.assert_close(depth, expected, rtol=1e-4, atol=1e-4)
+
+    def test_state_fills_another_model(self, model: DepthModel) -> None:
+        """The state dictionary is the whole model."""
+        torch.manual_seed(1)
+        other = self.make_model().eval()
+        data = camera_data(self.size)
+        assert not torch.equal(other.predict(**data), model.predict(**data))
+        other.load_state_dict(model.state_dict())
+        assert torch.equal(other.predict(**data), model.predict(**data))
+
+    def test_published_modules_cover_the_model(self, model: DepthModel) -> None:
+        """A published checkpoint fills every parameter, if there is one."""
+        published = [p for module in model.published_modules().values() for p in module.parameters()]
+        assert not published or set(published) == set(model.parameters())
+
+    def test_pose_network_predicts_rigid_motions(self, model: DepthModel) -> None:
+        """The pose network returns rotations and translations as 4 x 4 matrices."""
+        network = model.pose_network()
+        if network is None:
+            pytest.skip("the model has no pose network")
+        data = camera_data(self.size)
+        pose = network(data["image"], data["image"].flip(3))
+        assert pose.shape == (2, 4, 4)
+        rotation = pose[:, :3, :3]
+        identity = torch.eye(3).expand(2, 3, 3)
+        torch.testing.assert_close(rotation @ rotation.transpose(1, 2), identity, rtol=0.0, atol=1e-5)
+        torch.testing.assert_close(pose[:, 3], torch.tensor([[0.0, 0.0, 0.0, 1.0]]).expand(2, 4))

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from deux.geometry.grid import GridFrame
+from deux.mapping.frontier_targets import cell_centres, frontier_candidates, frontier_target
+from deux.mapping.planning import distance_field
+from deux.mapping.traversable import process_map
+
+FRAME = GridFrame(-1.0, -2.0, 40, 60)
+
+
+@pytest.fixture
+def cells():
+    """Free floor with the unknown on its left and right ends, the right end behind a wall."""
+    made = np.full(FRAME.shape, 2, np.int8)
+    made[:, :5] = 0
+    made[:, 55:] = 0
+    made[:, 40:42] = 1
+    return made
+
+
+def candidates(cells, finished=()):
+    distance = distance_field(process_map(cells, 3.0, []), (20, 20))
+    return frontier_candidates(cells, FRAME, distance, 1, 0.3, list(finished))
+
+
+def test_only_frontiers_that_can_be_reached_are_candidates(cells):
+    found = candidates(cells)
+    assert {tuple(cell) for cell in found.cells} == {(row, 5) for row in range(40)}
+    assert np.isfinite(found.lengths).all()
+
+
+def test_cells_near_finished_targets_are_left_out(cells):
+    finished = FRAME.centre(10, 5)
+    found = candidates(cells, [finished])
+    distances = np.linalg.norm(cell_centres(FRAME, found.cells) - finished, axis=1)
+    assert distances.min() > 0.3
+    assert 40 - 14 <= len(found) <= 40 - 12
+
+
+def test_cell_centres_agree_with_the_frame():
+    cells = np.array([[0, 0], [39, 59], [7, 31]])
+    assert np.allclose(cell_centres(FRAME, cells), [FRAME.centre(*cell) for cell in cells])
+
+
+def test_a_frontier_target_looks_at_the_unknown(cells):
+    found = candidates(cells)
+    target = frontier_target(cells, FRAME, found.cells[20], found.places[20], 0.3)
+    assert target.look_at is not None
+    assert target.look_at[0] < target.place[0]

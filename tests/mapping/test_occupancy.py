@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+
+from deux.contracts import Robot
+from deux.geometry.camera import Camera
+from deux.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from deux.mapping.planning import distance_field
+from deux.mapping.traversable import process_map
+from deux.testing.box_world import Box, BoxWorld
+
+TABLE = Box(3.0, 1.0, 4.0, 2.0, 0.7)
+DOORSTEP = Box(1.0, 3.0, 2.0, 3.5, 0.15)
+
+
+def look_around(world, occupancy, change=lambda depth: depth):
+    for degrees in range(0, 360, 10):
+        world.reset(world.pose[0, 3], world.pose[2, 3], np.radians(degrees))
+        occupancy.update(change(world.observe().depth), world.pose)
+
+
+def state(occupancy, x, z):
+    rows, columns = occupancy.frame.cells(np.asarray(x), np.asarray(z))
+    return occupancy.cells[rows, columns]
+
+
+@pytest.fixture(params=[64, 128, 400])
+def world(request):
+    made = BoxWorld(5.0, 4.0, (TABLE, DOORSTEP), Camera(request.param, request.param, max_depth=10.0))
+    made.reset(2.0, 2.0, 0.0)
+    return made
+
+
+def test_a_room_seen_from_its_middle_is_mapped_as_it_is(world):
+    occupancy = OccupancyMap(world.camera, world.robot, max_range=4.0)
+    look_around(world, occupancy)
+    x, z = np.meshgrid(np.arange(-1.0, 6.0, 0.05) + 0.025, np.arange(-1.0, 5.0, 0.05) + 0.025)
+    cells = state(occupancy, x, z)
+    inside_room = (x > 0) & (x < world.width) & (z > 0) & (z < world.length)
+    clearance = world.clearance(x, z)
+    # Cells of the floor, but for those that a wall or the table's edge shares and those in the table's shadow.
+    floor = inside_room & (clearance > 0.05) & ~((x > 2.95) & (z < 2.05))
+    assert (cells[floor] == FREE).mean() > 0.995
+    outside = ~inside_room & (clearance < -0.05)
+    assert (cells[outside] == FREE).mean() < 0.01
+    along_wall = np.arange(1.0, 4.0, 0.05) + 0.025
+    for offset in (0.02, -0.02):
+        on_wall = state(occupancy, along_wall, np.full(along_wall.shape, world.length + offset))
+        if (on_wall == OCCUPIED).mean() > 0.9:
+            break
+    else:
+        pytest.fail("the far wall is not a line of occupied cells")
+
+
+def test_a_table_is_an_obstacle_and_a_step_that_the_robot_climbs_is_floor(world):
+    occupancy = OccupancyMap(world.camera, world.robot, max_range=4.0)
+    look_around(world, occupancy)
+    assert state(occupancy, 3.2, 1.5) == OCCUPIED
+    assert state(occupancy, 1.5, 3.2) == FREE
+
+
+def test_what_was_not_seen_is_unknown_and_what_the_robot_stands_on_is_free(world):
+    occupancy = OccupancyMap(world.camera, world.robot)
+    occupancy.update(world.observe().depth, world.pose)
+    assert state(occupancy, 2.0, 3.0) == UNKNOWN, "behind the robot"
+    assert state(occupancy, 2.0, 2.0) == FREE
+    assert state(occupancy, 2.0, 1.0) == FREE, "ahead, below the camera's view, passed over"
+
+
+def test_nothing_beyond_the_range_is_entered():
+    world = BoxWorld(20.0, 20.0, camera=Camera(64, 64, max_depth=30.0))
+    occupancy = OccupancyMap(world.camera, world.robot, max_range=2.0)
+    look_around(world, occupancy)
+    rows, columns = np.nonzero(occupancy.cells)
+    x, z = occupancy.frame.centre(rows.min(), columns.min())
+    assert min(x, z) > 10.0 - 2.1
+    assert (occupancy.cells != OCCUPIED).all()
+
+
+def test_later_frames_correct_a_wrong_one():
+    world = BoxWorld(6.0, 6.0, camera=Camera(64, 64))
+    world.reset(3.0, 4.0, 0.0)
+    occupancy = OccupancyMap(world.camera, world.robot)
+    depth = world.observe().depth
+    ghost = np.minimum(depth, 1.5)
+    occupancy.update(ghost, world.pose)
+    assert state(occupancy, 3.0, 2.5 - 1e-3) == OCCUPIED
+    for _ in range(5):
+        occupancy.update(depth, world.pose)
+    assert state(occupancy, 3.0, 2.5 - 1e-3) == FREE
+
+
+def test_noisy_depth_leaves_the_floor_free_and_the_walls_closed():
+    world = BoxWorld(5.0, 4.0, camera=Camera(64, 64))
+    rng = np.random.default_rng(0)
+    occupancy = OccupancyMap(world.camera, world.robot)
+
+    def noisy(depth):
+        coarse = np.kron(rng.normal(size=(8, 8)), np.ones((8, 8)))
+        return (depth * (1.0 + 0.05 * coarse)).astype(np.float32)
+
+    for _ in range(2):
+        look_around(world, occupancy, noisy)
+    x, z = np.meshgrid(np.arange(0.5, 4.5, 0.05), np.arange(0.5, 3.5, 0.05))
+    assert (state(occupancy, x, z) == FREE).mean() > 0.98
+    frame = occupancy.frame
+    here = frame.cell(2.5, 2.0)
+    reached = np.isfinite(distance_field(process_map(occupancy.cells, 2.0, [here]), here))
+    rows, columns = np.nonzero(reached)
+    x, z = frame.origin_x + columns * 0.05, frame.origin_z + rows * 0.05
+    assert (world.clearance(x, z) > -0.1).all(), "a path leads through a wall"
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_frames_without_depth_free_the_footprint_and_nothing_else(value):
+    world = BoxWorld(4.0, 4.0)
+    occupancy = OccupancyMap(world.camera, world.robot)
+    occupancy.update(np.full((64, 64), value, np.float32), world.pose)
+    free = np.count_nonzero(occupancy.cells == FREE) * 0.05**2
+    assert 0.0 < free < 2.0 * np.pi * world.robot.radius**2
+    assert not (occupancy.cells == OCCUPIED).any()
+
+
+def test_an_obstacle_that_the_body_met_is_entered_ahead_of_it():
+    world = BoxWorld(4.0, 4.0)
+    occupancy = OccupancyMap(world.camera, Robot())
+    look_around(world, occupancy)
+    world.reset(2.0, 2.0, 0.0)
+    assert state(occupancy, 2.0, 1.85) == FREE
+    occupancy.mark_contact(world.pose)
+    assert state(occupancy, 2.0, 1.85) == OCCUPIED
+    assert state(occupancy, 2.0, 2.0) == FREE
+    look_around(world, occupancy)
+    assert state(occupancy, 2.0, 1.85) == OCCUPIED, "what the camera cannot see is still there"

@@ -1,0 +1,93 @@
+"""KBNet against the published network (cases/kbnet) and the suite of all depth models."""
+
+import pytest
+import torch
+from torch.nn import functional
+
+import deux
+from deux.contracts import DepthModel
+from deux.errors import DeuxError
+from deux.testing.depth_models import DepthModelSuite, camera_data
+from deux_plugins.depth_models.kbnet import KBNet
+from deux_plugins.depth_models.kbnet.rays import camera_rays
+
+
+class TestKBNet(DepthModelSuite):
+    def make_model(self) -> DepthModel:
+        return KBNet()
+
+
+def test_number_of_parameters():
+    model = KBNet()
+    assert sum(p.numel() for p in model.parameters()) == 6_957_764
+    assert sum(p.numel() for p in model.pose_network().parameters()) == 4_063_104
+
+
+def test_number_of_parameters_with_the_kitti_pools():
+    model = KBNet(min_pools=(5, 7, 9, 11, 13), max_pools=(15, 17))
+    assert sum(p.numel() for p in model.parameters()) == 6_957_780
+
+
+@pytest.mark.parametrize("prefix", ["module.", ""])
+def test_published_checkpoint_gives_the_published_depth_and_poses(published_case, tmp_path, prefix):
+    case = published_case("kbnet")
+    inputs = case.arrays
+    torch.save(case.checkpoint(prefix=prefix), tmp_path / "kbnet.pth")
+    torch.save(case.checkpoint(pose=True, prefix=prefix), tmp_path / "pose.pth")
+
+    model = deux.load_published("kbnet", tmp_path / "kbnet.pth", tmp_path / "pose.pth")
+    depth = model.predict(inputs["image0"], inputs["sparse_depth"], inputs["intrinsics"])
+    torch.testing.assert_close(depth, inputs["output_depth"], rtol=1e-4, atol=0.0)
+
+    pose_network = model.pose_network()
+    with torch.no_grad():
+        for source, expected in (("image1", "pose01"), ("image2", "pose02")):
+            pose = pose_network(inputs["image0"], inputs[source])
+            torch.testing.assert_close(pose, inputs[expected], rtol=1e-4, atol=0.0)
+
+
+def test_a_size_that_is_no_multiple_of_anything():
+    depth = KBNet().predict(**camera_data((97, 131)))
+    assert depth.shape == (2, 1, 97, 131)
+
+
+def test_rays_of_the_full_size_are_those_of_the_inverse_intrinsics():
+    k = torch.tensor([[[50.0, 0.5, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]]])
+    rays = camera_rays(k, (40, 64), (40, 64))
+    pixel = torch.tensor([17.0, 5.0, 1.0])
+    torch.testing.assert_close(rays[0, :, 5, 17], torch.linalg.inv(k[0]) @ pixel)
+
+
+def test_rays_of_half_the_size_are_those_of_every_second_pixel():
+    k = torch.tensor([[[50.0, 0.0, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]]])
+    torch.testing.assert_close(camera_rays(k, (20, 32), (40, 64)), camera_rays(k, (40, 64), (40, 64))[..., ::2, ::2])
+
+
+def test_the_camera_matters():
+    model, data = KBNet().eval(), camera_data((64, 96))
+    before = model.predict(**data)
+    data["intrinsics"][:, 0, 0] *= 1.5
+    assert (model.predict(**data) - before).abs().max() > 1e-4
+
+
+def test_points_in_the_encoder_are_rays_times_depth():
+    """A plane's features, backprojected at every second pixel, equal the published way: all pixels, then stride 2."""
+    layer = KBNet().encoder.calibrated_backprojection1
+    image, depth, rays = torch.rand(1, 48, 9, 11), torch.rand(1, 16, 9, 11), torch.rand(1, 3, 9, 11)
+    _, _, fused = layer(image, depth, rays, None)
+    everywhere = torch.cat([image, rays * layer.proj_depth(depth)], dim=1)
+    strided = functional.conv2d(everywhere, layer.conv_fused.conv.weight, stride=2)
+    torch.testing.assert_close(fused, functional.leaky_relu(strided, 0.2))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"min_depth": 3.0, "max_depth": 2.0}, "depth range"),
+        ({"min_pools": (15, 16)}, "min_pools holds the window 16"),
+        ({"image_filters": (8, 8)}, "image_filters"),
+    ],
+)
+def test_impossible_options_are_refused(options, message):
+    with pytest.raises(DeuxError, match=message):
+        KBNet(**options)

@@ -1,0 +1,86 @@
+"""The parts of the published depth models against other ways to compute the same."""
+
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+from torch.nn import functional
+
+from deux_plugins.depth_models.parts.convolution import ConvolutionBlock
+from deux_plugins.depth_models.parts.decoder import UpConvolution
+from deux_plugins.depth_models.parts.depth_range import depth_from_logits
+from deux_plugins.depth_models.parts.pooling import sliding_max, sliding_min_of_points
+from deux_plugins.depth_models.parts.pose_matrix import pose_matrix, rotation_matrix
+from deux_plugins.depth_models.parts.pose_network import seven_convolution_pose_network
+
+
+@pytest.mark.parametrize("window", [1, 3, 15, 29])
+def test_sliding_max_equals_the_square_maximum(window):
+    x = torch.randn(2, 3, 21, 34)
+    assert torch.equal(sliding_max(x, window), functional.max_pool2d(x, window, 1, window // 2))
+
+
+def test_sliding_min_sees_points_only():
+    sparse_depth = torch.zeros(1, 1, 9, 9)
+    sparse_depth[0, 0, 4, 4], sparse_depth[0, 0, 4, 5] = 3.0, 2.0
+    nearest = sliding_min_of_points(sparse_depth, 3)[0, 0]
+    assert nearest[4, 4] == nearest[3, 6] == 2.0
+    assert nearest[4, 3] == 3.0
+    assert nearest[0, 0] == 0.0
+
+
+@pytest.mark.parametrize("size", [(6, 10), (48, 50)])
+def test_doubling_equals_enlarging_then_convolving(size):
+    layer = UpConvolution(5, 4)
+    x = torch.randn(2, 5, *size)
+    height, width = size
+    expected = layer.conv(functional.interpolate(x, scale_factor=2.0))
+    torch.testing.assert_close(layer(x, (2 * height, 2 * width)), expected, rtol=1e-5, atol=1e-5)
+
+
+def test_enlarging_to_an_odd_size():
+    assert UpConvolution(5, 4)(torch.randn(1, 5, 48, 50), (95, 99)).shape == (1, 4, 95, 99)
+
+
+def test_last_convolution_of_a_block_has_the_stride():
+    block = ConvolutionBlock(3, 8, convolutions=2, stride=2)
+    assert [layer.conv.stride for layer in block.conv_block] == [(1, 1), (2, 2)]
+    assert block(torch.rand(1, 3, 9, 11)).shape == (1, 8, 5, 6)
+
+
+def test_depth_covers_the_range():
+    depth = depth_from_logits(torch.tensor([-100.0, 0.0, 100.0]), 0.1, 10.0)
+    torch.testing.assert_close(depth, torch.tensor([10.0, 0.1 / 0.51, 0.1 / 1.01]))
+
+
+def test_rotations_are_those_of_scipy():
+    vectors = torch.cat([torch.randn(50, 3), 1e-4 * torch.randn(50, 3), torch.zeros(1, 3)]).double()
+    expected = torch.from_numpy(Rotation.from_rotvec(vectors.numpy()).as_matrix())
+    torch.testing.assert_close(rotation_matrix(vectors), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_gradient_of_a_rotation():
+    vectors = torch.randn(4, 3, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(rotation_matrix, vectors)
+    still = torch.zeros(1, 3, requires_grad=True)
+    rotation_matrix(still)[0, 2, 1].backward()
+    assert torch.equal(still.grad, torch.tensor([[1.0, 0.0, 0.0]]))
+
+
+def test_pose_rotates_before_it_translates():
+    pose = pose_matrix(torch.tensor([[0.0, 0.0, torch.pi / 2, 1.0, 2.0, 3.0]]))
+    moved = pose @ torch.tensor([1.0, 0.0, 0.0, 1.0])
+    torch.testing.assert_close(moved, torch.tensor([[1.0, 3.0, 3.0, 1.0]]))
+
+
+@pytest.mark.parametrize("name", ["voiced", "fusionnet"])
+def test_seven_convolution_pose_network_is_the_published_one(published_case, name):
+    case = published_case(name)
+    checkpoint = case.checkpoint(pose=True, prefix="")
+    network = seven_convolution_pose_network().eval()
+    for group, module in network.published_modules().items():
+        module.load_state_dict(checkpoint[group])
+    assert sum(p.numel() for p in network.parameters()) == 1_587_776
+    with torch.no_grad():
+        pose = network(case.arrays["image0"], case.arrays["image1"])
+    # float32 rounds the matrix's ones to 1e-7; the untrained network's rotations are hardly larger.
+    torch.testing.assert_close(pose, case.arrays["pose01"], rtol=1e-4, atol=1e-7)

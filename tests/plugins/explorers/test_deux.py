@@ -1,0 +1,83 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from deux_plugins.explorers.deux import DeuxExplorer
+
+from deux.contracts import Need
+from deux.errors import DeuxError
+from deux.testing.box_world import BoxWorld
+from deux.testing.explorers import ExplorerSuite, run, two_rooms
+
+
+class TestDeuxExplorer(ExplorerSuite):
+    def make_explorer(self):
+        return DeuxExplorer()
+
+
+class TestDeuxExplorerOnSurfaces(ExplorerSuite):
+    def make_explorer(self):
+        return DeuxExplorer(residual_pose="surface", map_depth="sensor", target="greedy")
+
+
+def share_of_time_on_the_left(explorer, uncertain_side, seed):
+    """Run in an empty symmetric room where one half is hard for the depth model; the robot starts in the middle."""
+    world = BoxWorld(10.0, 3.0)
+    rays = world.camera.rays()
+    x_of_steps = []
+
+    def residual_by_place(observation):
+        x = observation.pose[0, 3]
+        x_of_steps.append(x)
+        surface = x + (rays @ observation.pose[0, :3]) * observation.predicted_depth
+        side = -1.0 if uncertain_side == "left" else 1.0
+        residual = np.where(side * (surface - 5.0) > 0.0, 0.2, 0.02).astype(np.float32)
+        residual[observation.predicted_depth == 0.0] = np.nan
+        mean = np.nanmean(residual)
+        return replace(observation, residual=residual, uncertainty=1.0 - float(np.exp(-mean)))
+
+    run(explorer, world, 350, seed, residual_by_place)
+    return np.mean(np.array(x_of_steps) < 5.0)
+
+
+@pytest.mark.parametrize("residual_pose", ["pose", "surface"])
+def test_prefers_the_uncertain_side_of_a_symmetric_room(residual_pose):
+    shares = {
+        side: [share_of_time_on_the_left(DeuxExplorer(residual_pose), side, seed) for seed in range(3)]
+        for side in ("left", "right")
+    }
+    assert np.mean(shares["left"]) > 0.6
+    assert np.mean(shares["right"]) < 0.4
+
+
+def test_high_temperature_forgets_the_uncertainty():
+    """Almost uniform draws: both sides of the room get their part of the time."""
+    explorer = DeuxExplorer(temperature=1e6)
+    shares = [share_of_time_on_the_left(explorer, "left", seed) for seed in range(4)]
+    assert 0.3 < np.mean(shares) < 0.7
+
+
+@pytest.mark.parametrize("residual_pose", ["pose", "surface"])
+def test_its_map_shows_the_uncertainty_that_it_recorded(residual_pose):
+    explorer = DeuxExplorer(residual_pose)
+    run(explorer, two_rooms(), 60)
+    known = explorer.map()
+    assert known.uncertainty is not None
+    recorded = known.uncertainty[np.isfinite(known.uncertainty)]
+    assert recorded.size > 100
+    assert recorded.min() >= 1.0 - np.exp(-0.02) - 1e-6
+    assert recorded.max() <= 1.0 - np.exp(-0.1) + 1e-6
+
+
+def test_needs_follow_the_options():
+    assert DeuxExplorer().needs == {Need.PREDICTED_DEPTH, Need.RESIDUAL}
+    assert DeuxExplorer(map_depth="sensor").needs == {Need.SENSOR_DEPTH, Need.RESIDUAL}
+
+
+@pytest.mark.parametrize(
+    "options", [{"residual_pose": "ray"}, {"map_depth": "lidar"}, {"target": "best"}, {"temperature": 0.0}]
+)
+def test_unknown_options_are_refused(options):
+    option, value = next(iter(options.items()))
+    with pytest.raises(DeuxError, match=f"{option} is .*{value}"):
+        DeuxExplorer(**options)

@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+
+from deux.contracts import Action
+from deux.geometry.camera import Camera
+from deux.testing.box_world import Box, BoxWorld
+
+
+def test_depth_of_an_empty_room_is_the_distance_to_its_planes():
+    world = BoxWorld(4.0, 6.0, camera=Camera(65, 65))
+    world.reset(1.0, 2.5, 0.0)
+    depth = world.observe().depth
+    assert depth[32, 32] == pytest.approx(2.5)
+    assert depth[32, 0] == pytest.approx(1.0 / (32 / 32.5), rel=1e-5)
+    assert depth[64, 32] == pytest.approx(1.25 / (32 / 32.5), rel=1e-5)
+    world.step(Action.LEFT)
+    world.reset(1.0, 2.5, np.pi / 2.0)
+    assert world.observe().depth[32, 32] == pytest.approx(1.0), "left of -Z is -X"
+
+
+def test_points_of_the_depth_image_lie_on_the_surfaces_that_are_labelled():
+    box = Box(2.0, 0.5, 3.0, 1.5, 0.9)
+    world = BoxWorld(5.0, 4.0, (box,))
+    world.reset(2.3, 3.0, 0.2)
+    frame = world.observe(labels=True)
+    points = (world.camera.rays() * frame.depth[..., None]) @ frame.pose[:3, :3].T + frame.pose[:3, 3]
+    room = np.minimum.reduce(
+        [np.abs(points[..., i] - side) for i, high in ((0, 5.0), (1, 2.5), (2, 4.0)) for side in (0.0, high)]
+    )
+    assert room[frame.labels == 0].max() < 1e-5
+    faces = np.minimum.reduce(
+        [
+            np.abs(points[..., i] - side)
+            for i, sides in ((0, (2.0, 3.0)), (1, (0.9,)), (2, (0.5, 1.5)))
+            for side in sides
+        ]
+    )
+    assert (frame.labels == 1).sum() > 100
+    assert faces[frame.labels == 1].max() < 1e-5
+
+
+def test_the_robot_never_enters_what_blocks_it_and_slides_along_it():
+    world = BoxWorld(3.0, 3.0, (Box(1.0, 0.0, 2.0, 1.0, 0.5),))
+    world.reset(1.5, 1.6, np.radians(20.0))
+    touched = [world.step(Action.FORWARD) for _ in range(8)]
+    assert any(touched)
+    assert world.clearance(world.pose[0, 3], world.pose[2, 3]) >= world.robot.radius - 1e-9
+    assert world.pose[0, 3] < 1.4, "it slid to the left along the box"
+
+
+def test_free_space_is_what_the_robot_can_reach():
+    world = BoxWorld(4.0, 2.0, (Box(1.9, 0.0, 2.1, 2.0),))
+    world.reset(1.0, 1.0, 0.0)
+    space = world.free_space()
+    assert space.area == pytest.approx((1.9 - 0.2) * (2.0 - 0.2), rel=0.06)
+    assert not space.free[:, 40:].any()

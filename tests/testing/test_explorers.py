@@ -1,0 +1,120 @@
+"""The suite must pass a sound explorer and catch each fault that it is there to catch."""
+
+import numpy as np
+import pytest
+
+from deux.contracts import Action, Explorer, ExplorerMap, Need
+from deux.geometry.grid import GridFrame
+from deux.testing.box_world import BoxWorld
+from deux.testing.explorers import ExplorerSuite, observe
+
+
+class Sound(Explorer):
+    def reset(self, episode):
+        self.rng = np.random.default_rng(episode.seed)
+
+    def act(self, observation):
+        return Action(int(self.rng.integers(3)))
+
+
+class Unseeded(Sound):
+    def reset(self, episode):
+        self.rng = np.random.default_rng()
+
+
+class KeepsState(Sound):
+    rng = None
+
+    def reset(self, episode):
+        self.rng = self.rng or np.random.default_rng(episode.seed)
+
+
+class ReturnsNumbers(Sound):
+    def act(self, observation):
+        return int(super().act(observation))
+
+
+class Undeclared(Sound):
+    def act(self, observation):
+        return Action.FORWARD if observation.sensor_depth.mean() > 1.0 else Action.LEFT
+
+
+class WritesToImages(Sound):
+    def act(self, observation):
+        observation.rgb[:] = 0
+        return super().act(observation)
+
+
+class TrustsResiduals(Sound):
+    needs = frozenset({Need.RESIDUAL})
+
+    def act(self, observation):
+        if observation.step < 3:
+            return Action.LEFT
+        assert np.isfinite(observation.uncertainty)
+        return Action.RIGHT
+
+
+class DividesByDepth(Sound):
+    needs = frozenset({Need.SENSOR_DEPTH})
+
+    def act(self, observation):
+        nearest = observation.sensor_depth[observation.sensor_depth > 0.0].min()
+        return Action.FORWARD if nearest > 0.5 else Action.LEFT
+
+
+class CrookedMap(Sound):
+    def map(self):
+        return ExplorerMap(GridFrame(0.0, 0.0, 4, 5), np.zeros((5, 4), np.int8))
+
+
+def failures(explorer_class):
+    """Names of the suite's tests that fail for an explorer."""
+
+    class Suite(ExplorerSuite):
+        def make_explorer(self):
+            return explorer_class()
+
+    failed = set()
+    for name in dir(Suite):
+        if name.startswith("test_"):
+            try:
+                getattr(Suite(), name)()
+            except Exception:
+                failed.add(name)
+    return failed
+
+
+def test_a_sound_explorer_passes():
+    assert failures(Sound) == set()
+
+
+@pytest.mark.parametrize(
+    ("faulty", "caught_by"),
+    [
+        (Unseeded, "test_same_seed_same_actions"),
+        (KeepsState, "test_reset_forgets_everything"),
+        (ReturnsNumbers, "test_acts_legally"),
+        (Undeclared, "test_acts_legally"),
+        (WritesToImages, "test_leaves_the_observation_alone"),
+        (TrustsResiduals, "test_survives_missing_residuals"),
+        (DividesByDepth, "test_survives_empty_depth"),
+        (CrookedMap, "test_map_is_consistent"),
+    ],
+)
+def test_each_fault_is_caught(faulty, caught_by):
+    assert caught_by in failures(faulty)
+
+
+def test_an_observation_holds_what_was_declared_and_nothing_else():
+    fields = {
+        Need.SENSOR_DEPTH: {"sensor_depth"},
+        Need.PREDICTED_DEPTH: {"predicted_depth"},
+        Need.RESIDUAL: {"residual", "uncertainty"},
+        Need.LABELS: {"labels"},
+        Need.FREE_SPACE: set(),
+    }
+    for need in Need:
+        observation = observe(BoxWorld(3.0, 3.0), frozenset({need}), 5, False)
+        optional = {name for names in fields.values() for name in names}
+        assert {name for name in optional if getattr(observation, name) is not None} == fields[need]

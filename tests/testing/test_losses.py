@@ -1,0 +1,79 @@
+"""The suite must fail for terms that break the contract, each in the test that is meant for it."""
+
+import pytest
+
+from deux.contracts import LossNeed, LossTerm
+from deux.testing.losses import LossTermSuite
+
+
+class BrokenTerm(LossTerm):
+    """Mean error at the points, with one thing wrong."""
+
+    def __init__(self, fault: str) -> None:
+        self.fault = fault
+        self.needs = frozenset({"points"} if fault == "unknown need" else set())
+
+    def __call__(self, batch, prediction, reconstructions):
+        if self.fault == "changes its inputs":
+            batch.sparse_depth.clamp_(max=1.0)
+        depth = prediction.depth if self.fault == "stays in bfloat16" else prediction.depth.float()
+        difference = (depth - batch.sparse_depth.to(depth.dtype)).abs() * batch.validity.to(depth.dtype)
+        if self.fault == "sums over the batch":
+            return difference.sum() / 1000.0
+        if self.fault == "no scalar":
+            return difference.mean(dim=(1, 2, 3))
+        if self.fault == "no gradient":
+            return difference.detach().mean()
+        if self.fault == "never zero":
+            return difference.mean() + 1.0
+        count = batch.validity.sum()
+        count = count if self.fault == "divides by zero" else count.clamp(min=1)
+        return (difference.sum() / count).to(depth.dtype)
+
+
+def run(fault: str, test: str) -> None:
+    suite = LossTermSuite()
+    suite.make_term = lambda: BrokenTerm(fault)
+    getattr(suite, test)()
+
+
+TESTS = [name for name in dir(LossTermSuite) if name.startswith("test_")]
+
+
+@pytest.mark.parametrize("test", TESTS)
+def test_a_sound_term_passes(test):
+    run("none", test)
+
+
+@pytest.mark.parametrize(
+    ("fault", "test"),
+    [
+        ("unknown need", "test_declares_known_needs"),
+        ("no scalar", "test_is_a_finite_float32_scalar"),
+        ("never zero", "test_is_zero_at_perfection_only"),
+        ("no gradient", "test_is_differentiable"),
+        ("divides by zero", "test_frames_without_points"),
+        ("sums over the batch", "test_is_a_mean_over_the_batch"),
+        ("changes its inputs", "test_leaves_its_inputs_alone"),
+        ("stays in bfloat16", "test_bfloat16_inputs_give_float32"),
+    ],
+)
+def test_a_broken_term_fails(fault, test):
+    with pytest.raises(AssertionError):
+        run(fault, test)
+
+
+def test_a_term_gets_only_what_it_declares():
+    class Curious(BrokenTerm):
+        def __call__(self, batch, prediction, reconstructions):
+            assert (batch.ground_truth is None) == (LossNeed.GROUND_TRUTH not in self.needs)
+            assert (reconstructions is None) == (LossNeed.RECONSTRUCTIONS not in self.needs)
+            assert ("prior" in prediction.extras) == (LossNeed.PRIOR in self.needs)
+            return super().__call__(batch, prediction, reconstructions)
+
+    for needs in (set(), {LossNeed.GROUND_TRUTH}, {LossNeed.RECONSTRUCTIONS}, {LossNeed.PRIOR}):
+        term = Curious("none")
+        term.needs = frozenset(needs)
+        suite = LossTermSuite()
+        suite.make_term = lambda term=term: term
+        suite.test_is_a_finite_float32_scalar()

@@ -1,0 +1,46 @@
+import pytest
+import torch
+
+from deux.errors import DeuxError
+from deux.testing.losses import perfect_sample
+from deux.training.health import HealthCheck
+from deux.training.module import DepthCompletion
+from deux.training.objective import make_objective
+from deux.training.schedule import Schedule
+
+# Lightning 2.6 uses what newer PyTorch releases deprecate.
+pytestmark = pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning")
+
+
+@pytest.fixture
+def train(small_model, fit):
+    """Trains a model that begins at a depth of `start` for ten steps under the check."""
+
+    def run(start=3.0, learning_rate=1e-4, batch=None):
+        torch.manual_seed(0)
+        model = small_model(start)
+        module = DepthCompletion(model, make_objective(model), schedule=Schedule(learning_rate))
+        check = HealthCheck(every=1, patience=4)
+        fit(module, batch or perfect_sample().batch, copies=10, max_steps=10, callbacks=[check])
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("start", "end"), [(1e4, "farthest value \\(10.00 m"), (1e-4, "nearest value \\(0.10 m")]
+)
+def test_stuck_predictions_are_noticed_once(train, start, end):
+    with pytest.warns(UserWarning, match=f"stuck to its {end}.*lower training.learning_rate") as caught:
+        train(start)
+    assert sum("stuck" in str(warning.message) for warning in caught) == 1
+
+
+def test_an_ordinary_run_is_left_in_peace(train):
+    train()  # warnings are errors in all tests
+
+
+def test_a_loss_that_is_not_finite_stops_the_run(train):
+    batch = perfect_sample().batch
+    batch.image[0, 0, 0, 0] = torch.nan
+    with pytest.raises(DeuxError, match=r"training loss is nan .* at step 1, learning rate 0\.0001"):
+        train(batch=batch)

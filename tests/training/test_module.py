@@ -1,0 +1,125 @@
+import io
+
+import pytest
+import torch
+
+from deux.evaluation.metrics import DepthMetrics
+from deux.testing.losses import perfect_sample
+from deux.training.module import DepthCompletion
+from deux.training.objective import make_objective
+from deux.training.pose_source import make_pose_source
+from deux.training.schedule import Schedule
+
+# Lightning 2.6 uses what newer PyTorch releases deprecate.
+pytestmark = pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning")
+
+FAST = Schedule(3e-3, boundaries=(0.8,), factors=(0.1,))
+
+
+@pytest.fixture
+def make_module(small_model):
+    def make(pose="simulator", **arguments):
+        torch.manual_seed(0)
+        model = small_model()
+        objective = make_objective(model)
+        return DepthCompletion(
+            model, objective, make_pose_source(pose, model), **{"schedule": FAST} | arguments
+        )
+
+    return make
+
+
+def depth_error(module):
+    batch = perfect_sample().batch
+    with torch.no_grad():
+        return float((module(batch).depth - batch.ground_truth).abs().mean())
+
+
+@pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
+def test_training_without_ground_truth_finds_the_depth(make_module, fit, precision):
+    batch = perfect_sample().batch
+    batch.ground_truth = torch.full_like(batch.sparse_depth, torch.nan)  # whoever reads it ruins the loss
+    module = make_module()
+    before = depth_error(module)
+    fit(module, batch, copies=60, max_steps=60, precision=precision)
+    assert before > 0.5
+    assert depth_error(module) < 0.2 * before
+
+
+def test_learned_poses_train_with_the_model(make_module, fit):
+    module = make_module(pose="learned")
+    before = [parameter.detach().clone() for parameter in module.pose_source.parameters()]
+    fit(module, perfect_sample().batch, copies=2, max_steps=2)
+    assert before
+    assert all(not torch.equal(x, y) for x, y in zip(before, module.pose_source.parameters(), strict=True))
+
+
+def test_what_is_logged(make_module, fit):
+    metrics = DepthMetrics()
+    module = make_module(metrics=metrics)
+    trainer = fit(module, perfect_sample().batch, copies=2, max_epochs=1, limit_val_batches=1.0)
+    terms = ["loss", "photometric_error", *type(module.model).objective]
+    expected = {f"{stage}/{name}" for stage in ("train", "validation") for name in terms}
+    expected |= {"train/learning_rate", *(f"validation/{name}" for name in ("mae", "rmse", "imae", "irmse"))}
+    assert set(trainer.callback_metrics) == expected
+    assert float(trainer.callback_metrics["validation/mae"]) == pytest.approx(
+        1000 * depth_error(module), rel=1e-3
+    )
+    assert not metrics.update_called
+
+
+def test_frames_without_ground_truth_validate_without_metrics(make_module, fit):
+    batch = perfect_sample().batch
+    batch.ground_truth = None
+    trainer = fit(make_module(metrics=DepthMetrics()), batch, copies=1, max_epochs=1, limit_val_batches=1.0)
+    assert "validation/loss" in trainer.callback_metrics
+    assert "validation/mae" not in trainer.callback_metrics
+
+
+def test_the_learning_rate_follows_the_schedule(make_module, fit):
+    rates = []
+    module = make_module(schedule=Schedule(1e-3, boundaries=(0.5,), factors=(0.1,), warmup_steps=1))
+    step = module.training_step
+
+    def recorded_step(batch, batch_idx):
+        rates.append(module.trainer.optimizers[0].param_groups[0]["lr"])
+        return step(batch, batch_idx)
+
+    module.training_step = recorded_step
+    fit(module, perfect_sample().batch, copies=6, max_steps=6)
+    assert rates == pytest.approx([5e-4, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4])
+
+
+def test_outliers_leave_the_validity(make_module):
+    batch = perfect_sample().batch
+    batch.sparse_depth[0, 0, 4, 6] = 9.0  # two pixels from a point at two metres
+    batch.validity[0, 0, 4, 6] = 1.0
+    cleaned = make_module().on_after_batch_transfer(batch, 0)
+    assert cleaned.validity[0, 0, 4, 6] == 0
+    assert cleaned.validity.sum() == batch.validity.sum() - 1
+
+
+def test_the_network_sees_the_thinned_points_and_the_losses_all(make_module):
+    module, batch = make_module(), perfect_sample().batch
+    batch.input_sparse_depth = torch.zeros_like(batch.sparse_depth)
+    seen = []
+    module.model.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[1]))
+    prediction = module(batch)
+    assert not seen[0].any()
+    expected = (prediction.depth - batch.sparse_depth).abs()[batch.validity > 0].mean()
+    torch.testing.assert_close(module.objective(batch, prediction).terms["sparse_depth"], expected.detach())
+
+
+def test_frozen_parameters_are_not_optimised(make_module, fit):
+    module = make_module()
+    module.model.layers[0].requires_grad_(False)
+    before = module.model.layers[0].weight.clone()
+    fit(module, perfect_sample().batch, copies=2, max_steps=2)
+    assert torch.equal(before, module.model.layers[0].weight)
+
+
+def test_state_is_plain_tensors(make_module):
+    buffer = io.BytesIO()
+    torch.save(make_module(metrics=DepthMetrics()).state_dict(), buffer)
+    buffer.seek(0)
+    assert all(name.startswith("model.") for name in torch.load(buffer, weights_only=True))

@@ -1,0 +1,191 @@
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from deux.contracts import Batch, DepthModel, LossNeed, LossSettings, LossTerm, Prediction, Reconstructions
+from deux.errors import DeuxError
+from deux.testing.losses import imperfect_sample
+from deux.training import objective as objective_module
+from deux.training.objective import Objective, make_objective, merge_settings
+from deux.training.pose_source import RelativePoses
+
+KBNET_STRUCTURE = {"halved": True, "channels": "sum", "window": "box", "border": "stretch", "pixels": "all"}
+
+
+class Model(DepthModel):
+    objective: ClassVar[LossSettings] = {
+        "color_consistency": {"weight": 0.15, "pixels": "all"},
+        "structural_consistency": {"weight": 0.95, **KBNET_STRUCTURE},
+        "sparse_depth": 2.0,
+        "local_smoothness": 2.0,
+    }
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared) -> Prediction:
+        return Prediction(sparse_depth)
+
+
+class Probe(LossTerm):
+    """Records what it is given; its value is the mean depth."""
+
+    def __init__(self, *needs: LossNeed) -> None:
+        self.needs = frozenset(needs)
+
+    def __call__(
+        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
+    ) -> torch.Tensor:
+        self.batch, self.prediction, self.reconstructions = batch, prediction, reconstructions
+        return prediction.depth.mean()
+
+
+def test_total_and_terms_of_the_published_case(shared_data):
+    case = {
+        key: torch.from_numpy(value) for key, value in np.load(shared_data("cases") / "kbnet.npz").items()
+    }
+    batch = Batch(
+        image=case["image0"],
+        sources=torch.stack([case["image1"], case["image2"]], dim=1),
+        sparse_depth=case["sparse_depth"],
+        validity=case["filtered_validity_map"],
+        input_sparse_depth=case["sparse_depth"],
+        intrinsics=case["intrinsics"],
+        source_from_target=torch.stack([case["pose01"], case["pose02"]], dim=1),
+    )
+    losses = make_objective(Model())(batch, Prediction(case["output_depth"]))
+    published = {
+        "color_consistency": "loss_color",
+        "structural_consistency": "loss_structure",
+        "sparse_depth": "loss_sparse_depth",
+        "local_smoothness": "loss_smoothness",
+    }
+    for name, key in published.items():
+        assert float(losses.terms[name]) == pytest.approx(float(case[key]), rel=1e-4)
+    assert float(losses.total) == pytest.approx(float(case["loss_total"]), rel=1e-4)
+
+
+def test_configuration_is_laid_over_the_published_settings():
+    published = {"a": 0.5, "b": {"weight": 1.0, "pixels": "all"}, "c": 2.0, "d": 3.0}
+    overrides = {"b": 0.25, "c": None, "d": 0, "a": {"halved": True}, "e": {"weight": 4, "window": "box"}}
+    assert merge_settings(published, overrides) == {
+        "a": {"weight": 0.5, "halved": True},
+        "b": {"weight": 0.25, "pixels": "all"},
+        "e": {"weight": 4, "window": "box"},
+    }
+
+
+@pytest.mark.parametrize("setting", ["heavy", -1.0, float("nan"), True, {"weight": "1"}])
+def test_a_weight_is_a_number_of_zero_or_more(setting):
+    with pytest.raises(DeuxError, match=r"objective\.sparse_depth has the weight"):
+        merge_settings({}, {"sparse_depth": setting})
+
+
+def test_a_new_term_needs_a_weight():
+    with pytest.raises(DeuxError, match=r"set objective\.sparse_depth\.weight"):
+        merge_settings({}, {"sparse_depth": {"threshold": 1.0}})
+
+
+def test_unknown_terms_and_options_are_named():
+    with pytest.raises(DeuxError, match="did you mean sparse_depth"):
+        make_objective(Model(), {"sparse_dept": 1.0})
+    with pytest.raises(DeuxError, match=r"objective\.color_consistency\.chanels"):
+        make_objective(Model(), {"color_consistency": {"chanels": "sum"}})
+
+
+def test_no_term_is_left():
+    with pytest.raises(DeuxError, match="no terms"):
+        make_objective(Model(), dict.fromkeys(Model.objective))
+
+
+def test_weights_apply_to_the_total_and_not_to_the_terms():
+    sample = imperfect_sample()
+    losses = Objective({"a": (0.5, Probe()), "b": (3.0, Probe())})(sample.batch, Prediction(sample.depth))
+    torch.testing.assert_close(losses.terms["a"], sample.depth.mean())
+    torch.testing.assert_close(losses.total, 3.5 * sample.depth.mean())
+
+
+def test_reconstructions_are_made_once_and_only_if_needed(monkeypatch):
+    calls = []
+    original = objective_module.reproject
+    monkeypatch.setattr(objective_module, "reproject", lambda *args: calls.append(args) or original(*args))
+    sample = imperfect_sample()
+    first, second = Probe(LossNeed.RECONSTRUCTIONS), Probe(LossNeed.RECONSTRUCTIONS)
+    Objective({"a": (1.0, first), "b": (1.0, second)})(sample.batch, Prediction(sample.depth))
+    assert len(calls) == 1
+    assert first.reconstructions is second.reconstructions
+    losses = Objective({"a": (1.0, Probe())})(sample.batch, Prediction(sample.depth))
+    assert len(calls) == 1
+    assert losses.reconstructions is None
+
+
+def test_given_poses_are_used():
+    sample, term = imperfect_sample(), Probe(LossNeed.RECONSTRUCTIONS, LossNeed.BACKWARD_POSES)
+    objective = Objective({"a": (1.0, term)})
+    assert objective.needs_backward_poses
+    poses = RelativePoses(torch.eye(4).repeat(2, 2, 1, 1), sample.target_from_source)
+    objective(sample.batch, Prediction(sample.depth), poses)
+    torch.testing.assert_close(term.reconstructions.images, sample.batch.sources, atol=1e-4, rtol=0)
+    assert term.reconstructions.target_from_source is sample.target_from_source
+
+
+def test_an_unsupervised_objective_cannot_read_ground_truth():
+    sample, term = imperfect_sample(), Probe()
+    clean = make_objective(Model())(sample.batch, Prediction(sample.depth))
+    sample.batch.ground_truth = torch.full_like(sample.depth, torch.nan)
+    poisoned = make_objective(Model())(sample.batch, Prediction(sample.depth))
+    assert torch.equal(clean.total, poisoned.total)
+    Objective({"a": (1.0, term)})(sample.batch, Prediction(sample.depth))
+    assert term.batch.ground_truth is None
+    with pytest.raises(DeuxError, match="the model is unsupervised"):
+        Objective({"a": (1.0, Probe(LossNeed.GROUND_TRUTH))})
+
+
+def test_a_supervised_objective_gets_ground_truth_and_says_when_there_is_none():
+    sample, term = imperfect_sample(), Probe(LossNeed.GROUND_TRUTH)
+    objective = Objective({"a": (1.0, term)}, supervised=True)
+    objective(sample.batch, Prediction(sample.depth))
+    assert term.batch.ground_truth is sample.batch.ground_truth
+    sample.batch.ground_truth = None
+    with pytest.raises(DeuxError, match="without it"):
+        objective(sample.batch, Prediction(sample.depth))
+
+
+def test_a_missing_prior_is_named():
+    sample = imperfect_sample()
+    objective = Objective({"topology": (1.0, Probe(LossNeed.PRIOR))})
+    with pytest.raises(DeuxError, match=r"objective\.topology needs a prior"):
+        objective(sample.batch, Prediction(sample.depth))
+    objective(sample.batch, Prediction(sample.depth, {"prior": sample.prior}))
+
+
+def test_everything_is_float32_in_mixed_precision():
+    sample, term = imperfect_sample(), Probe(LossNeed.RECONSTRUCTIONS, LossNeed.PRIOR)
+    objective = Objective({"a": (1.0, term)})
+    with torch.autocast("cpu", torch.bfloat16):
+        losses = objective(
+            sample.batch, Prediction(sample.depth.bfloat16(), {"prior": sample.prior.bfloat16()})
+        )
+    tensors = [
+        losses.total,
+        term.prediction.depth,
+        term.prediction.extras["prior"],
+        term.reconstructions.images,
+    ]
+    assert {tensor.dtype for tensor in tensors} == {torch.float32}
+
+
+def test_terms_with_weights_of_their_own_are_part_of_the_module():
+    class Learned(nn.Module, LossTerm):
+        def __init__(self) -> None:
+            super().__init__()
+            self.scale = nn.Parameter(torch.ones(()))
+
+        def forward(self, batch, prediction, reconstructions):
+            return self.scale * prediction.depth.mean()
+
+        __call__ = nn.Module.__call__
+
+    assert [name for name, _ in Objective({"a": (1.0, Learned())}).named_parameters()] == [
+        "term_modules.a.scale"
+    ]

@@ -1,0 +1,72 @@
+import pytest
+import torch
+from torch import nn
+
+from deux.contracts import Batch, DepthModel, Prediction
+from deux.errors import DeuxError
+from deux.testing.losses import perfect_sample
+from deux.training.pose_source import LearnedPoseSource, make_pose_source
+
+
+class TranslationNetwork(nn.Module):
+    """Estimates a motion along z: the brightness of the target less that of the source."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.scale = nn.Parameter(torch.ones(()))
+
+    def forward(self, target: torch.Tensor, source: torch.Tensor) -> torch.Tensor:
+        pose = torch.eye(4).repeat(len(target), 1, 1)
+        pose[:, 2, 3] = self.scale * (target - source).mean(dim=(1, 2, 3))
+        return pose
+
+
+class Model(DepthModel):
+    def __init__(self, network: nn.Module | None) -> None:
+        super().__init__()
+        self.network = network
+
+    def pose_network(self) -> nn.Module | None:
+        return self.network
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared) -> Prediction:
+        return Prediction(sparse_depth)
+
+
+@pytest.fixture
+def batch() -> Batch:
+    return perfect_sample(2).batch
+
+
+def test_simulator_gives_the_robots_poses_and_their_inverses(batch):
+    poses = make_pose_source("simulator", Model(None))(batch, backward=True)
+    assert torch.equal(poses.source_from_target, batch.source_from_target)
+    torch.testing.assert_close(
+        poses.target_from_source @ poses.source_from_target,
+        torch.eye(4).expand(2, 2, 4, 4),
+        atol=1e-6,
+        rtol=0,
+    )
+    assert make_pose_source("simulator", Model(None))(batch).target_from_source is None
+
+
+def test_learned_poses_pair_each_source_with_its_target(batch):
+    source = make_pose_source("learned", Model(TranslationNetwork()))
+    assert isinstance(source, LearnedPoseSource)
+    batch.sources = batch.image[:, None] + torch.tensor([[0.1, 0.2], [0.3, 0.4]])[..., None, None, None]
+    poses = source(batch, backward=True)
+    expected = torch.tensor([[-0.1, -0.2], [-0.3, -0.4]])
+    torch.testing.assert_close(poses.source_from_target[..., 2, 3], expected)
+    torch.testing.assert_close(poses.target_from_source[..., 2, 3], -expected)
+    poses.source_from_target.sum().backward()
+    assert source.network.scale.grad is not None
+
+
+def test_learned_poses_need_a_network():
+    with pytest.raises(DeuxError, match="Model has none: use pose=simulator"):
+        make_pose_source("learned", Model(None))
+
+
+def test_unknown_kind_of_poses():
+    with pytest.raises(DeuxError, match="did you mean learned"):
+        make_pose_source("learnt", Model(None))

@@ -1,0 +1,181 @@
+import pickle
+
+import pytest
+import torch
+from torch import nn
+
+import deux
+from deux.contracts import DepthModel, Prediction
+from deux.errors import DeuxError
+from deux.registry import registry
+
+
+class Pose(nn.Module):
+    def __init__(self) -> None:
+        super().__init__()
+        self.encoder = nn.Linear(3, 2)
+
+    def forward(self, target_image, source_image):
+        raise NotImplementedError
+
+    def published_modules(self):
+        return {"pose_state_dict": self.encoder}
+
+
+class Two(DepthModel):
+    """A model whose published checkpoints have two parts."""
+
+    min_depth = 0.1
+    max_depth = 10.0
+
+    def __init__(self, width: int = 4) -> None:
+        super().__init__()
+        self.near = nn.Linear(2, width)
+        self.far = nn.Linear(2, 2)
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+        return Prediction(1 + image.mean(1, keepdim=True))
+
+    def pose_network(self):
+        return Pose()
+
+    def published_modules(self):
+        return {"near_state_dict": self.near, "far_state_dict": self.far}
+
+
+class Plain(Two):
+    """A model without published checkpoints."""
+
+    def published_modules(self):
+        return {}
+
+
+@pytest.fixture(autouse=True)
+def _installed():
+    for name, cls in (("two", Two), ("plain", Plain)):
+        registry().register("depth_models", name, cls)
+    yield
+    for name in ("two", "plain"):
+        registry().unregister("depth_models", name)
+
+
+def checkpoint_of(target, prefix=""):
+    states = {group: module.state_dict() for group, module in target.published_modules().items()}
+    prefixed = {group: {prefix + key: value for key, value in state.items()} for group, state in states.items()}
+    return {"train_step": 3, **prefixed}
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "published.pth"
+
+
+@pytest.mark.parametrize("prefix", ["", "module."])
+def test_weights_arrive(path, prefix):
+    published = Two()
+    torch.save(checkpoint_of(published, prefix), path)
+    model = deux.load_published("two", path)
+    assert not model.training
+    for key, value in published.state_dict().items():
+        assert torch.equal(model.state_dict()[key], value)
+
+
+def test_pose_network_is_made_with_its_published_weights(path, tmp_path):
+    torch.save(checkpoint_of(Two()), path)
+    published = Pose()
+    torch.save(checkpoint_of(published), tmp_path / "pose.pth")
+    model = deux.load_published("two", path, tmp_path / "pose.pth")
+    first, second = model.pose_network(), model.pose_network()
+    assert torch.equal(first.encoder.weight, published.encoder.weight)
+    assert first is not second
+    assert first.encoder.weight.data_ptr() != second.encoder.weight.data_ptr()
+    assert model.state_dict().keys() == Two().state_dict().keys()
+
+
+def test_options_other_than_the_defaults(path):
+    torch.save(checkpoint_of(Two(width=6)), path)
+    assert deux.load_published("two", path, settings={"width": 6}).near.out_features == 6
+    with pytest.raises(
+        DeuxError, match=r"near_state_dict has 2 tensors of another shape \(weight: 6 x 2 instead of 4 x 2"
+    ):
+        deux.load_published("two", path)
+
+
+def test_names_that_are_missing_or_unexpected(path):
+    checkpoint = checkpoint_of(Two())
+    checkpoint["far_state_dict"]["scale"] = checkpoint["far_state_dict"].pop("bias")
+    torch.save(checkpoint, path)
+    with pytest.raises(
+        DeuxError, match=r"far_state_dict lacks 1 tensor \(bias\), has 1 tensor unexpected \(scale\)\.$"
+    ):
+        deux.load_published("two", path)
+
+
+def test_a_checkpoint_of_another_model_is_recognised(path):
+    torch.save(checkpoint_of(Two()), path)
+    expected = "of kbnet: it lacks sparse_to_dense_pool_state_dict, .*; it looks like a checkpoint of two"
+    with pytest.raises(DeuxError, match=expected):
+        deux.load_published("kbnet", path)
+
+
+def test_the_pose_checkpoint_in_place_of_the_model(path):
+    torch.save(checkpoint_of(Pose()), path)
+    with pytest.raises(DeuxError, match=r"it looks like a checkpoint of (two's|plain's) pose network"):
+        deux.load_published("two", path)
+
+
+def test_the_model_in_place_of_the_pose_checkpoint(path):
+    torch.save(checkpoint_of(Two()), path)
+    expected = "of two's pose network: it lacks pose_state_dict; it looks like a checkpoint of two"
+    with pytest.raises(DeuxError, match=expected):
+        deux.load_published("two", path, path)
+
+
+def test_a_broken_plugin_does_not_hide_what_is_wrong(path):
+    class Broken(Two):
+        def __init__(self) -> None:
+            raise RuntimeError("no")
+
+    registry().register("depth_models", "broken", Broken)
+    torch.save({"weights": {}}, path)
+    try:
+        with pytest.raises(DeuxError, match="of two: it lacks near_state_dict, far_state_dict"):
+            deux.load_published("two", path)
+    finally:
+        registry().unregister("depth_models", "broken")
+
+
+def test_a_model_without_published_checkpoints(path):
+    with pytest.raises(DeuxError, match="'plain' has no published checkpoints"):
+        deux.load_published("plain", path)
+
+
+def test_a_file_that_would_execute_code(path):
+    class Mischief:
+        def __reduce__(self):
+            return print, ("executed",)
+
+    path.write_bytes(pickle.dumps(Mischief()))
+    with pytest.raises(DeuxError, match="cannot be read as a checkpoint of tensors"):
+        deux.load_published("two", path)
+
+
+@pytest.mark.parametrize("content", [b"", b"no checkpoint at all"])
+def test_a_file_that_is_no_checkpoint(path, content):
+    path.write_bytes(content)
+    with pytest.raises(DeuxError, match=r"published\.pth cannot be read"):
+        deux.load_published("two", path)
+
+
+def test_a_file_of_something_else(path):
+    torch.save([1, 2], path)
+    with pytest.raises(DeuxError, match="holds a list"):
+        deux.load_published("two", path)
+    torch.save({"near_state_dict": {"weight": 1}, "far_state_dict": {}}, path)
+    with pytest.raises(DeuxError, match="near_state_dict holds more than tensors"):
+        deux.load_published("two", path)
+
+
+def test_no_file(path):
+    with pytest.raises(DeuxError, match="there is no checkpoint"):
+        deux.load_published("two", path)

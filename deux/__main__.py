@@ -64,9 +64,7 @@ def main() -> int:
     0: done; 1: a mistake of the user's, told in one sentence on stderr, or an error of the program, with its stack
     trace, or a sweep in which some job failed; 130: interrupted.
     """
-    os.environ["HYDRA_FULL_ERROR"] = (
-        "1"  # Hydra then raises errors instead of printing them in a way of its own.
-    )
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
     jobs = Jobs()
     try:
         register_configuration()

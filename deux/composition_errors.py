@@ -34,9 +34,7 @@ def composition_error(error: Exception) -> DeuxError:
         return _unreadable(error.override)
     if found := _AMBIGUOUS.search(str(error)):
         key, _, values = found["override"].partition("=")
-        return DeuxError(
-            f"{key} cannot be {values}: add -m to run each in turn, or write {key}=[{values}] for a list."
-        )
+        return DeuxError(f"{key} cannot be {values}: add -m to run each in turn, or write {key}=[{values}] for a list.")
     cause = error.__cause__ or error
     parent = getattr(cause, "parent_node", None)
     if isinstance(cause, ConfigKeyError | ConfigAttributeError) and isinstance(parent, DictConfig):
@@ -67,7 +65,5 @@ def _unreadable(override: str) -> DeuxError:
 
 def _first_sentence(error: Exception) -> str:
     """The messages of the error and of its cause, on one line, without the lines of advice on Hydra's syntax."""
-    lines = [
-        str(e).strip().splitlines()[0] for e in (error, error.__cause__) if e is not None and str(e).strip()
-    ]
+    lines = [str(e).strip().splitlines()[0] for e in (error, error.__cause__) if e is not None and str(e).strip()]
     return f"the configuration cannot be composed: {'; '.join(lines) or type(error).__name__}"

@@ -86,9 +86,7 @@ def package_folders() -> dict[str, Path]:
         try:
             folders[package] = Path(str(resources.files(entry.value)))
         except Exception as error:  # the foreign package is imported here, which may raise anything
-            log.warning(
-                "the configuration of %s is left out, %s cannot be imported: %s", package, entry.value, error
-            )
+            log.warning("the configuration of %s is left out, %s cannot be imported: %s", package, entry.value, error)
     return folders
 
 

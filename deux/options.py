@@ -65,9 +65,7 @@ def construct(target: Callable[..., T], settings: Mapping[str, Any], where: str)
     return target(**_checked(target, settings, where))
 
 
-def full_settings(
-    target: Callable[..., Any], settings: Mapping[str, Any], where: str = "settings"
-) -> dict[str, Any]:
+def full_settings(target: Callable[..., Any], settings: Mapping[str, Any], where: str = "settings") -> dict[str, Any]:
     """The settings together with the constructor's defaults, as JSON can hold them, in the parameters' order.
 
     Equal settings give equal results however they were written (1 or 1.0, list or tuple), so this is what hashes and

@@ -106,9 +106,7 @@ class Registry:
             raise DeuxError(f"there is no {noun} called {name!r}: {near_matches(name, self.names(kind))}")
         if len(found) > 1:
             owners = " and ".join(plugin.origin for plugin in found)
-            raise DeuxError(
-                f"the name {name!r} belongs to {len(found)} {noun}s, of {owners}: uninstall all but one."
-            )
+            raise DeuxError(f"the name {name!r} belongs to {len(found)} {noun}s, of {owners}: uninstall all but one.")
         return found[0]
 
     def get(self, kind: str, name: str) -> type:

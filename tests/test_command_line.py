@@ -95,9 +95,7 @@ def test_a_mistake_of_the_users_is_one_sentence_without_a_stack_trace(tmp_path: 
         ),
     ],
 )
-def test_a_mistake_in_the_configuration_is_one_sentence_too(
-    tmp_path: Path, override: str, sentence: str
-) -> None:
+def test_a_mistake_in_the_configuration_is_one_sentence_too(tmp_path: Path, override: str, sentence: str) -> None:
     result = command(tmp_path, "-m", "deux", override)
     assert result.returncode == 1
     assert result.stderr.startswith(sentence)

@@ -146,9 +146,7 @@ def test_the_run_folder_is_named_by_everything_but_the_paths() -> None:
     assert len({run_id(compose(overrides)) for overrides in variations}) == len(variations)
 
 
-def test_a_package_can_bring_yaml(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh_registry: None
-) -> None:
+def test_a_package_can_bring_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh_registry: None) -> None:
     entry_points = "[deux.explorers]\nspiral = spirals:Spiral\n[deux.conf]\nspirals = spirals.conf\n"
     yaml = {
         "__init__.py": "",
@@ -187,9 +185,7 @@ def test_a_checkout_finds_its_own_folder_where_the_installed_one_is_not_importab
     assert config_folder() == Path(deux.__file__).resolve().parents[1] / "conf"
 
 
-def test_outside_a_job_there_is_no_sweep_and_paths_start_here(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_outside_a_job_there_is_no_sweep_and_paths_start_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert not in_sweep()
     assert user_path("a/b.ckpt") == tmp_path / "a" / "b.ckpt"

@@ -36,9 +36,7 @@ def test_the_contracts_hold() -> None:
         ("training/__init__.py", "import deux_plugins", "The framework names no plugin"),
     ],
 )
-def test_the_contracts_notice_an_import_that_breaks_them(
-    tmp_path: Path, file: str, line: str, broken: str
-) -> None:
+def test_the_contracts_notice_an_import_that_breaks_them(tmp_path: Path, file: str, line: str, broken: str) -> None:
     for package, folder in (("deux", "deux"), ("deux_plugins", "plugins")):
         shutil.copytree(ROOT / folder, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
@@ -46,4 +44,4 @@ def test_the_contracts_notice_an_import_that_breaks_them(
         stream.write(f"\n{line}\n")
     result = lint(tmp_path)
     assert result.returncode == 1, result.stderr
-    assert any(broken in row and row.rstrip().endswith("BROKEN") for row in result.stdout.splitlines())
+    assert any(broken in row and "BROKEN" in row for row in result.stdout.splitlines())

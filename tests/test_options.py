@@ -64,9 +64,7 @@ def test_simple_types_are_converted() -> None:
         "lens": {"focal_length": 3},
     }
     made = construct(Everything, settings, "everything")
-    assert made == Everything(
-        3, 2.0, "a", False, "near", 5.0, (8, 6), (1.0, 2.0), ["x"], Path("here"), Lens(3.0)
-    )
+    assert made == Everything(3, 2.0, "a", False, "near", 5.0, (8, 6), (1.0, 2.0), ["x"], Path("here"), Lens(3.0))
     assert type(made.count) is int
     assert type(made.limit) is float
     assert construct(Everything, {"count": 1, "limit": None}, "everything").limit is None

@@ -64,9 +64,7 @@ def test_the_wheel_holds_the_code_the_configuration_and_the_marker_of_types(whee
         for top in ("deux", "plugins")
         for path in (ROOT / top).rglob("*.py")
     }
-    yaml = {
-        f"deux/conf/{path.relative_to(ROOT / 'conf').as_posix()}" for path in (ROOT / "conf").rglob("*.yaml")
-    }
+    yaml = {f"deux/conf/{path.relative_to(ROOT / 'conf').as_posix()}" for path in (ROOT / "conf").rglob("*.yaml")}
     assert code <= held
     assert yaml <= held
     assert {"deux/py.typed", "deux/conf/__init__.py"} <= held
@@ -84,8 +82,6 @@ def test_the_installed_wheel_runs_from_another_directory(wheel: Path, tmp_path: 
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120, check=True
         ).stdout
 
-    where = (
-        "import deux.configuration as c, deux_plugins as p; print(c.config_folder(), *p.__path__, sep='\\n')"
-    )
+    where = "import deux.configuration as c, deux_plugins as p; print(c.config_folder(), *p.__path__, sep='\\n')"
     assert python("-c", where).splitlines() == [str(site / "deux" / "conf"), str(site / "deux_plugins")]
     assert "scenes: apartments, " in python("-m", "deux", "--help")

@@ -28,9 +28,7 @@ class Stranger:
 
 
 class Mean(LossTerm):
-    def __call__(
-        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
-    ) -> torch.Tensor:
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> torch.Tensor:
         return prediction.depth.mean()
 
 
@@ -80,17 +78,13 @@ def test_a_foreign_package_is_listed_without_being_imported(install: Any) -> Non
 def test_create_checks_the_options_against_the_constructor(install: Any) -> None:
     install("foreign-term", TERM, {"foreign": "Term"})
     assert Registry().create("losses", "foreign", {"name": "foreign", "sharpness": 3}).sharpness == 3.0
-    with pytest.raises(
-        DeuxError, match=r"^objective\.foreign\.sharpnes is not an option of Term: did you mean sharp"
-    ):
+    with pytest.raises(DeuxError, match=r"^objective\.foreign\.sharpnes is not an option of Term: did you mean sharp"):
         Registry().create("losses", "foreign", {"sharpnes": 3})
 
 
 def test_an_unknown_name_is_answered_with_near_matches_and_all_names(install: Any) -> None:
     install("foreign-term", TERM, {"foreign": "Term"})
-    with pytest.raises(
-        DeuxError, match=r"no loss term called 'foriegn': did you mean foreign\? There is: .*foreign"
-    ):
+    with pytest.raises(DeuxError, match=r"no loss term called 'foriegn': did you mean foreign\? There is: .*foreign"):
         Registry().find("losses", "foriegn")
     with pytest.raises(DeuxError, match="'loss' is not a kind of plugin: did you mean losses"):
         Registry().names("loss")
@@ -121,9 +115,7 @@ def test_one_name_of_two_packages_is_an_error_that_names_both_when_it_is_asked_f
         ("def broken(", "SyntaxError"),
     ],
 )
-def test_a_package_that_cannot_be_imported_fails_only_when_it_is_chosen(
-    install: Any, code: str, cause: str
-) -> None:
+def test_a_package_that_cannot_be_imported_fails_only_when_it_is_chosen(install: Any, code: str, cause: str) -> None:
     install("broken-term", code, {"broken": "Term"}, version="0.7")
     found = Registry()
     assert found.find("losses", "broken").version == "0.7"
@@ -131,9 +123,7 @@ def test_a_package_that_cannot_be_imported_fails_only_when_it_is_chosen(
     with pytest.raises(DeuxError) as caught:
         found.get("losses", "broken")
     message = str(caught.value)
-    assert message.startswith(
-        "the loss term 'broken' of broken-term 0.7 (broken_term:Term) cannot be imported: "
-    )
+    assert message.startswith("the loss term 'broken' of broken-term 0.7 (broken_term:Term) cannot be imported: ")
     assert cause in message
     assert "\n" not in message
 

@@ -13,7 +13,7 @@ T = TypeVar("T")
 _TIMEOUT = 600.0  # seconds; longer than any process lets the others wait
 
 
-def at_once(work: Callable[[Any, Callable[[], None]], T], job: Any, processes: int, threads: int) -> list[T]:
+def at_once(work: Callable[[Any, Callable[[], None]], T], job: Any, processes: int, opengl_threads: int) -> list[T]:
     """Do one job in each of several newly spawned processes and return what each made of it.
 
     Args:
@@ -21,11 +21,12 @@ def at_once(work: Callable[[Any, Callable[[], None]], T], job: Any, processes: i
             be picklable.
         job: what is to be done.
         processes: number of processes.
-        threads: number of threads that each process gives to libraries which choose it by an environment variable.
+        opengl_threads: number of threads on which OpenGL without a graphics card draws in each process; numpy's linear
+            algebra and OpenMP get one.
     """
     context = multiprocessing.get_context("spawn")
     barrier = context.Barrier(processes)
-    limits = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "LP_NUM_THREADS": str(threads)}
+    limits = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "LP_NUM_THREADS": str(opengl_threads)}
     with _environment(limits), ProcessPoolExecutor(processes, context, _keep, (barrier,)) as pool:
         futures = [pool.submit(_work, work, job) for _ in range(processes)]
         return [future.result() for future in sorted(futures, key=_broken_by_another)]

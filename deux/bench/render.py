@@ -81,8 +81,8 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
                     )
     notes = [f"{name} is left out: {reason}" for name, reason in left_out.items()]
     threads = (
-        f"embree renders on 1 thread in each process; OpenGL without a graphics card takes as many as there are cores, "
-        f"{cores()}."
+        "Frames are of random free poses, a new one each. embree renders on 1 thread in each process; OpenGL without a "
+        f"graphics card draws on as many as there are cores, {cores()}."
     )
     yield Table("render", "Rendering: colour and depth as numpy arrays", tuple(rows), (threads, *notes))
 

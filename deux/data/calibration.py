@@ -43,11 +43,7 @@ def read_intrinsics(path: Path) -> np.ndarray:
         raise DeuxError(f"{path} does not hold intrinsics: 3 rows of 3 finite numbers are expected.")
     intrinsics = numbers.reshape(3, 3)
     focal_lengths = intrinsics[[0, 1], [0, 1]]
-    if (
-        (focal_lengths <= 0).any()
-        or intrinsics[1, 0] != 0
-        or not np.array_equal(intrinsics[2], [0.0, 0.0, 1.0])
-    ):
+    if (focal_lengths <= 0).any() or intrinsics[1, 0] != 0 or not np.array_equal(intrinsics[2], [0.0, 0.0, 1.0]):
         raise DeuxError(
             f"{path} does not hold the intrinsics of a pinhole camera: fx s cx, 0 fy cy and 0 0 1 are expected, with "
             "positive fx and fy."

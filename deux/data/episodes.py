@@ -72,9 +72,7 @@ class EpisodeRun:
     agree exactly, everybody sees depth as the files hold it.
     """
 
-    def __init__(
-        self, plan: EpisodePlan, simulator: Simulator, explorer: Explorer, writer: FrameWriter
-    ) -> None:
+    def __init__(self, plan: EpisodePlan, simulator: Simulator, explorer: Explorer, writer: FrameWriter) -> None:
         self.plan = plan
         self.simulator = simulator
         self.explorer = explorer

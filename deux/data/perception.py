@@ -76,6 +76,4 @@ def _images(frames: Sequence[Frame]) -> Tensor:
 
 def _motions(history: Sequence[Frame]) -> np.ndarray:
     """S x 4 x 4, from the newest frame's camera to those of the frames before it."""
-    return np.stack(
-        [source_from_target(history[0].pose, earlier.pose) for earlier in history[1 : SOURCES + 1]]
-    )
+    return np.stack([source_from_target(history[0].pose, earlier.pose) for earlier in history[1 : SOURCES + 1]])

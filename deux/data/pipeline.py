@@ -90,9 +90,7 @@ def read_manifest(dataset: Path) -> dict[str, Any]:
     try:
         manifest: dict[str, Any] = json.loads((dataset / MANIFEST).read_bytes())
     except (OSError, ValueError) as error:
-        raise DeuxError(
-            f"{dataset} holds no readable {MANIFEST}, so it is no dataset that deux collected."
-        ) from error
+        raise DeuxError(f"{dataset} holds no readable {MANIFEST}, so it is no dataset that deux collected.") from error
     return manifest
 
 

@@ -41,9 +41,7 @@ def write_lists(
             for kind in PUBLISHED_KINDS:
                 lines[kind].append(f"{folder}/{kind}/{triplet[0]}{SUFFIXES[kind]}")
             lines["intrinsics"].append(f"{folder}/K.txt")
-            lines["triplets"].append(
-                "\t".join(f"{folder}/image/{frame}{SUFFIXES['image']}" for frame in triplet)
-            )
+            lines["triplets"].append("\t".join(f"{folder}/image/{frame}{SUFFIXES['image']}" for frame in triplet))
     for kind, content in lines.items():
         write_atomically(list_file(dataset, split, kind), "".join(f"{line}\n" for line in content).encode())
     return len(lines["triplets"])

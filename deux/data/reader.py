@@ -90,9 +90,7 @@ def _frame(dataset: Path, line: str) -> tuple[SequencePaths, str]:
     """Sequence and frame of an image's path; what comes before `data/` may differ from the dataset's folder now."""
     parts = Path(line).parts
     if len(parts) < 4 or parts[-4] != "data":
-        raise DeuxError(
-            f"{dataset} lists {line}, where a path like data/<sequence>/image/<frame>.png is expected."
-        )
+        raise DeuxError(f"{dataset} lists {line}, where a path like data/<sequence>/image/<frame>.png is expected.")
     return SequencePaths(dataset / "data" / parts[-3]), parts[-1].removesuffix(".png")
 
 

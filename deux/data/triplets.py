@@ -159,9 +159,7 @@ def collate(samples: Sequence[Batch]) -> LoadedBatch:
     """
     sizes = {tuple(sample.image.shape[-2:]) for sample in samples}
     if len(sizes) > 1:
-        raise DeuxError(
-            f"Frames of the sizes {sorted(sizes)} (height, width) do not fit in one batch: give a crop."
-        )
+        raise DeuxError(f"Frames of the sizes {sorted(sizes)} (height, width) do not fit in one batch: give a crop.")
 
     def stack(name: str) -> Tensor:
         return _stack([getattr(sample, name) for sample in samples])
@@ -175,9 +173,7 @@ def collate(samples: Sequence[Batch]) -> LoadedBatch:
         intrinsics=stack("intrinsics"),
         source_from_target=stack("source_from_target"),
         ground_truth=None if samples[0].ground_truth is None else stack("ground_truth"),
-        prepared={
-            name: _stack([sample.prepared[name] for sample in samples]) for name in samples[0].prepared
-        },
+        prepared={name: _stack([sample.prepared[name] for sample in samples]) for name in samples[0].prepared},
     )
 
 
@@ -189,11 +185,7 @@ def _crop(sample: Sample, size: tuple[int, int], rng: np.random.Generator | None
             f"A crop of {size[0]} x {size[1]} does not fit in the {sample.images.shape[1]} x "
             f"{sample.images.shape[2]} pixels of {triplet.paths.file('image', triplet.target)}."
         )
-    top, left = (
-        (room[0] // 2, room[1] // 2)
-        if rng is None
-        else (rng.integers(room[0] + 1), rng.integers(room[1] + 1))
-    )
+    top, left = (room[0] // 2, room[1] // 2) if rng is None else (rng.integers(room[0] + 1), rng.integers(room[1] + 1))
     return crop(sample, int(top), int(left), *size)
 
 

@@ -110,8 +110,7 @@ def _verify_sequence(
     else:
         checked = dict.fromkeys(frames, _Checked(Rejection.INCONSISTENT))
     verdict = {
-        triplet[0]: _judge([checked[name] for name in triplet], settings)
-        for triplet in targets(frames, offsets)
+        triplet[0]: _judge([checked[name] for name in triplet], settings) for triplet in targets(frames, offsets)
     }
     write_json(record, {"made_by": made_by, "frames": verdict})
     return verdict
@@ -125,13 +124,9 @@ def _has_intrinsics(paths: SequencePaths) -> bool:
     return True
 
 
-def _check(
-    paths: SequencePaths, name: str, settings: VerificationSettings, sparse: SparseSettings
-) -> _Checked:
+def _check(paths: SequencePaths, name: str, settings: VerificationSettings, sparse: SparseSettings) -> _Checked:
     """Judge one frame by itself."""
-    files = {
-        kind: paths.file(kind, name) for kind in ("image", "sparse_depth", "validity_map", "ground_truth")
-    }
+    files = {kind: paths.file(kind, name) for kind in ("image", "sparse_depth", "validity_map", "ground_truth")}
     if not (paths.folder / "ground_truth").is_dir():
         del files["ground_truth"]
     pose_file = paths.file("absolute_pose", name)
@@ -143,10 +138,7 @@ def _check(
     except DeuxError:
         return _Checked(Rejection.UNREADABLE)
     points = maps["sparse_depth"] > 0
-    if (
-        any(depth.shape != image.shape[:2] for depth in maps.values())
-        or (points != (maps["validity_map"] > 0)).any()
-    ):
+    if any(depth.shape != image.shape[:2] for depth in maps.values()) or (points != (maps["validity_map"] > 0)).any():
         return _Checked(Rejection.INCONSISTENT)
     if points.sum() < settings.min_points * point_count(points.shape, sparse):
         return _Checked(Rejection.TOO_FEW_POINTS, pose)

@@ -71,9 +71,7 @@ def collect_viewpoints(
         parts = stratify(simulator.free_space().free, plan.count)
         with FrameWriter() as writer:
             for index in missing:
-                frames = _frames(
-                    simulator, parts, index, np.random.default_rng([plan.seed, index]), plan.scene.name
-                )
+                frames = _frames(simulator, parts, index, np.random.default_rng([plan.seed, index]), plan.scene.name)
                 paths = plan.paths(index)
                 prepare_folders(paths, simulator.camera.intrinsics, labels=False)
                 for number, frame in enumerate(frames):
@@ -121,13 +119,9 @@ def _frames(
             x, z = space.frame.centre(row, column)
             yaw, motion = rng.uniform(-math.pi, math.pi), MOTIONS[rng.integers(len(MOTIONS))]
             poses = poses_before(x, z, yaw, motion, simulator.robot)
-            if all(_is_free(space, *pose[:2]) for pose in poses) and (
-                frames := _record(simulator, poses[0], motion)
-            ):
+            if all(_is_free(space, *pose[:2]) for pose in poses) and (frames := _record(simulator, poses[0], motion)):
                 return frames
-    raise DeuxError(
-        f"Scene {scene} has no viewpoints: the robot finds no room on its floor for one step forward."
-    )
+    raise DeuxError(f"Scene {scene} has no viewpoints: the robot finds no room on its floor for one step forward.")
 
 
 def poses_before(
@@ -150,9 +144,7 @@ def _is_free(space: FreeSpace, x: float, z: float) -> bool:
     return bool(space.frame.contains(rows, columns)) and bool(space.free[rows, columns])
 
 
-def _record(
-    simulator: Simulator, start: tuple[float, float, float], motion: Sequence[Action]
-) -> list[Frame] | None:
+def _record(simulator: Simulator, start: tuple[float, float, float], motion: Sequence[Action]) -> list[Frame] | None:
     """The frames along a motion, or None if something stood in the way."""
     simulator.reset(*start)
     if any(simulator.step(action) for action in motion):

@@ -56,9 +56,7 @@ def evaluate(
             raise DeuxError("evaluation needs ground truth, and these frames were loaded without it.")
         truth = batch.ground_truth.cpu()
         device = next(model.parameters()).device
-        predicted = model.predict(
-            batch.image.to(device), batch.sparse_depth.to(device), batch.intrinsics.to(device)
-        )
+        predicted = model.predict(batch.image.to(device), batch.sparse_depth.to(device), batch.intrinsics.to(device))
         meters["metrics"].update(predicted.float().cpu(), truth)
         meters["baseline"].update(_each(interpolate, batch.sparse_depth), truth)
         meters["constant"].update(_each(constant, batch.sparse_depth), truth)

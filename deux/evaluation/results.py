@@ -65,9 +65,9 @@ class Results:
     def table(self) -> Table:
         """The errors as a table, the lowest of each column in bold."""
         rows = {
-            f"{self.model}{f' trained on {self.explore}' if self.explore else ''}": self.metrics,
-            "interpolated sparse points": self.baseline,
-            "constant (median of the points)": self.constant,
+            f"{self.model}{f', {self.explore} frames' if self.explore else ''}": self.metrics,
+            "interpolated points": self.baseline,
+            "median of the points": self.constant,
         }
         training = "" if self.frames is None else f" ({self.frames} training frames, seed {self.seed})"
         table = Table(title=f"Errors on the test frames{training}")

@@ -76,6 +76,4 @@ def _draw_scale_bar(panel: Axes) -> None:
     bottom, top = panel.get_ylim()
     x, z = left + 0.04 * (right - left), bottom + 0.05 * (top - bottom)
     panel.plot([x, x + 1.0], [z, z], color="white", linewidth=3, solid_capstyle="butt")
-    panel.annotate(
-        "1 m", (x + 0.5, z), (0, 4), textcoords="offset points", color="white", ha="center", fontsize=8
-    )
+    panel.annotate("1 m", (x + 0.5, z), (0, 4), textcoords="offset points", color="white", ha="center", fontsize=8)

@@ -48,11 +48,7 @@ def reproject(
         distance = points[:, :, 2:]
         # The clamps keep division and positions finite; what they change is invisible. A NaN must go because
         # grid_sample's backward pass on the CPU takes it for an address and brings the process down.
-        grid = (
-            (points[:, :, :2] / distance.clamp(min=NEAREST))
-            .clamp(-FARTHEST, FARTHEST)
-            .nan_to_num(nan=FARTHEST)
-        )
+        grid = (points[:, :, :2] / distance.clamp(min=NEAREST)).clamp(-FARTHEST, FARTHEST).nan_to_num(nan=FARTHEST)
         images = F.grid_sample(
             source_images.to(dtype).flatten(0, 1),
             grid.flatten(0, 1).permute(0, 2, 3, 1),

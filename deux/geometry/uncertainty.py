@@ -10,9 +10,7 @@ from deux.geometry.ssim import ssim, wholly_visible
 Metric = Literal["l1", "ssim"]
 
 
-def photometric_residual(
-    image: Tensor, reconstructions: Tensor, visible: Tensor, metric: Metric = "l1"
-) -> Tensor:
+def photometric_residual(image: Tensor, reconstructions: Tensor, visible: Tensor, metric: Metric = "l1") -> Tensor:
     """Mean error of the reconstructions at each pixel, over the channels and the source frames that see it.
 
     Args:

@@ -32,9 +32,7 @@ class GoalExplorer(Explorer):
     min_frontier = 6
     """Cells that a frontier must have; smaller ones are gaps between pixels."""
 
-    def __init__(
-        self, resolution: float, max_range: float, safety_margin: float, unknown_traversable: bool
-    ) -> None:
+    def __init__(self, resolution: float, max_range: float, safety_margin: float, unknown_traversable: bool) -> None:
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin

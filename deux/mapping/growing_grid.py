@@ -24,9 +24,7 @@ class GrowingGrid:
     def __init__(self, resolution: float, layers: dict[str, type]) -> None:
         self._resolution = resolution
         self._first_row = self._first_column = 0
-        self._layers: dict[str, np.ndarray] = {
-            name: np.zeros((0, 0), dtype) for name, dtype in layers.items()
-        }
+        self._layers: dict[str, np.ndarray] = {name: np.zeros((0, 0), dtype) for name, dtype in layers.items()}
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The array of one layer, rows x columns; a new object after the grid grew."""
@@ -41,9 +39,7 @@ class GrowingGrid:
 
     def cover(self, x: float, z: float, reach: float) -> None:
         """Grow until every cell within `reach` metres of world point (x, z), along either axis, is inside."""
-        needed = [
-            math.floor(value / self._resolution) for value in (z - reach, x - reach, z + reach, x + reach)
-        ]
+        needed = [math.floor(value / self._resolution) for value in (z - reach, x - reach, z + reach, x + reach)]
         rows, columns = self.frame.shape
         held = [
             self._first_row,

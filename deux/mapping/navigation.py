@@ -60,9 +60,7 @@ class PathFollower:
         self._last = action
         return action
 
-    def _waypoint(
-        self, pose: np.ndarray, path: np.ndarray, traversable: np.ndarray, frame: GridFrame
-    ) -> np.ndarray:
+    def _waypoint(self, pose: np.ndarray, path: np.ndarray, traversable: np.ndarray, frame: GridFrame) -> np.ndarray:
         """World (x, z) of the point to head for."""
         here = frame.cell(pose[0, 3], pose[2, 3])
         distances = np.hypot(path[:, 0] - pose[0, 3], path[:, 1] - pose[2, 3])

@@ -44,9 +44,7 @@ class OccupancyMap:
         max_range: distance along the floor in metres up to which depth is used.
     """
 
-    def __init__(
-        self, camera: Camera, robot: Robot, resolution: float = 0.05, max_range: float = 3.0
-    ) -> None:
+    def __init__(self, camera: Camera, robot: Robot, resolution: float = 0.05, max_range: float = 3.0) -> None:
         self.camera = camera
         self.robot = robot
         self.resolution = resolution
@@ -92,6 +90,7 @@ class OccupancyMap:
         forward = pose[[0, 2], 2] / np.linalg.norm(pose[[0, 2], 2])
         x, z = pose[[0, 2], 3] + forward * distance
         self._set_disc(float(x), float(z), self.resolution, CONTACT)
+        self._set_disc(float(pose[0, 3]), float(pose[2, 3]), self.robot.radius, LEAST)
 
     def _set_disc(self, x: float, z: float, radius: float, log_odds: float) -> None:
         """Set the evidence of the cell at (x, z) and of every cell whose centre is within `radius` of it."""

@@ -13,9 +13,7 @@ from numba import njit
 _SQRT2 = math.sqrt(2.0)
 
 
-def shortest_path(
-    traversable: np.ndarray, start: tuple[int, int], goal: tuple[int, int]
-) -> np.ndarray | None:
+def shortest_path(traversable: np.ndarray, start: tuple[int, int], goal: tuple[int, int]) -> np.ndarray | None:
     """The shortest path between two cells.
 
     Args:

@@ -98,9 +98,7 @@ class Pursuit:
         self.reached = True
         return None
 
-    def _remaining_path(
-        self, pose: np.ndarray, traversable: np.ndarray, frame: GridFrame
-    ) -> np.ndarray | None:
+    def _remaining_path(self, pose: np.ndarray, traversable: np.ndarray, frame: GridFrame) -> np.ndarray | None:
         """What is left of the path as world (x, z), planned anew if need be; None if no path leads to the place."""
         if self._path is not None:
             distances = np.hypot(self._path[:, 0] - pose[0, 3], self._path[:, 1] - pose[2, 3])

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import cv2
 import numpy as np
+from numba import njit
 
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
@@ -107,7 +108,7 @@ class SurfaceResidualField:
         bandwidth: float = 0.5,
         prior_weight: float = 1.0,
     ) -> None:
-        self._rays = camera.rays()
+        self._camera = camera
         self._resolution = resolution
         self._max_range = max_range
         self._bandwidth = bandwidth
@@ -116,18 +117,19 @@ class SurfaceResidualField:
 
     def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
         """Project the residuals of all pixels with depth onto the floor; NaN residuals are left out."""
-        x, z = float(pose[0, 3]), float(pose[2, 3])
-        valid = (depth > 0.0) & np.isfinite(residual)
-        offsets = (self._rays[valid] * depth[valid, None]) @ pose[[0, 2], :3].T
-        near = np.hypot(offsets[:, 0], offsets[:, 1]) <= self._max_range
-        self._cells.cover(x, z, self._max_range)
+        self._cells.cover(float(pose[0, 3]), float(pose[2, 3]), self._max_range)
         frame = self._cells.frame
-        rows, columns = frame.cells(x + offsets[near, 0], z + offsets[near, 1])
-        flat = rows * frame.columns + columns
-        size = frame.rows * frame.columns
-        values = residual[valid][near].astype(np.float64)
-        self._cells["total"][:] += np.bincount(flat, values, size).reshape(frame.shape)
-        self._cells["count"][:] += np.bincount(flat, minlength=size).reshape(frame.shape)
+        k = self._camera.intrinsics
+        _project(
+            np.asarray(depth, np.float32),
+            np.asarray(residual, np.float32),
+            np.ascontiguousarray(pose, np.float64),
+            (k[0, 0], k[0, 2], k[1, 2]),
+            self._max_range,
+            (frame.origin_x, frame.origin_z, self._resolution),
+            self._cells["total"],
+            self._cells["count"],
+        )
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Uncertainty near N x 2 world points (x, z)."""
@@ -139,9 +141,7 @@ class SurfaceResidualField:
 
         def weighted_sum(cells: np.ndarray) -> np.ndarray:
             # GaussianBlur's kernel sums to 1; undone, a cell at distance 0 has weight 1.
-            blurred = cv2.GaussianBlur(
-                cells.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT
-            )
+            blurred = cv2.GaussianBlur(cells.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
             return 2.0 * np.pi * sigma**2 * blurred
 
         weight, total = weighted_sum(seen), weighted_sum(np.where(seen, uncertainty, 0.0))
@@ -169,3 +169,24 @@ class SurfaceResidualField:
         """1 - exp(-mean residual) of each cell, and which cells have one."""
         count = self._cells["count"]
         return 1.0 - np.exp(-self._cells["total"] / np.maximum(count, 1)), count > 0
+
+
+@njit(cache=True)
+def _project(depth, residual, pose, lens, max_range, lattice, total, count):  # type: ignore[no-untyped-def]
+    """Add each pixel's residual to the cell that its point falls into."""
+    f, cx, cy = lens
+    origin_x, origin_z, resolution = lattice
+    for v in range(depth.shape[0]):
+        b = (v - cy) / f
+        for u in range(depth.shape[1]):
+            d = depth[v, u]
+            if not d > 0.0 or not np.isfinite(residual[v, u]):
+                continue
+            a = (u - cx) / f
+            dx = (pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]) * d
+            dz = (pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]) * d
+            if dx * dx + dz * dz <= max_range * max_range:
+                row = int((pose[2, 3] + dz - origin_z) / resolution)
+                column = int((pose[0, 3] + dx - origin_x) / resolution)
+                total[row, column] += residual[v, u]
+                count[row, column] += 1

@@ -102,9 +102,7 @@ def _can_go(free: np.ndarray, x: float, y: float, dx: float, dy: float) -> bool:
         return False
     # Two cells that touch at a corner only are no passage.
     return (
-        new_column == column
-        or new_row == row
-        or (_is_free(free, column, new_row) and _is_free(free, new_column, row))
+        new_column == column or new_row == row or (_is_free(free, column, new_row) and _is_free(free, new_column, row))
     )
 
 

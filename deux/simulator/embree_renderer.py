@@ -21,9 +21,7 @@ class EmbreeRenderer:
     def __init__(self, scene: Scene, camera: Camera) -> None:
         self.camera = camera
         self._caster = RayCaster(scene.mesh)
-        self._face_label = np.append(scene.mesh.face_label, -1).astype(
-            np.int32
-        )  # face -1, "none", has label -1
+        self._face_label = np.append(scene.mesh.face_label, -1).astype(np.int32)  # face -1, "none", has label -1
         self._surfaces = prepare_surfaces(scene.mesh)
         self._rays = camera.rays().reshape(-1, 3).astype(np.float32)
 
@@ -52,9 +50,7 @@ def _world_rays(rays: np.ndarray, rotation: np.ndarray, centre: np.ndarray) -> t
     for i in range(len(rays)):
         for axis in range(3):
             directions[i, axis] = (
-                rotation[axis, 0] * rays[i, 0]
-                + rotation[axis, 1] * rays[i, 1]
-                + rotation[axis, 2] * rays[i, 2]
+                rotation[axis, 0] * rays[i, 0] + rotation[axis, 1] * rays[i, 1] + rotation[axis, 2] * rays[i, 2]
             )
             origins[i, axis] = centre[axis]
     return directions, origins

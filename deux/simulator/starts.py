@@ -9,9 +9,7 @@ from deux.geometry.grid import FreeSpace
 PREFERRED_CLEARANCE = 0.3  # metres: from here the camera does not begin with its nose at a wall
 
 
-def random_starts(
-    free_space: FreeSpace, count: int, rng: np.random.Generator
-) -> list[tuple[float, float, float]]:
+def random_starts(free_space: FreeSpace, count: int, rng: np.random.Generator) -> list[tuple[float, float, float]]:
     """Draw places on the free floor, uniformly where there is some room around the robot.
 
     That is a clearance of `PREFERRED_CLEARANCE`, or of the floor's median clearance where that is less.

@@ -53,9 +53,7 @@ def pack_textures(materials: Sequence[Material]) -> TexturePyramids:
             if level > 0:
                 height, width = texture.shape[:2]
                 # The mean over each texel's area: what keeps a pattern finer than a pixel from aliasing.
-                texture = cv2.resize(
-                    texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_AREA
-                )
+                texture = cv2.resize(texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_AREA)
             texels[starts[level] : starts[level] + texture.size] = texture.reshape(-1)
     return TexturePyramids(texels, offsets, sizes, material_texture)
 
@@ -99,14 +97,10 @@ def trilinear_lookup(
         last += 1
     fine = int(min(max(level, 0.0), float(last)))
     blend = min(max(level, 0.0), float(last)) - fine
-    red, green, blue = bilinear_lookup(
-        texels, offsets[fine], max(1, height >> fine), max(1, width >> fine), s, t
-    )
+    red, green, blue = bilinear_lookup(texels, offsets[fine], max(1, height >> fine), max(1, width >> fine), s, t)
     if blend > 0.0:
         coarse = fine + 1
-        r, g, b = bilinear_lookup(
-            texels, offsets[coarse], max(1, height >> coarse), max(1, width >> coarse), s, t
-        )
+        r, g, b = bilinear_lookup(texels, offsets[coarse], max(1, height >> coarse), max(1, width >> coarse), s, t)
         red += blend * (r - red)
         green += blend * (g - green)
         blue += blend * (b - blue)

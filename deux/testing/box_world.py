@@ -127,9 +127,11 @@ class BoxWorld:
         frame = GridFrame(0.0, 0.0, math.ceil(self.length / 0.05), math.ceil(self.width / 0.05))
         rows, columns = np.mgrid[: frame.rows, : frame.columns]
         clearance = self.clearance((columns + 0.5) * frame.resolution, (rows + 0.5) * frame.resolution)
-        regions, _ = ndimage.label(clearance >= self.robot.radius)
-        region = regions[frame.cell(self._x, self._z)]
-        return FreeSpace(frame, (regions == region) & (regions > 0), clearance.astype(np.float32), 0.0)
+        here = frame.cell(self._x, self._z)
+        free = clearance >= self.robot.radius
+        free[here] = True
+        regions, _ = ndimage.label(free)
+        return FreeSpace(frame, regions == regions[here], clearance.astype(np.float32), 0.0)
 
     @staticmethod
     def _slabs(

@@ -51,9 +51,7 @@ def observe(world: BoxWorld, needs: frozenset[Need], step: int, collided: bool) 
     )
 
 
-def run(
-    explorer: Explorer, world: BoxWorld, steps: int, seed: int = 0, change: Change = unchanged
-) -> list[Action]:
+def run(explorer: Explorer, world: BoxWorld, steps: int, seed: int = 0, change: Change = unchanged) -> list[Action]:
     """Let an explorer act in a world from where the world's robot stands, as the collector would.
 
     Args:

@@ -54,9 +54,7 @@ def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> Lo
     sparse_depth = torch.zeros_like(depth)
     sparse_depth[..., ::4, ::4] = PLANE_DEPTH
     validity = (sparse_depth > 0).float()
-    batch = Batch(
-        image, sources, sparse_depth, validity, sparse_depth.clone(), intrinsics, poses, depth.clone()
-    )
+    batch = Batch(image, sources, sparse_depth, validity, sparse_depth.clone(), intrinsics, poses, depth.clone())
     return LossSample(batch, depth, depth.clone(), torch.linalg.inv(poses))
 
 
@@ -147,9 +145,7 @@ class LossTermSuite:
         for item in fields(Batch):
             value = getattr(sample.batch, item.name)
             if isinstance(value, Tensor):
-                assert torch.equal(value, getattr(before.batch, item.name)), (
-                    f"the term changed batch.{item.name}"
-                )
+                assert torch.equal(value, getattr(before.batch, item.name)), f"the term changed batch.{item.name}"
 
     def test_bfloat16_inputs_give_float32(self) -> None:
         """Inputs of a network in mixed precision are converted before anything is computed from them."""
@@ -163,18 +159,14 @@ class LossTermSuite:
         value = evaluate(self.make_term(), rounded)
         _check_value(value)
         expected = float(evaluate(self.make_term(), exact))
-        assert float(value) == pytest.approx(expected, rel=0.1), (
-            "bfloat16 inputs change the value by more than 10 %"
-        )
+        assert float(value) == pytest.approx(expected, rel=0.1), "bfloat16 inputs change the value by more than 10 %"
 
 
 def _texture(shift: tuple[int, int], height: int, width: int) -> Tensor:
     """A 3 x H x W image whose content is moved by whole pixels (x, y)."""
     x = (torch.arange(width, dtype=torch.float32) - shift[0])[None, :]
     y = (torch.arange(height, dtype=torch.float32) - shift[1])[:, None]
-    return torch.stack(
-        [0.5 + 0.4 * torch.sin(a * x + b * y) for a, b in ((0.9, 0.4), (0.5, -0.8), (0.3, 1.1))]
-    )
+    return torch.stack([0.5 + 0.4 * torch.sin(a * x + b * y) for a, b in ((0.9, 0.4), (0.5, -0.8), (0.3, 1.1))])
 
 
 def _check_value(value: Tensor) -> None:

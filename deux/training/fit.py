@@ -83,9 +83,7 @@ def fit(
         seed=seed,
         num_workers=settings.num_workers,
     )
-    module = DepthCompletion(
-        model, make_objective(model, objective), make_pose_source(pose, model), settings, metrics
-    )
+    module = DepthCompletion(model, make_objective(model, objective), make_pose_source(pose, model), settings, metrics)
     checkpoints = folder / "checkpoints"
     version = f"version_{len(list((folder / 'logs').glob('version_*')))}"
     arguments: dict[str, Any] = {
@@ -93,7 +91,6 @@ def fit(
         "logger": [logger(folder, "logs", version) for logger in (CSVLogger, TensorBoardLogger)],
         "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
         "enable_model_summary": False,
-        "log_every_n_steps": 10,
         "num_sanity_val_steps": 0,
         # The loader reads the list files anew, so that frames that were added in the meantime are not passed over.
         "reload_dataloaders_every_n_epochs": 1,
@@ -108,14 +105,16 @@ def fit(
 
 
 def _budget(settings: TrainingSettings) -> dict[str, Any]:
-    """When training ends and when it pauses to validate."""
+    """When training ends, and when it logs and validates."""
     if settings.steps is None:
         return {
             "max_epochs": settings.epochs,
+            "log_every_n_steps": 10,
             "check_val_every_n_epoch": max(1, settings.epochs // settings.validations),
         }
     return {
         "max_steps": settings.steps,
+        "log_every_n_steps": max(1, min(10, settings.steps // 20)),
         "val_check_interval": max(1, settings.steps // settings.validations),
         "check_val_every_n_epoch": None,  # count steps across epochs
     }

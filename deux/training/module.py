@@ -72,9 +72,7 @@ class DepthCompletion(LightningModule):
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Log the losses of held-out frames and count them in the metrics."""
         prediction, losses = self._losses(batch)
-        self._log(
-            "validation", {"loss": losses.total, **losses.terms, **_photometric_error(batch, losses)}, batch
-        )
+        self._log("validation", {"loss": losses.total, **losses.terms, **_photometric_error(batch, losses)}, batch)
         if self.metrics is not None and batch.ground_truth is not None:
             self.metrics.update(prediction.depth.float(), batch.ground_truth)
 
@@ -105,9 +103,7 @@ class DepthCompletion(LightningModule):
             poses = self.pose_source(batch, backward=self.objective.needs_backward_poses)
         return prediction, self.objective(batch, prediction, poses)
 
-    def _log(
-        self, stage: str, values: dict[str, Tensor], batch: Batch, prog_bar: tuple[str, ...] = ()
-    ) -> None:
+    def _log(self, stage: str, values: dict[str, Tensor], batch: Batch, prog_bar: tuple[str, ...] = ()) -> None:
         for name, value in values.items():
             self.log(f"{stage}/{name}", value, prog_bar=name in prog_bar, batch_size=len(batch.image))
 

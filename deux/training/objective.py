@@ -85,9 +85,7 @@ class Objective(nn.Module):
             prediction = Prediction(prediction.depth.float(), extras)
             reconstructions = None
             if self.needs_reconstructions:
-                reconstructions = reconstruct(
-                    batch, prediction, poses or RelativePoses(batch.source_from_target)
-                )
+                reconstructions = reconstruct(batch, prediction, poses or RelativePoses(batch.source_from_target))
             readable = batch if self.supervised else replace(batch, ground_truth=None)
             values = {name: term(readable, prediction, reconstructions) for name, term in self.terms.items()}
             total = torch.stack([self.weights[name] * value for name, value in values.items()]).sum()
@@ -99,14 +97,10 @@ class Objective(nn.Module):
     def _check(self, batch: Batch, prediction: Prediction) -> None:
         for name in self._needing(LossNeed.PRIOR):
             if "prior" not in prediction.extras:
-                raise DeuxError(
-                    f"objective.{name} needs a prior, and this depth model predicts none: remove the term."
-                )
+                raise DeuxError(f"objective.{name} needs a prior, and this depth model predicts none: remove the term.")
         for name in self._needing(LossNeed.GROUND_TRUTH):
             if batch.ground_truth is None:
-                raise DeuxError(
-                    f"objective.{name} needs ground truth, and the training frames come without it."
-                )
+                raise DeuxError(f"objective.{name} needs ground truth, and the training frames come without it.")
 
 
 def reconstruct(batch: Batch, prediction: Prediction, poses: RelativePoses) -> Reconstructions:
@@ -158,7 +152,5 @@ def _options(name: str, setting: Any) -> dict[str, Any]:
     options = dict(setting) if isinstance(setting, Mapping) else {"weight": setting}
     weight = options.get("weight", 0.0)
     if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0 <= weight < float("inf"):
-        raise DeuxError(
-            f"objective.{name} has the weight {weight!r}: a weight is a number of 0 or more, or null."
-        )
+        raise DeuxError(f"objective.{name} has the weight {weight!r}: a weight is a number of 0 or more, or null.")
     return options

@@ -68,9 +68,7 @@ def make_pose_source(kind: PoseKind, model: DepthModel) -> PoseSource:
         raise DeuxError(f"pose={kind} is no source of poses: {near_matches(kind, ['simulator', 'learned'])}")
     network = model.pose_network()
     if network is None:
-        raise DeuxError(
-            f"pose=learned needs a pose network, and {type(model).__name__} has none: use pose=simulator."
-        )
+        raise DeuxError(f"pose=learned needs a pose network, and {type(model).__name__} has none: use pose=simulator.")
     return LearnedPoseSource(network)
 
 

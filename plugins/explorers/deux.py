@@ -3,7 +3,6 @@
 from typing import Literal
 
 import numpy as np
-from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
 
 from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError
@@ -11,6 +10,7 @@ from deux.mapping.frontier_targets import cell_centres
 from deux.mapping.goal_explorer import GoalExplorer
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
+from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
 
 
 class DeuxExplorer(GoalExplorer):
@@ -105,9 +105,7 @@ class DeuxExplorer(GoalExplorer):
         sampled = np.concatenate(
             [
                 self.rng.choice(members, max(1, round(len(members) / per_frontier)), replace=False)
-                for members in (
-                    np.flatnonzero(candidates.frontier == f) for f in np.unique(candidates.frontier)
-                )
+                for members in (np.flatnonzero(candidates.frontier == f) for f in np.unique(candidates.frontier))
             ]
         )
         chosen = self._draw(cell_centres(frame, candidates.cells[sampled]))

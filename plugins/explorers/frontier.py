@@ -4,7 +4,6 @@ import math
 from typing import Literal
 
 import numpy as np
-from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
 
 from deux.contracts import Observation
 from deux.errors import DeuxError
@@ -13,6 +12,7 @@ from deux.mapping.frontiers import frontier_mask
 from deux.mapping.goal_explorer import GoalExplorer
 from deux.mapping.navigation import heading_error
 from deux.mapping.pursuit import Target
+from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
 
 
 class FrontierExplorer(GoalExplorer):
@@ -23,8 +23,8 @@ class FrontierExplorer(GoalExplorer):
 
     Args:
         depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
-        choose: "nearest", the frontier that takes the fewest actions, turns included (Yamauchi); or "largest", a random place on
-            one of the three largest (the published agent of exploring_exploration).
+        choose: "nearest", the frontier that takes the fewest actions, turns included (Yamauchi); or "largest", a
+            random place on one of the three largest (the published agent of exploring_exploration).
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
@@ -76,7 +76,5 @@ class FrontierExplorer(GoalExplorer):
             return False
         row, column = self.occupancy.frame.cell(*self.frontier)
         reach = math.ceil(self.frontier_reach / self.occupancy.resolution)
-        window = np.s_[
-            max(0, row - reach - 1) : row + reach + 2, max(0, column - reach - 1) : column + reach + 2
-        ]
+        window = np.s_[max(0, row - reach - 1) : row + reach + 2, max(0, column - reach - 1) : column + reach + 2]
         return not frontier_mask(self.occupancy.cells[window])[1:-1, 1:-1].any()

@@ -2,10 +2,10 @@
 
 from typing import Literal
 
-from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
 from torch import Tensor
 
 from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
 
 
 class ColorConsistency(LossTerm):
@@ -34,9 +34,7 @@ class ColorConsistency(LossTerm):
         self.channels = channels
         self.average = PhotometricAverage(pixels, skip_points, divisor)
 
-    def __call__(
-        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
-    ) -> Tensor:
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
         """The term's value in [0, 3 S] for images in [0, 1] and S source frames."""
         assert reconstructions is not None
         difference = (reconstructions.images.float() - batch.image.float()[:, None]).abs()

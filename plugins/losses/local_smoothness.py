@@ -12,9 +12,7 @@ class LocalSmoothness(LossTerm):
     follows; the image's gradient is the mean of its channels'. Depth enters in metres, not normalised.
     """
 
-    def __call__(
-        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
-    ) -> Tensor:
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
         """The term's value in metres per pixel."""
         image, depth = batch.image.float(), prediction.depth.float()
         return _weighted_variation(image, depth, axis=-1) + _weighted_variation(image, depth, axis=-2)

@@ -13,9 +13,7 @@ class SparseDepth(LossTerm):
     zero where the published code gives NaN.
     """
 
-    def __call__(
-        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
-    ) -> Tensor:
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
         """The term's value in metres."""
         valid = batch.validity > 0
         difference = (prediction.depth.float() - batch.sparse_depth.float()).abs()

@@ -3,11 +3,11 @@
 from typing import Literal
 
 import torch.nn.functional as F
-from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
 from torch import Tensor
 
 from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
 from deux.geometry.ssim import Border, Window, ssim, wholly_visible
+from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
 
 
 class StructuralConsistency(LossTerm):
@@ -50,9 +50,7 @@ class StructuralConsistency(LossTerm):
         self.border = border
         self.average = PhotometricAverage(pixels, skip_points, divisor)
 
-    def __call__(
-        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
-    ) -> Tensor:
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
         """The term's value in [0, 2 S] (mean of channels) for S source frames."""
         assert reconstructions is not None
         image, rebuilt = batch.image.float()[:, None], reconstructions.images.float()

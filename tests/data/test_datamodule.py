@@ -125,9 +125,7 @@ def test_frames_may_be_added_between_epochs(tmp_path: Path) -> None:
 
 
 def test_a_last_batch_that_is_not_full_is_left_out_of_training_alone(tmp_path: Path) -> None:
-    data = TripletDataModule(
-        ToyModel(), [build(tmp_path)], test=[build(tmp_path, split="test")], batch_size=5
-    )
+    data = TripletDataModule(ToyModel(), [build(tmp_path)], test=[build(tmp_path, split="test")], batch_size=5)
     assert [len(batch.image) for batch in data.train_dataloader()] == [5, 5]
     assert [len(batch.image) for batch in data.test_dataloader()] == [5, 5, 2]
     data.batch_size = 50

@@ -42,10 +42,7 @@ class Crew:
 
 
 def plans(folder: Path, count: int = 3, steps: int = STEPS) -> list[EpisodePlan]:
-    return [
-        EpisodePlan(folder / f"room-{i}", ToyScene(f"room{i}", "x" * i), seed=i, steps=steps)
-        for i in range(count)
-    ]
+    return [EpisodePlan(folder / f"room-{i}", ToyScene(f"room{i}", "x" * i), seed=i, steps=steps) for i in range(count)]
 
 
 def test_frames_hold_what_the_simulator_showed(tmp_path: Path) -> None:
@@ -62,9 +59,7 @@ def test_frames_hold_what_the_simulator_showed(tmp_path: Path) -> None:
         replay.reset(pose[0, 3], pose[2, 3], np.arctan2(-pose[0, 2], -pose[2, 2]))
         frame = replay.observe(labels=True)
         np.testing.assert_allclose(read_image(folder / f"image/{i:06d}.png").astype(int), frame.rgb, atol=1)
-        np.testing.assert_allclose(
-            read_depth(folder / f"ground_truth/{i:06d}.png"), frame.depth, atol=1 / 256
-        )
+        np.testing.assert_allclose(read_depth(folder / f"ground_truth/{i:06d}.png"), frame.depth, atol=1 / 256)
         assert np.mean(read_labels(folder / f"labels/{i:06d}.png") == frame.labels) > 0.99
 
 
@@ -78,9 +73,7 @@ def test_the_first_action_follows_the_first_frame_and_the_budget_is_the_number_o
 
 
 @pytest.mark.parametrize("needs", ALL_NEEDS, ids=lambda needs: "+".join(sorted(needs)) or "nothing")
-def test_an_explorer_is_given_what_it_declares_and_nothing_else(
-    tmp_path: Path, needs: frozenset[Need]
-) -> None:
+def test_an_explorer_is_given_what_it_declares_and_nothing_else(tmp_path: Path, needs: frozenset[Need]) -> None:
     crew = Crew(needs)
     explore(plans(tmp_path, 1), crew.make_simulator, crew.make_explorer, GuessingModel())
     explorer = crew.at_work()[0]
@@ -101,9 +94,7 @@ def test_depth_is_given_as_the_files_hold_it(tmp_path: Path) -> None:
     for i, seen in enumerate(crew.at_work()[0].seen):
         assert seen.sensor_depth is not None
         np.testing.assert_array_equal(seen.sensor_depth, quantise_depth(seen.sensor_depth))
-        np.testing.assert_array_equal(
-            seen.sensor_depth, read_depth(tmp_path / f"room-0/ground_truth/{i:06d}.png")
-        )
+        np.testing.assert_array_equal(seen.sensor_depth, read_depth(tmp_path / f"room-0/ground_truth/{i:06d}.png"))
 
 
 def test_the_model_is_called_once_a_step_for_all_robots_that_are_still_going(tmp_path: Path) -> None:
@@ -145,9 +136,7 @@ def test_prediction_and_residual_are_those_of_the_frame(tmp_path: Path) -> None:
         for source in (one, two):
             motion = torch.from_numpy(source_from_target(now.pose, source.pose)).float()[None, None]
             pixels = torch.from_numpy(source.rgb).permute(2, 0, 1).float()[None, None] / 255
-            rebuilt, visible = reproject(
-                pixels, depth, torch.from_numpy(CAMERA.intrinsics).float()[None], motion
-            )
+            rebuilt, visible = reproject(pixels, depth, torch.from_numpy(CAMERA.intrinsics).float()[None], motion)
             total += torch.where(visible[0, 0, 0], (rebuilt[0, 0] - image).abs().mean(dim=0), 0.0)
             count += visible[0, 0, 0]
         expected = (total / count).numpy()
@@ -218,9 +207,7 @@ def test_finished_frames_are_read_instead_of_rendered(tmp_path: Path, needs: fro
     (tmp_path / "cut/room-1/image/000004.png").write_bytes(b"half a fi")
     for path in sorted((tmp_path / "cut/room-2").rglob("*"), reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()
-    finished = {
-        p: p.stat().st_mtime_ns for p in (tmp_path / "cut").rglob("00000[0123].*") if "room-2" not in str(p)
-    }
+    finished = {p: p.stat().st_mtime_ns for p in (tmp_path / "cut").rglob("00000[0123].*") if "room-2" not in str(p)}
     again = Crew(needs)
     explore(plans(tmp_path / "cut"), again.make_simulator, again.make_explorer, model)
     assert tree(tmp_path / "cut") == tree(tmp_path / "whole")

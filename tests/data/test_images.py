@@ -67,9 +67,7 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
 def test_the_wrong_kind_of_image_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "a.png"
     images.write_depth(file, np.ones((4, 4)))
-    with pytest.raises(
-        DeuxError, match=r"a\.png is an image of mode .* where an 8-bit RGB image is expected"
-    ):
+    with pytest.raises(DeuxError, match=r"a\.png is an image of mode .* where an 8-bit RGB image is expected"):
         images.read_image(file)
     images.write_image(file, np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(DeuxError, match="where a 16-bit depth map is expected"):
@@ -81,9 +79,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         images.read_image(tmp_path / "nothing.png")
 
 
-def test_a_full_disk_leaves_the_old_file_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "d.png"
     images.write_depth(file, np.ones((8, 8)))
     before = file.read_bytes()
@@ -94,9 +90,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", half_written)
-    with pytest.raises(
-        DeuxError, match=r"The disk is full: .*d\.png could not be written and [\d.]+ MB are free"
-    ):
+    with pytest.raises(DeuxError, match=r"The disk is full: .*d\.png could not be written and [\d.]+ MB are free"):
         images.write_depth(file, np.zeros((8, 8)))
     assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file]

@@ -33,16 +33,12 @@ def test_the_layout_is_that_of_the_void_release(tmp_path: Path) -> None:
         folder = dataset / "data" / sequence
         for kind in kinds:
             suffix = ".txt" if kind == "absolute_pose" else ".png"
-            assert sorted(path.name for path in (folder / kind).iterdir()) == [
-                f"{i:06d}{suffix}" for i in range(8)
-            ]
+            assert sorted(path.name for path in (folder / kind).iterdir()) == [f"{i:06d}{suffix}" for i in range(8)]
         assert (folder / "K.txt").exists()
     lists = {f"train_{kind}.txt" for kind in [*kinds, "intrinsics", "triplets"]}
     assert {path.name for path in dataset.iterdir()} == lists | {"data", "manifest.json"}
     for kind in [*kinds, "intrinsics"]:  # each line leads to a file from the folder above, as in the release
-        assert all(
-            (tmp_path / line).is_file() for line in (dataset / f"train_{kind}.txt").read_text().splitlines()
-        )
+        assert all((tmp_path / line).is_file() for line in (dataset / f"train_{kind}.txt").read_text().splitlines())
 
 
 def test_the_manifest_counts(tmp_path: Path) -> None:
@@ -175,9 +171,7 @@ def test_two_builders_of_one_dataset_make_it_once(tmp_path: Path) -> None:
     assert len(made) == len(specification().scenes)
 
 
-def test_a_full_disk_is_one_sentence_and_the_build_can_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_is_one_sentence_and_the_build_can_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write, left = Path.write_bytes, [20]
 
     def limited(path: Path, content: bytes) -> int:
@@ -212,10 +206,7 @@ def test_viewpoints_become_a_test_split_of_one_triplet_each(tmp_path: Path) -> N
     dataset = build_dataset(spec, tmp_path, ToySimulator)
     assert len((dataset / "test_triplets.txt").read_text().splitlines()) == 10
     assert read_manifest(dataset)["candidates"] == 10
-    assert (
-        build_dataset(replace(spec, explorer="wanderer", steps=8), tmp_path, ToySimulator, Wanderer)
-        != dataset
-    )
+    assert build_dataset(replace(spec, explorer="wanderer", steps=8), tmp_path, ToySimulator, Wanderer) != dataset
 
 
 def test_a_folder_without_manifest_is_no_dataset_of_ours(tmp_path: Path) -> None:

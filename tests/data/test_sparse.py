@@ -95,7 +95,5 @@ def test_stage_two_writes_points_and_validity_and_leaves_finished_frames_alone(t
     before = {path: path.stat().st_mtime_ns for path in paths.folder.rglob("*.png")}
     paths.file("validity_map", "000000").unlink()
     sample_sequences([paths], PAPER)
-    changed = {
-        path.parent.name + path.stem for path, time in before.items() if path.stat().st_mtime_ns != time
-    }
+    changed = {path.parent.name + path.stem for path, time in before.items() if path.stat().st_mtime_ns != time}
     assert changed == {"sparse_depth000000", "validity_map000000"}

@@ -40,15 +40,11 @@ def test_an_item_is_what_the_files_hold(dataset: Path) -> None:
     for pixels, index in zip([item.image, *item.sources], [target, target - 1, target - 2], strict=True):
         stored = read_image(frames / f"image/{index:06d}.png")
         np.testing.assert_allclose(pixels.permute(1, 2, 0).numpy() * 255, stored, atol=1e-3)
-    np.testing.assert_array_equal(
-        item.sparse_depth[0], read_depth(frames / f"sparse_depth/{triplet.target}.png")
-    )
+    np.testing.assert_array_equal(item.sparse_depth[0], read_depth(frames / f"sparse_depth/{triplet.target}.png"))
     np.testing.assert_array_equal(item.validity[0], item.sparse_depth[0] > 0)
     np.testing.assert_array_equal(item.input_sparse_depth, item.sparse_depth)
     assert item.ground_truth is not None
-    np.testing.assert_array_equal(
-        item.ground_truth[0], read_depth(frames / f"ground_truth/{triplet.target}.png")
-    )
+    np.testing.assert_array_equal(item.ground_truth[0], read_depth(frames / f"ground_truth/{triplet.target}.png"))
     np.testing.assert_allclose(item.intrinsics, CAMERA.intrinsics, rtol=1e-6)
 
 
@@ -150,9 +146,7 @@ def test_the_model_prepares_from_the_points_that_it_is_shown(dataset: Path) -> N
 
 
 def test_equal_seeds_give_equal_items(dataset: Path) -> None:
-    items = load(
-        dataset, SampleSettings((16, 20), training=True, augmentation=Augmentation((0.3, 0.6), flip=0.5))
-    )
+    items = load(dataset, SampleSettings((16, 20), training=True, augmentation=Augmentation((0.3, 0.6), flip=0.5)))
     first, again, other = items[2, 7], items[2, 7], items[2, 8]
     torch.testing.assert_close(first.image, again.image)
     torch.testing.assert_close(first.input_sparse_depth, again.input_sparse_depth)
@@ -294,7 +288,5 @@ def test_a_split_that_is_not_there_is_an_error(tmp_path: Path, dataset: Path) ->
 
 def test_a_list_that_leads_elsewhere_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "train_image.txt").write_text("somewhere/else.png\n")
-    with pytest.raises(
-        DeuxError, match=r"lists somewhere/else\.png, where a path like data/<sequence>/image"
-    ):
+    with pytest.raises(DeuxError, match=r"lists somewhere/else\.png, where a path like data/<sequence>/image"):
         read_split(tmp_path, "train")

@@ -36,9 +36,7 @@ def walked(tmp_path: Path) -> SequencePaths:
     return walk(tmp_path / "data/room", [Action.LEFT] * FRAMES)
 
 
-def verdict(
-    paths: SequencePaths, settings: VerificationSettings | None = None
-) -> dict[str, Rejection | None]:
+def verdict(paths: SequencePaths, settings: VerificationSettings | None = None) -> dict[str, Rejection | None]:
     return verify_sequences([paths], settings or VerificationSettings(), SPARSE)[paths.name]
 
 
@@ -154,9 +152,7 @@ def test_lists_name_the_accepted_frames_in_one_order(walked: SequencePaths, tmp_
     fewer_points(walked)
     verdicts = verify_sequences([walked], VerificationSettings(), SPARSE)
     assert write_lists(tmp_path, "toy-123", "train", [walked], verdicts) == 5
-    lines = {
-        path.stem.removeprefix("train_"): path.read_text().splitlines() for path in tmp_path.glob("*.txt")
-    }
+    lines = {path.stem.removeprefix("train_"): path.read_text().splitlines() for path in tmp_path.glob("*.txt")}
     accepted = ["000002", "000003", "000005", "000006", "000007"]
     assert lines["image"] == [f"toy-123/data/room/image/{name}.png" for name in accepted]
     assert lines["absolute_pose"] == [f"toy-123/data/room/absolute_pose/{name}.txt" for name in accepted]

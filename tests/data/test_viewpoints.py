@@ -16,9 +16,7 @@ from deux.geometry.poses import motion, yaw_of
 def poses(dataset: Path) -> np.ndarray:
     """Viewpoints x 3 frames x 4 x 4."""
     folders = sorted((dataset / "data").iterdir())
-    return np.array(
-        [[read_pose(folder / f"absolute_pose/00000{i}.txt") for i in range(3)] for folder in folders]
-    )
+    return np.array([[read_pose(folder / f"absolute_pose/00000{i}.txt") for i in range(3)] for folder in folders])
 
 
 def test_parts_of_the_floor_are_equal_and_cover_it() -> None:

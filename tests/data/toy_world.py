@@ -97,9 +97,7 @@ class Wanderer(Explorer):
         self.seen.append(observation)
         if observation.step == self.stop_after:
             return Action.STOP
-        if (
-            observation.predicted_depth is not None
-        ):  # so that what the model says decides where the robot goes
+        if observation.predicted_depth is not None:  # so that what the model says decides where the robot goes
             left, right = np.array_split(observation.predicted_depth, 2, axis=1)
             if left.sum() + self.rng.normal() > right.sum():
                 return Action.LEFT

@@ -35,9 +35,7 @@ def test_inverse_agrees_with_the_general_one():
 def test_source_from_target_carries_camera_points():
     target, source = camera_pose(0.0, 1.0, 0.0, 0.1), camera_pose(0.2, 1.0, -0.3, -0.4)
     point = np.array([0.3, -0.2, 2.0, 1.0])
-    np.testing.assert_allclose(
-        source @ (source_from_target(target, source) @ point), target @ point, atol=1e-12
-    )
+    np.testing.assert_allclose(source @ (source_from_target(target, source) @ point), target @ point, atol=1e-12)
 
 
 def test_motion_is_distance_and_angle():

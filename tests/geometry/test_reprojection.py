@@ -29,9 +29,7 @@ def wall(pose: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
     directions = CAMERA.rays() @ pose[:3, :3].T
     depth = (offset - normal @ pose[:3, 3]) / (directions @ normal)
     points = pose[:3, 3] + directions * depth[..., None]
-    image = np.stack(
-        [0.5 + 0.4 * np.sin(points @ w) for w in ([1.0, 0.5, 0.0], [0.0, 1.2, 0.7], [0.8, -0.9, 0.3])]
-    )
+    image = np.stack([0.5 + 0.4 * np.sin(points @ w) for w in ([1.0, 0.5, 0.0], [0.0, 1.2, 0.7], [0.8, -0.9, 0.3])])
     return torch.tensor(image, dtype=torch.float32), torch.tensor(depth, dtype=torch.float32)
 
 
@@ -45,9 +43,7 @@ def test_identity_gives_the_image_back():
 def test_sideways_motion_shifts_a_frontal_wall_by_whole_pixels():
     images = noise(1, 2, 3, 48, 64)
     step = 2.0 / CAMERA.focal_length  # one pixel at two metres
-    rebuilt, visible = reproject(
-        images, torch.full((1, 1, 48, 64), 2.0), K, poses((3 * step, 0, 0), (0, -2 * step, 0))
-    )
+    rebuilt, visible = reproject(images, torch.full((1, 1, 48, 64), 2.0), K, poses((3 * step, 0, 0), (0, -2 * step, 0)))
     torch.testing.assert_close(rebuilt[0, 0, :, :, :-3], images[0, 0, :, :, 3:], atol=1e-4, rtol=0)
     torch.testing.assert_close(rebuilt[0, 1, :, 2:], images[0, 1, :, :-2], atol=1e-4, rtol=0)
     assert visible[0, 0, 0, :, :-3].all()
@@ -135,15 +131,11 @@ def test_gradients_in_depth_and_pose():
     depth = (noise(1, 1, 6, 7, seed=1) + 1.0).double().requires_grad_()
     intrinsics = torch.tensor([[[5.0, 0.0, 2.8], [0.0, 6.0, 2.6], [0.0, 0.0, 1.0]]], dtype=torch.float64)
     motion = poses((0.11, 0.02, 0.07), (-0.08, 0.05, -0.03)).double().requires_grad_()
-    assert torch.autograd.gradcheck(
-        lambda d, p: reproject(images, d, intrinsics, p)[0], (depth, motion), eps=1e-7
-    )
+    assert torch.autograd.gradcheck(lambda d, p: reproject(images, d, intrinsics, p)[0], (depth, motion), eps=1e-7)
 
 
 def test_agrees_with_the_published_reconstructions(shared_data):
-    case = {
-        key: torch.from_numpy(value) for key, value in np.load(shared_data("cases") / "kbnet.npz").items()
-    }
+    case = {key: torch.from_numpy(value) for key, value in np.load(shared_data("cases") / "kbnet.npz").items()}
     sources = torch.stack([case["image1"], case["image2"]], dim=1)
     motion = torch.stack([case["pose01"], case["pose02"]], dim=1)
     rebuilt, _ = reproject(sources, case["output_depth"], case["intrinsics"], motion)
@@ -154,9 +146,7 @@ def test_agrees_with_the_published_reconstructions(shared_data):
 def recorded_pair(folder: Path, i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Target image, its depth in metres, source image and relative pose of frames i and i + 1 of a recording."""
     names = [path.name for path in sorted((folder / "images").iterdir())]
-    target, source = (
-        cv2.imread(str(folder / "images" / name)).astype(np.float32) for name in names[i : i + 2]
-    )
+    target, source = (cv2.imread(str(folder / "images" / name)).astype(np.float32) for name in names[i : i + 2])
     depth = cv2.imread(str(folder / "depth" / names[i]), cv2.IMREAD_UNCHANGED).astype(np.float32) / 1000.0
     camera_poses = np.loadtxt(folder / "poses.txt").reshape(-1, 4, 4)
     return target, depth, source, source_from_target(camera_poses[i], camera_poses[i + 1])

@@ -10,9 +10,7 @@ def by_hand(sparse_depth: np.ndarray, kernel_size: int, threshold: float) -> np.
     kept = np.zeros_like(sparse_depth)
     reach = kernel_size // 2
     for row, column in zip(*np.nonzero(sparse_depth), strict=True):
-        window = sparse_depth[
-            max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1
-        ]
+        window = sparse_depth[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]
         kept[row, column] = window[window > 0].min() >= sparse_depth[row, column] - threshold
     return kept
 

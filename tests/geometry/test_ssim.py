@@ -19,9 +19,7 @@ def images(*shape: int) -> tuple[torch.Tensor, torch.Tensor]:
 def test_gaussian_window_agrees_with_kornia(window_size, border, padding):
     image, other = images(2, 3, 24, 30)
     expected = kornia_ssim(image, other, window_size, padding=padding)
-    torch.testing.assert_close(
-        ssim(image, other, "gaussian", window_size, border), expected, atol=2e-5, rtol=0
-    )
+    torch.testing.assert_close(ssim(image, other, "gaussian", window_size, border), expected, atol=2e-5, rtol=0)
 
 
 @pytest.mark.parametrize("window_size", [3, 7])
@@ -31,9 +29,7 @@ def test_box_window_agrees_with_scikit_image(window_size):
         image, other, win_size=window_size, data_range=1.0, full=True, use_sample_covariance=False
     )
     margin = window_size // 2
-    similarity = ssim(
-        torch.tensor(image)[None, None], torch.tensor(other)[None, None], "box", window_size, "valid"
-    )
+    similarity = ssim(torch.tensor(image)[None, None], torch.tensor(other)[None, None], "box", window_size, "valid")
     np.testing.assert_allclose(similarity[0, 0], expected[margin:-margin, margin:-margin], atol=1e-9)
 
 

@@ -17,9 +17,7 @@ from deux.scenes.scene import Scene
 from deux.simulator.starts import random_starts
 
 
-def quads(
-    corners: np.ndarray, materials: tuple[Material, ...], vertex_colors: np.ndarray | None = None
-) -> Scene:
+def quads(corners: np.ndarray, materials: tuple[Material, ...], vertex_colors: np.ndarray | None = None) -> Scene:
     count = len(corners)
     face = np.array([[0, 1, 2], [0, 2, 3]])
     corner_uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)

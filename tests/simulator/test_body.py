@@ -10,9 +10,7 @@ from deux.simulator.body import Body
 STEP = 0.25
 
 
-def floor(
-    free: np.ndarray, resolution: float = 0.05, origin: tuple[float, float] = (-3.0, -3.0)
-) -> FreeSpace:
+def floor(free: np.ndarray, resolution: float = 0.05, origin: tuple[float, float] = (-3.0, -3.0)) -> FreeSpace:
     clearance = (ndimage.distance_transform_edt(free) * resolution).astype(np.float32)
     return FreeSpace(GridFrame(*origin, *free.shape, resolution), free, clearance, 0.0)
 

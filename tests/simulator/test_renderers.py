@@ -18,9 +18,7 @@ def test_an_unknown_renderer_is_named_with_what_was_meant(box: Scene) -> None:
         make_renderer("embre", box, Camera())
 
 
-def test_missing_opengl_is_one_sentence_with_the_packages(
-    box: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_opengl_is_one_sentence_with_the_packages(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyrender", None)  # makes its import fail
     with pytest.raises(DeuxError, match=r"cannot load OpenGL .*Debian packages libegl1 and libgl1"):
         make_renderer("pyrender", box, Camera())

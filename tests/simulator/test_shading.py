@@ -53,9 +53,7 @@ def test_a_far_fine_pattern_is_averaged_not_aliased(make_quads: Callable[..., Sc
 def test_mip_level_is_the_longest_step_in_texels(make_quads: Callable[..., Scene], seed: int) -> None:
     rng = np.random.default_rng(seed)
     origin, across, up = np.array([0, 0, 3.0]), rng.normal(size=3), rng.normal(size=3)
-    scene = make_quads(
-        np.array([[origin, origin + across, origin + across + up, origin + up]]), (Material("m"),)
-    )
+    scene = make_quads(np.array([[origin, origin + across, origin + across + up, origin + up]]), (Material("m"),))
     surfaces = prepare_surfaces(scene.mesh)
 
     def uv_and_depth(ray: np.ndarray) -> np.ndarray:

@@ -14,9 +14,7 @@ def sampled(texture: np.ndarray, s: float, t: float) -> np.ndarray:
     """The texture at (s, t), repeated, by scipy."""
     height, width = texture.shape[:2]
     at = np.array([[(1.0 - t) * height - 0.5], [s * width - 0.5]])
-    return np.array(
-        [map_coordinates(texture[..., c] / 1.0, at, order=1, mode="grid-wrap")[0] for c in range(3)]
-    )
+    return np.array([map_coordinates(texture[..., c] / 1.0, at, order=1, mode="grid-wrap")[0] for c in range(3)])
 
 
 @pytest.mark.parametrize(("height", "width"), [(16, 16), (7, 12), (1, 5), (9, 1)])

@@ -35,13 +35,9 @@ def warp(source: Frame, target: Frame, intrinsics: np.ndarray) -> Mismatch:
     visible = (x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1) & (target.depth.ravel() > 0)
 
     # Between pixels of a plane not depth but its inverse is linear.
-    planes = np.concatenate(
-        [source.rgb.transpose(2, 0, 1) / 255.0, 1.0 / np.maximum(source.depth, 1e-3)[None]]
-    )
+    planes = np.concatenate([source.rgb.transpose(2, 0, 1) / 255.0, 1.0 / np.maximum(source.depth, 1e-3)[None]])
     grid = np.stack([2 * x / (width - 1) - 1, 2 * y / (height - 1) - 1], axis=-1)[visible]
-    sampled = grid_sample(torch.tensor(planes[None]), torch.tensor(grid[None, None]), align_corners=True)[
-        0, :, 0
-    ]
+    sampled = grid_sample(torch.tensor(planes[None]), torch.tensor(grid[None, None]), align_corners=True)[0, :, 0]
     depth_error = np.abs(1.0 / sampled[3].numpy() - depth[visible])
     unoccluded = depth_error < 0.05
     color_error = np.abs(sampled[:3].numpy().T - target.rgb.reshape(-1, 3)[visible] / 255.0)

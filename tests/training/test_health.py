@@ -26,9 +26,7 @@ def train(small_model, fit):
     return run
 
 
-@pytest.mark.parametrize(
-    ("start", "end"), [(1e4, "farthest value \\(10.00 m"), (1e-4, "nearest value \\(0.10 m")]
-)
+@pytest.mark.parametrize(("start", "end"), [(1e4, "farthest value \\(10.00 m"), (1e-4, "nearest value \\(0.10 m")])
 def test_stuck_predictions_are_noticed_once(train, start, end):
     with pytest.warns(UserWarning, match=f"stuck to its {end}.*lower training.learning_rate") as caught:
         train(start)

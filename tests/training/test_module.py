@@ -22,9 +22,7 @@ def make_module(small_model):
         torch.manual_seed(0)
         model = small_model()
         objective = make_objective(model)
-        return DepthCompletion(
-            model, objective, make_pose_source(pose, model), **{"schedule": FAST} | arguments
-        )
+        return DepthCompletion(model, objective, make_pose_source(pose, model), **{"schedule": FAST} | arguments)
 
     return make
 
@@ -62,9 +60,7 @@ def test_what_is_logged(make_module, fit):
     expected = {f"{stage}/{name}" for stage in ("train", "validation") for name in terms}
     expected |= {"train/learning_rate", *(f"validation/{name}" for name in ("mae", "rmse", "imae", "irmse"))}
     assert set(trainer.callback_metrics) == expected
-    assert float(trainer.callback_metrics["validation/mae"]) == pytest.approx(
-        1000 * depth_error(module), rel=1e-3
-    )
+    assert float(trainer.callback_metrics["validation/mae"]) == pytest.approx(1000 * depth_error(module), rel=1e-3)
     assert not metrics.update_called
 
 

@@ -33,17 +33,13 @@ class Probe(LossTerm):
     def __init__(self, *needs: LossNeed) -> None:
         self.needs = frozenset(needs)
 
-    def __call__(
-        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
-    ) -> torch.Tensor:
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> torch.Tensor:
         self.batch, self.prediction, self.reconstructions = batch, prediction, reconstructions
         return prediction.depth.mean()
 
 
 def test_total_and_terms_of_the_published_case(shared_data):
-    case = {
-        key: torch.from_numpy(value) for key, value in np.load(shared_data("cases") / "kbnet.npz").items()
-    }
+    case = {key: torch.from_numpy(value) for key, value in np.load(shared_data("cases") / "kbnet.npz").items()}
     batch = Batch(
         image=case["image0"],
         sources=torch.stack([case["image1"], case["image2"]], dim=1),
@@ -163,9 +159,7 @@ def test_everything_is_float32_in_mixed_precision():
     sample, term = imperfect_sample(), Probe(LossNeed.RECONSTRUCTIONS, LossNeed.PRIOR)
     objective = Objective({"a": (1.0, term)})
     with torch.autocast("cpu", torch.bfloat16):
-        losses = objective(
-            sample.batch, Prediction(sample.depth.bfloat16(), {"prior": sample.prior.bfloat16()})
-        )
+        losses = objective(sample.batch, Prediction(sample.depth.bfloat16(), {"prior": sample.prior.bfloat16()}))
     tensors = [
         losses.total,
         term.prediction.depth,
@@ -186,6 +180,4 @@ def test_terms_with_weights_of_their_own_are_part_of_the_module():
 
         __call__ = nn.Module.__call__
 
-    assert [name for name, _ in Objective({"a": (1.0, Learned())}).named_parameters()] == [
-        "term_modules.a.scale"
-    ]
+    assert [name for name, _ in Objective({"a": (1.0, Learned())}).named_parameters()] == ["term_modules.a.scale"]

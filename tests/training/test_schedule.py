@@ -18,9 +18,7 @@ def test_boundaries_in_epochs():
 
 def test_warm_up_rises_linearly_to_the_rate():
     schedule = Schedule(boundaries=(), factors=(), warmup_steps=4)
-    assert [schedule.factor(step, 100, 0) for step in range(6)] == pytest.approx(
-        [0.2, 0.4, 0.6, 0.8, 1.0, 1.0]
-    )
+    assert [schedule.factor(step, 100, 0) for step in range(6)] == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0, 1.0])
 
 
 def test_a_run_without_end_never_reaches_a_fraction():

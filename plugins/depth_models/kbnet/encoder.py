@@ -113,16 +113,15 @@ class KBNetEncoder(nn.Module):
             The latent code at 1/32 of the size; the skip connections from 1/16 to 1/2, then none for the full size;
             the five sizes that belong to them.
         """
-        full_size = (image.shape[2], image.shape[3])
-        depth, fused = self.conv0_depth(depth), None
-        image = self.conv0_image(image)
+        size = finer_size = (image.shape[2], image.shape[3])
         skips: list[tuple[Tensor, ...]] = [()]
-        sizes = [full_size]
+        sizes = [size]
+        image, depth, fused = self.conv0_image(image), self.conv0_depth(depth), None
         for level in range(1, CALIBRATED_LEVELS + 1):
             layer = self.get_submodule(f"calibrated_backprojection{level}")
-            rays = camera_rays(intrinsics, sizes[0], sizes[min(1, len(sizes) - 1)])
-            image, depth, fused = layer(image, depth, rays, fused)
+            image, depth, fused = layer(image, depth, camera_rays(intrinsics, size, finer_size), fused)
+            finer_size, size = size, (depth.shape[2], depth.shape[3])
             skips.insert(0, (fused, depth))
-            sizes.insert(0, (depth.shape[2], depth.shape[3]))
+            sizes.insert(0, size)
         latent = torch.cat([self.conv5_image(fused), self.conv5_depth(depth)], dim=1)
         return latent, skips, sizes

@@ -9,8 +9,8 @@ def camera_rays(intrinsics: Tensor, size: tuple[int, int], finer_size: tuple[int
 
     K_l is K with its rows scaled by the ratio of this level's size to that of the level before it. That is exact at
     the full and at half the size. Further down K should be scaled by the ratio to the full size, but the published
-    network starts from the full K at each level, and its weights were trained with rays that are too short there;
-    cases/kbnet shows it. The inverse is written out, for a camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]].
+    network starts from the full K at each level, and its weights were trained with the rays that this gives.
+    The inverse is written out, for a camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]].
 
     Args:
         intrinsics: N x 3 x 3, of the full size.

@@ -14,10 +14,8 @@ class PoseNetwork(nn.Module):
     """Encodes two images into a map of six channels, whose mean is the pose vector.
 
     Args:
-        encoder: from N x 6 x H x W to N x C x h x w.
-        decoder: from there to features before the last convolution.
-        last: the 1 x 1 convolution to six channels, a part of `decoder_state`.
-        decoder_state: the module that holds the decoder's parameters under their published names.
+        encoder: from N x 6 x H x W to N x 256 x h x w.
+        decoder: from there to the pose vector.
     """
 
     def __init__(self, encoder: nn.Module, decoder: "PoseDecoder") -> None:

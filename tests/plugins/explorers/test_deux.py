@@ -2,12 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from deux_plugins.explorers.deux import DeuxExplorer
 
 from deux.contracts import Need
 from deux.errors import DeuxError
 from deux.testing.box_world import BoxWorld
 from deux.testing.explorers import ExplorerSuite, run, two_rooms
+from deux_plugins.explorers.deux import DeuxExplorer
 
 
 class TestDeuxExplorer(ExplorerSuite):

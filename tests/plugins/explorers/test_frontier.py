@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from deux_plugins.explorers.frontier import FrontierExplorer
 
 from deux.contracts import Action, Need
 from deux.errors import DeuxError
 from deux.geometry.poses import yaw_of
 from deux.testing.box_world import Box, BoxWorld
 from deux.testing.explorers import ExplorerSuite, run
+from deux_plugins.explorers.frontier import FrontierExplorer
 
 
 class TestFrontierExplorer(ExplorerSuite):
@@ -44,11 +44,10 @@ def covered(explorer, world):
     return np.count_nonzero(known.occupancy[rows[inside], columns[inside]] == 2) / len(x)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize("choose", ["nearest", "largest"])
-def test_sees_at_least_95_percent_of_four_rooms(choose, seed):
+@pytest.mark.parametrize(("choose", "steps"), [("nearest", 500), ("largest", 700)])
+def test_sees_at_least_95_percent_of_four_rooms(choose, steps):
     explorer, world = FrontierExplorer(choose=choose), four_rooms()
-    run(explorer, world, 700, seed)
+    run(explorer, world, steps)
     assert covered(explorer, world) >= 0.95
 
 
@@ -66,7 +65,7 @@ def test_goes_on_to_new_places_when_everything_is_known():
 
 
 def test_never_swings_left_and_right_on_the_spot():
-    actions = run(FrontierExplorer(), four_rooms(), 400)
+    actions = run(FrontierExplorer(), four_rooms(), 250)
     swings = {(Action.LEFT, Action.RIGHT, Action.LEFT), (Action.RIGHT, Action.LEFT, Action.RIGHT)}
     found = sum(window in swings for window in zip(actions, actions[1:], actions[2:], strict=False))
     assert found <= 4

@@ -2,13 +2,13 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from deux_plugins.explorers.random import RandomExplorer
 
 from deux.contracts import Action
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.testing.box_world import BoxWorld
 from deux.testing.explorers import ExplorerSuite, run
+from deux_plugins.explorers.random import RandomExplorer
 
 SMALL = Camera(8, 8)
 

@@ -1,9 +1,9 @@
 import pytest
 import torch
-from deux_plugins.losses.color_consistency import ColorConsistency
 
 from deux.contracts import LossTerm, Prediction, Reconstructions
 from deux.testing.losses import LossTermSuite, perfect_sample
+from deux_plugins.losses.color_consistency import ColorConsistency
 
 
 class TestColorConsistency(LossTermSuite):
@@ -52,10 +52,6 @@ def test_which_pixels_count(options, expected):
     visible = torch.ones(1, 2, 1, 24, 32, dtype=torch.bool)
     visible[:, 0, :, :, :16] = False
     if options.get("skip_points"):
-        images[:, 1] -= 0.2 * (
-            batch.validity[:, 0] == 0
-        )  # only the points' pixels stay wrong, and they do not count
-    value = ColorConsistency(**options)(
-        batch, Prediction(batch.sparse_depth), Reconstructions(images, visible, images)
-    )
+        images[:, 1] -= 0.2 * (batch.validity[:, 0] == 0)  # only the points' pixels stay wrong, and they do not count
+    value = ColorConsistency(**options)(batch, Prediction(batch.sparse_depth), Reconstructions(images, visible, images))
     assert float(value) == pytest.approx(expected, rel=1e-4)

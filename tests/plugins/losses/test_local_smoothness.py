@@ -2,10 +2,10 @@ import math
 
 import pytest
 import torch
-from deux_plugins.losses.local_smoothness import LocalSmoothness
 
 from deux.contracts import LossTerm, Prediction
 from deux.testing.losses import LossTermSuite, perfect_sample
+from deux_plugins.losses.local_smoothness import LocalSmoothness
 
 
 class TestLocalSmoothness(LossTermSuite):

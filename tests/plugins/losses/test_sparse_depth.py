@@ -1,9 +1,9 @@
 import pytest
 import torch
-from deux_plugins.losses.sparse_depth import SparseDepth
 
 from deux.contracts import LossTerm, Prediction
 from deux.testing.losses import LossTermSuite, perfect_sample
+from deux_plugins.losses.sparse_depth import SparseDepth
 
 
 class TestSparseDepth(LossTermSuite):

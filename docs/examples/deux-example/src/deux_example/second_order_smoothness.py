@@ -19,9 +19,7 @@ class SecondOrderSmoothness(LossTerm):
     def __init__(self, sharpness: float = 10.0) -> None:
         self.sharpness = sharpness
 
-    def __call__(
-        self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None
-    ) -> Tensor:
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
         """The term's value, a float32 scalar."""
         depth, image = prediction.depth.float(), batch.image.float()
         terms = []

@@ -1,0 +1,109 @@
+import hashlib
+import json
+import math
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from deux.evaluation.metrics import METRIC_NAMES
+
+
+def test_everything_that_a_run_leaves_behind(finished):
+    run = finished / "run"
+    results = json.loads((run / "results.json").read_text())
+    assert {key: results[key] for key in ("model", "explore", "seed")} == {
+        "model": "kbnet",
+        "explore": "deux",
+        "seed": 0,
+    }
+    assert results["frames"] == 2 * (16 - 2)  # two flats; the first two frames of an episode have no source frames
+    for predicted in ("metrics", "baseline", "constant"):
+        assert tuple(results[predicted]) == METRIC_NAMES
+        assert all(math.isfinite(value) and value > 0 for value in results[predicted].values())
+    assert set(results["seconds"]) == {"seed", "collect", "train", "evaluate"}
+    assert {path.name for path in (run / "figures").iterdir()} == {
+        "test_frames.png",
+        "training.png",
+        "trajectory_apartment_000000-00.png",
+        "trajectory_apartment_000001-00.png",
+    }
+    assert (run / ".hydra" / "config.yaml").exists()
+    assert json.loads((run / "run.json").read_text())["model"]["max_pools"] == [23, 27, 29]  # defaults included
+    assert list(run.glob("logs/version_0/metrics.csv"))
+    assert list(run.glob("logs/version_0/events.*"))
+
+
+def test_checkpoints_hold_plain_values_only(finished):
+    (checkpoint,) = (finished / "run" / "checkpoints").glob("*.ckpt")
+    assert torch.load(checkpoint, weights_only=True)["global_step"] == 6
+
+
+def test_a_finished_run_is_not_run_again(finished, experiment):
+    before = (finished / "run" / "results.json").stat().st_mtime_ns
+    process = experiment(finished, "explore=deux")
+    assert process.returncode == 0
+    assert "This run is complete" in process.stdout
+    assert (finished / "run" / "results.json").stat().st_mtime_ns == before
+
+
+def test_a_folder_of_another_run_is_refused(finished, experiment):
+    process = experiment(finished, "explore=deux", "training.steps=7")
+    assert process.returncode == 1
+    assert process.stderr.count("\n") == 1
+    assert "training.steps: 6 there, 7 here" in process.stderr
+
+
+def digests(outputs: Path) -> dict[str, str]:
+    """A digest of every file of the finished datasets; the manifest's stage times may differ."""
+    found = {}
+    for path in sorted((outputs / "datasets").glob("[!.]*/**/*")):
+        if path.name == "manifest.json":
+            content = json.loads(path.read_text()) | {"seconds": None}
+            found[str(path.relative_to(outputs))] = json.dumps(content)
+        elif path.is_file():
+            found[str(path.relative_to(outputs))] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def kill_when(command: list[str], reached, patience: float = 120.0) -> None:
+    """Start a command and kill it as soon as `reached()` is true."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    deadline = time.monotonic() + patience
+    while not reached():
+        assert process.poll() is None, "the run ended before it could be killed"
+        assert time.monotonic() < deadline, "the run never came to where it was to be killed"
+        time.sleep(0.002)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+
+
+@pytest.mark.timeout(600)
+def test_killed_at_three_stages_it_ends_with_the_same_frames_and_the_same_numbers(
+    finished, command, experiment, tmp_path
+):
+    again = command(tmp_path, "explore=deux")
+
+    def frames(explorer: str) -> list[Path]:
+        return list(tmp_path.glob(f"datasets/.{explorer}-*.partial/data/*/absolute_pose/0*.txt"))
+
+    kill_when(again, lambda: len(frames("random")) >= 5)
+    collected = {path: path.stat().st_mtime_ns for path in frames("random")}
+    assert 5 <= len(collected) < 32
+
+    kill_when(again, lambda: list(tmp_path.glob("seed_models/kbnet-*/checkpoints/*.ckpt")))
+    dataset = next(tmp_path.glob("datasets/random-*"))
+    for path, written in collected.items():
+        assert (dataset / path.relative_to(path.parents[3])).stat().st_mtime_ns == written
+
+    kill_when(again, lambda: list(tmp_path.glob("run/checkpoints/*.ckpt")))
+    process = experiment(tmp_path, "explore=deux")
+    assert process.returncode == 0, process.stderr
+    assert digests(tmp_path) == digests(finished)
+
+    mine, theirs = (json.loads((outputs / "run" / "results.json").read_text()) for outputs in (tmp_path, finished))
+    assert mine["metrics"] == pytest.approx(theirs["metrics"], rel=1e-6)

@@ -1,0 +1,34 @@
+import json
+
+import pytest
+
+from deux.errors import DeuxError
+from deux.tasks.run_folder import RunFolder, short_hash
+
+
+def test_the_same_settings_find_their_folder_again(tmp_path):
+    settings = {"model": {"name": "kbnet", "pools": (1, 2)}, "seed": 0}
+    RunFolder(tmp_path / "run", settings)
+    RunFolder(tmp_path / "run", settings)
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["model"]["pools"] == [1, 2]
+
+
+def test_other_settings_are_refused_by_name(tmp_path):
+    RunFolder(tmp_path, {"model": {"name": "kbnet"}, "seed": 0})
+    with pytest.raises(DeuxError, match=r"model\.name: kbnet there, voiced here, seed: 0 there, 1 here"):
+        RunFolder(tmp_path, {"model": {"name": "voiced"}, "seed": 1})
+
+
+def test_seconds_add_up_over_starts_and_survive_an_error(tmp_path, monkeypatch):
+    now = iter([10.0, 12.5, 100.0, 101.0])
+    monkeypatch.setattr("deux.tasks.run_folder.time.perf_counter", lambda: next(now))
+    with pytest.raises(RuntimeError), RunFolder(tmp_path, {}).stage("train"):
+        raise RuntimeError
+    with RunFolder(tmp_path, {}).stage("train"):
+        pass
+    assert RunFolder(tmp_path, {}).seconds == {"train": 3.5}
+
+
+def test_equal_content_has_an_equal_hash():
+    assert short_hash({"a": 1, "b": [2]}) == short_hash({"b": [2], "a": 1})
+    assert short_hash({"a": 1}) != short_hash({"a": 2})

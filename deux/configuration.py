@@ -139,6 +139,7 @@ def check_plugins(cfg: DictConfig) -> None:
     """
     for group, kind in PLUGIN_GROUPS.items():
         registry().find(kind, str(cfg[group].get("name")))
+    registry().find("explorers", str(cfg.seed.explore))
     for term in cfg.objective:
         registry().find("losses", str(term))
 

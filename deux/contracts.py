@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from torch import Tensor, nn
 
+from deux.errors import check_range
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 
@@ -42,6 +43,9 @@ class Robot:
         forward_step: length of one forward action.
         turn_angle: angle of one turn in degrees.
         max_climb: highest step in the floor that the robot rolls over.
+
+    Raises:
+        DeuxError: a value is out of its range.
     """
 
     radius: float = 0.1
@@ -50,6 +54,14 @@ class Robot:
     forward_step: float = 0.25
     turn_angle: float = 10.0
     max_climb: float = 0.2
+
+    def __post_init__(self) -> None:
+        check_range("robot.radius", self.radius, 0)
+        check_range("robot.height", self.height, 0, ends=False)
+        check_range("robot.camera_height", self.camera_height, 0)
+        check_range("robot.forward_step", self.forward_step, 0, ends=False)
+        check_range("robot.turn_angle", self.turn_angle, 0, 180, ends=False)
+        check_range("robot.max_climb", self.max_climb, 0)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """The one error that a user's mistake raises."""
 
 import difflib
+import math
 from collections.abc import Iterable
 
 
@@ -17,3 +18,22 @@ def near_matches(wrong: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
     meant = f"did you mean {' or '.join(close)}? " if close else ""
     return f"{meant}There is: {', '.join(names) or 'nothing installed'}."
+
+
+def check_range(
+    name: str, value: float, least: float = -math.inf, most: float = math.inf, *, ends: bool = True
+) -> None:
+    """Raise DeuxError unless a number lies between `least` and `most`; NaN lies nowhere.
+
+    Args:
+        name: what the number is called, such as "camera.hfov"; it begins the message.
+        value: the number.
+        least: the lower end.
+        most: the upper end.
+        ends: whether the ends belong to the range.
+    """
+    if least <= value <= most and (ends or value not in (least, most)):
+        return
+    limits = {("at least" if ends else "above"): least, ("at most" if ends else "below"): most}
+    wanted = " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if math.isfinite(limit))
+    raise DeuxError(f"{name} is {value}: it must be {wanted}.")

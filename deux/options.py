@@ -57,7 +57,7 @@ def construct(target: Callable[..., T], settings: Mapping[str, Any], where: str)
     Args:
         target: a class or function, such as a plugin's class or a dataclass of the framework.
         settings: option values by name, plain or as OmegaConf holds them.
-        where: the settings' place in the configuration, such as "camera"; it begins every message.
+        where: the settings' place in the configuration, such as "camera", or "" for its top; it begins every message.
 
     Raises:
         DeuxError: an option that `target` does not have, a required one that is missing, or a value of another type.
@@ -122,17 +122,18 @@ def _checked(target: Callable[..., Any], settings: Mapping[str, Any], where: str
     known = options(target)
     open_ended = any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
     name = getattr(target, "__name__", str(target))
+    prefix = f"{where}." if where else ""
     result: dict[str, Any] = {}
     for key, value in plain(settings, where).items():
         if key in known:
-            result[key] = _option_value(value, known[key].annotation, f"{where}.{key}")
+            result[key] = _option_value(value, known[key].annotation, f"{prefix}{key}")
         elif open_ended:
             result[key] = value
         else:
-            raise DeuxError(f"{where}.{key} is not an option of {name}: {near_matches(key, known)}")
+            raise DeuxError(f"{prefix}{key} is not an option of {name}: {near_matches(key, known)}")
     missing = [key for key, option in known.items() if option.default is REQUIRED and key not in result]
     if missing:
-        raise DeuxError(f"{name} needs a value for {' and '.join(f'{where}.{key}' for key in missing)}.")
+        raise DeuxError(f"{name} needs a value for {' and '.join(f'{prefix}{key}' for key in missing)}.")
     return result
 
 

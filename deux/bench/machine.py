@@ -37,8 +37,8 @@ class Machine:
     def __str__(self) -> str:
         versions = ", ".join(f"{name} {number}" for name, number in self.versions.items())
         return (
-            f"{self.cores} cores of {self.processor}, {self.threads} threads of torch and OpenCV, accelerator: "
-            f"{self.accelerator}, load average at the start {self.load:.1f}; {versions}"
+            f"{self.cores} cores of {self.processor}, threads of torch and OpenCV: {self.threads}, accelerator: "
+            f"{self.accelerator}, load average at the start: {self.load:.1f}; {versions}"
         )
 
     def as_json(self) -> dict[str, Any]:

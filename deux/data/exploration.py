@@ -2,9 +2,11 @@
 
 import multiprocessing
 import os
+import signal
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from functools import partial
 from multiprocessing.connection import wait
 
@@ -122,7 +124,8 @@ def _explore_in_processes(
     """Run each episode by itself, several processes at a time. Spawned: a forked child would hang in EGL and OpenMP."""
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent) as pool:
-        tasks = {pool.submit(_explore_alone, plan, make_simulator, make_explorer): plan for plan in plans}
+        with _interrupts_held():
+            tasks = {pool.submit(_explore_alone, plan, make_simulator, make_explorer): plan for plan in plans}
         try:
             for task in as_completed(tasks):
                 task.result()
@@ -130,6 +133,16 @@ def _explore_in_processes(
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Keep Ctrl-C waiting. Processes that start meanwhile never get it: they end with this one, without stack traces."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _explore_alone(plan: EpisodePlan, make_simulator: MakeSimulator, make_explorer: MakeExplorer) -> None:

@@ -13,6 +13,7 @@ from deux.data.atomic import make_folder
 from deux.data.images import read_depth, read_image, write_depth
 from deux.data.layout import SequencePaths
 from deux.data.progress import Progress, ignore_progress
+from deux.errors import check_range
 
 _GRID = 8
 """Corners are spread over a grid of this many cells along either side of the image."""
@@ -27,9 +28,15 @@ class SparseSettings:
 
     Args:
         density: number of points as a fraction of the pixels; the paper's 1,500 of 400 x 400 by default.
+
+    Raises:
+        DeuxError: the density is not above 0, or above 1.
     """
 
     density: float = 1500 / 160000
+
+    def __post_init__(self) -> None:
+        check_range("sparse.density", self.density, 1e-6, 1)
 
 
 def point_count(shape: tuple[int, int], settings: SparseSettings) -> int:

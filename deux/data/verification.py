@@ -15,7 +15,7 @@ from deux.data.images import read_depth, read_image
 from deux.data.layout import SequencePaths
 from deux.data.progress import Progress, ignore_progress
 from deux.data.sparse import SparseSettings, point_count
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.geometry.poses import motion
 
 
@@ -39,12 +39,21 @@ class VerificationSettings:
         min_depth: least fraction of pixels with ground truth; not checked where a dataset has no ground truth.
         min_distance: metres that the camera must have moved since one of the source frames, or
         min_angle: degrees that it must have turned.
+
+    Raises:
+        DeuxError: a value is out of its range.
     """
 
     min_points: float = 0.73
     min_depth: float = 0.3
     min_distance: float = 0.01
     min_angle: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_range("verification.min_points", self.min_points, 0, 1)
+        check_range("verification.min_depth", self.min_depth, 0, 1)
+        check_range("verification.min_distance", self.min_distance, 0)
+        check_range("verification.min_angle", self.min_angle, 0, 180)
 
 
 @dataclass(frozen=True)

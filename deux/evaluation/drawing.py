@@ -1,11 +1,13 @@
 """What all figures share: colours, sizes, and writing them whole or not at all."""
 
-import os
+import io
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+
+from deux.data.atomic import make_folder, write_atomically
 
 DEPTH_COLORS = "turbo"
 ERROR_COLORS = "magma"
@@ -27,9 +29,9 @@ def hide_ticks(axes: Axes) -> None:
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:
-    """Write a PNG beside `path` and rename it into place."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.partial")
-    figure.savefig(temporary, dpi=dpi, format="png")
-    os.replace(temporary, path)
+    """Write a PNG, whole or not at all."""
+    content = io.BytesIO()
+    figure.savefig(content, dpi=dpi, format="png")
+    make_folder(path.parent)
+    write_atomically(path, content.getvalue())
     return path

@@ -1,12 +1,12 @@
 """`results.json`: what a run found, in numbers."""
 
 import json
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rich.table import Table
 
+from deux.data.atomic import write_json
 from deux.errors import DeuxError
 from deux.evaluation.metrics import METRIC_NAMES
 
@@ -42,9 +42,7 @@ class Results:
     def save(self, folder: Path) -> Path:
         """Write `results.json` into a run folder, whole or not at all."""
         path = folder / RESULTS_FILE
-        temporary = path.with_suffix(".json.partial")
-        temporary.write_text(json.dumps(asdict(self), indent=2) + "\n")
-        os.replace(temporary, path)
+        write_json(path, asdict(self))
         return path
 
     @classmethod

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from deux.errors import check_range
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -16,6 +18,9 @@ class Camera:
         hfov: horizontal field of view in degrees.
         min_depth: nearest depth in metres that the sensor reports.
         max_depth: farthest depth in metres that the sensor reports; anything beyond is 0, "none".
+
+    Raises:
+        DeuxError: a value is out of its range.
     """
 
     width: int = 400
@@ -23,6 +28,13 @@ class Camera:
     hfov: float = 90.0
     min_depth: float = 0.1
     max_depth: float = 10.0
+
+    def __post_init__(self) -> None:
+        check_range("camera.width", self.width, 1)
+        check_range("camera.height", self.height, 1)
+        check_range("camera.hfov", self.hfov, 0, 180, ends=False)
+        check_range("camera.min_depth", self.min_depth, 0)
+        check_range("camera.max_depth", self.max_depth, self.min_depth, ends=False)
 
     @property
     def focal_length(self) -> float:

@@ -105,7 +105,7 @@ class SceneSplits:
     test: tuple[SceneReference, ...]
 
 
-def scene_splits(settings: Mapping[str, Any]) -> SceneSplits:
+def scene_splits(settings: Mapping[str, Any], needed: Sequence[str] = ("train", "test")) -> SceneSplits:
     """The scenes that the configuration group `scenes` asks for.
 
     Args:
@@ -113,9 +113,10 @@ def scene_splits(settings: Mapping[str, Any]) -> SceneSplits:
             apartments: `train`, `validation`, `test`: each a number of apartments or a list of seeds.
             files: `train`, `validation`, `test`: each a path or a list of paths, relative to the working directory;
             `up`: "y" or "z"; `allow_overlap`: whether a file may serve in two splits.
+        needed: the splits that must have a scene.
 
     Raises:
-        DeuxError: an option is unknown or wrong, a file is missing, or the splits overlap.
+        DeuxError: an option is unknown or wrong, a file or a needed split is missing, or the splits overlap.
     """
     options = dict(settings)
     source = options.pop("source", None)
@@ -125,9 +126,9 @@ def scene_splits(settings: Mapping[str, Any]) -> SceneSplits:
     for option in options:
         if option not in known:
             raise DeuxError(f"scenes.{option} is not an option of {source}: {near_matches(str(option), known)}")
-    for split in ("train", "test"):
+    for split in needed:
         if not options.get(split):
-            raise DeuxError(f"scenes.{split} names no scene: the source {source} needs one to train and one to test.")
+            raise DeuxError(f"scenes.{split} names no scene: at least one is needed.")
     return make(options)
 
 

@@ -4,14 +4,17 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from deux.configuration import user_path
 from deux.contracts import DepthModel, Robot, Simulator
 from deux.data.pipeline import build_dataset, read_manifest
 from deux.data.specification import VIEWPOINTS, DatasetSpec
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.scenes.sources import SceneReference
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.tasks.console import progress, say
 from deux.tasks.settings import PluginChoice, Settings
+from deux.training.precision import FastPredictor
 
 
 def explored_dataset(
@@ -25,6 +28,7 @@ def explored_dataset(
         model: the depth model that guides it, if it needs one.
         identity: what identifies that model's weights.
     """
+    predictor = FastPredictor(model, settings.trainer.get("accelerator", "auto")) if model else None
     spec = DatasetSpec(
         name=explorer.name,
         scenes=settings.splits.train,
@@ -32,29 +36,29 @@ def explored_dataset(
         explorer_settings=explorer.settings,
         camera=settings.camera,
         robot=settings.robot,
-        renderer=settings.cfg.renderer,
-        steps=settings.cfg.collect.steps,
-        episodes=settings.cfg.collect.episodes,
+        renderer=settings.run.renderer,
+        steps=settings.collect.steps,
+        episodes=settings.collect.episodes,
         sparse=settings.sparse,
         verification=settings.verification,
         seed=settings.seed,
-        model=identity,
-        metric=settings.cfg.collect.metric,
-        together=settings.cfg.collect.together,
+        model=f"{identity} in {predictor.precision}" if predictor else None,
+        metric=settings.collect.metric,
+        together=settings.collect.together,
     )
-    return _build(spec, settings, explorer, model)
+    return _build(spec, settings, explorer, predictor)
 
 
 def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) -> Path:
     """Frames from free poses spread evenly over held-out scenes: the same for every explorer and every seed."""
-    count = settings.cfg.evaluation.viewpoints if split == "test" else settings.cfg.evaluation.validation_viewpoints
+    count = settings.evaluation.viewpoints if split == "test" else settings.evaluation.validation_viewpoints
     spec = DatasetSpec(
         name=split,
         scenes=getattr(settings.splits, split),
         explorer=VIEWPOINTS,
         camera=settings.camera,
         robot=settings.robot,
-        renderer=settings.cfg.renderer,
+        renderer=settings.run.renderer,
         steps=count,
         sparse=settings.sparse,
         verification=settings.verification,
@@ -63,14 +67,30 @@ def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) 
     return _build(spec, settings)
 
 
+def given_dataset(option: str, path: str) -> Path:
+    """The folder of a dataset that the user names.
+
+    Args:
+        option: the configuration's key that names it, for the message.
+        path: as the user wrote it.
+
+    Raises:
+        DeuxError: it is no dataset.
+    """
+    folder = user_path(path)
+    if not (folder / "data").is_dir():
+        raise DeuxError(f"{option}={path} is no dataset: {folder} has no folder data/ with sequences in VOID's layout.")
+    return folder
+
+
 def _build(
     spec: DatasetSpec,
     settings: Settings,
     explorer: PluginChoice | None = None,
-    model: DepthModel | None = None,
+    predictor: FastPredictor | None = None,
 ) -> Path:
     make_simulator = partial(
-        _make_simulator, camera=settings.camera, robot=settings.robot, renderer=settings.cfg.renderer
+        _make_simulator, camera=settings.camera, robot=settings.robot, renderer=settings.run.renderer
     )
     root = settings.outputs / "datasets"
     known = (root / spec.folder_name).exists()
@@ -80,9 +100,9 @@ def _build(
             root,
             make_simulator,
             explorer.create if explorer else None,
-            predict_depth=model.predict if model else None,
+            predict_depth=predictor,
             progress=report,
-            processes=settings.cfg.collect.processes,
+            processes=settings.collect.processes,
         )
     manifest = read_manifest(dataset)
     rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items())

@@ -6,7 +6,7 @@ from deux.configuration import run_folder, user_path
 from deux.errors import DeuxError
 from deux.evaluation.results import Results
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.datasets import viewpoint_dataset
+from deux.tasks.datasets import given_dataset, viewpoint_dataset
 from deux.tasks.evaluation import evaluate_model
 from deux.tasks.run_folder import RunFolder
 from deux.tasks.settings import Settings
@@ -17,16 +17,17 @@ def run(cfg: DictConfig) -> None:
     """Evaluate `evaluation.checkpoint` on the test viewpoints, or on `evaluation.data`."""
     quieten_libraries()
     settings = Settings(cfg)
-    if not cfg.evaluation.checkpoint:
+    chosen = settings.evaluation
+    if not chosen.checkpoint:
         raise DeuxError(
             "task=evaluate needs a trained model: name a run folder or a model file by evaluation.checkpoint=."
         )
-    checkpoint = user_path(cfg.evaluation.checkpoint)
+    checkpoint = user_path(chosen.checkpoint)
     model = load_model(checkpoint)
+    given = given_dataset("evaluation.data", chosen.data) if chosen.data else None
     run = RunFolder(run_folder(), settings.identity)
     with run.stage("evaluate"):
-        given = cfg.evaluation.data
-        dataset = user_path(given) if given else viewpoint_dataset(settings, "test")
+        dataset = given or viewpoint_dataset(settings, "test")
         found = evaluate_model(settings, model, dataset, run.figures)
     results = Results(
         model=model_name(checkpoint),

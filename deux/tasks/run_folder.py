@@ -2,13 +2,13 @@
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from deux.data.atomic import make_folder, write_json
 from deux.errors import DeuxError
 
 _IDENTITY_FILE = "run.json"
@@ -28,7 +28,7 @@ class RunFolder:
 
     def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
         self.path = path
-        path.mkdir(parents=True, exist_ok=True)
+        make_folder(path)
         identity = path / _IDENTITY_FILE
         mine = json.loads(json.dumps(settings))
         if identity.exists():
@@ -69,17 +69,15 @@ class RunFolder:
         started = time.perf_counter()
         try:
             yield
-        finally:
-            seconds = self.seconds
-            seconds[name] = round(seconds.get(name, 0.0) + time.perf_counter() - started, 2)
-            write_json(self.path / _SECONDS_FILE, seconds)
+        except BaseException:
+            with suppress(DeuxError):  # a full disk must not hide what ended the stage
+                self._count(name, time.perf_counter() - started)
+            raise
+        self._count(name, time.perf_counter() - started)
 
-
-def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file whole or not at all."""
-    temporary = path.with_name(f".{path.name}.partial")
-    temporary.write_text(json.dumps(content, indent=2) + "\n")
-    os.replace(temporary, path)
+    def _count(self, name: str, seconds: float) -> None:
+        earlier = self.seconds
+        write_json(self.path / _SECONDS_FILE, earlier | {name: round(earlier.get(name, 0.0) + seconds, 2)})
 
 
 def short_hash(content: Any) -> str:

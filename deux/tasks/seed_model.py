@@ -33,7 +33,7 @@ def seed_model(settings: Settings) -> tuple[DepthModel, str]:
     architecture and settings but for `seed.steps`, and kept under `outputs/seed_models` for every run that asks for
     the same.
     """
-    checkpoint = settings.cfg.seed.checkpoint
+    checkpoint = settings.seed_model.checkpoint
     path = _trained(settings) if checkpoint is None else user_path(checkpoint)
     model = (
         load_published(settings.model.name, path, settings=settings.model.settings)
@@ -46,11 +46,11 @@ def seed_model(settings: Settings) -> tuple[DepthModel, str]:
 
 def _trained(settings: Settings) -> Path:
     dataset = explored_dataset(settings, settings.seed_explorer)
-    training = replace(settings.training, steps=settings.cfg.seed.steps)
+    training = replace(settings.training, steps=settings.seed_model.steps)
     identity = {
         "model": {"name": settings.model.name, **settings.model.settings},
         "objective": settings.objective,
-        "pose": settings.cfg.pose,
+        "pose": settings.run.pose,
         "training": asdict(training),
         "dataset": dataset.name,
         "random_seed": settings.seed,

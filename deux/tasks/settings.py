@@ -1,9 +1,11 @@
 """The configuration as the objects that the stages take."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import torch
+from lightning import Trainer
 from omegaconf import DictConfig
 
 from deux.configuration import user_path
@@ -15,7 +17,10 @@ from deux.geometry.camera import Camera
 from deux.options import construct, full_settings, plain
 from deux.registry import registry
 from deux.scenes.sources import SceneSplits, scene_splits
+from deux.tasks.sections import CollectSettings, EvaluationSettings, RunSettings, SeedSettings
 from deux.training.fit import TrainingSettings
+from deux.training.objective import make_objective
+from deux.training.pose_source import make_pose_source
 
 
 @dataclass(frozen=True)
@@ -38,18 +43,32 @@ class PluginChoice:
 
 
 class Settings:
-    """A composed configuration, read and checked.
-
-    Every part is made when it is first asked for; a mistake in it raises a DeuxError that names its place.
+    """A composed configuration, read and checked: what is wrong in it shows before any work is done.
 
     Args:
         cfg: what Hydra composed.
+
+    Raises:
+        DeuxError: an option is unknown, of another type or out of its range.
     """
 
     def __init__(self, cfg: DictConfig) -> None:
         self.cfg = cfg
-        self.seed = int(cfg.random_seed)
         self.outputs = user_path(cfg.paths.outputs)
+        self.run = construct(RunSettings, {f.name: cfg[f.name] for f in fields(RunSettings)}, "")
+        self.seed = self.run.random_seed
+        self.camera = construct(Camera, cfg.camera, "camera")
+        self.robot = construct(Robot, cfg.robot, "robot")
+        self.collect = construct(CollectSettings, cfg.collect, "collect")
+        self.sparse = construct(SparseSettings, cfg.sparse, "sparse")
+        self.verification = construct(VerificationSettings, cfg.verification, "verification")
+        self.seed_model = construct(SeedSettings, cfg.seed, "seed")
+        self.training = construct(TrainingSettings, cfg.training, "training")
+        self.evaluation = construct(EvaluationSettings, cfg.evaluation, "evaluation")
+        self.model = self._plugin("depth_models", cfg.model, "model")
+        self.explorer = self._plugin("explorers", cfg.explore, "explore")
+        self.splits = self._splits()
+        self._try_out()
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -60,54 +79,11 @@ class Settings:
         return chosen
 
     @cached_property
-    def camera(self) -> Camera:
-        """The robot's camera."""
-        return construct(Camera, self.cfg.camera, "camera")
-
-    @cached_property
-    def robot(self) -> Robot:
-        """The robot's body."""
-        return construct(Robot, self.cfg.robot, "robot")
-
-    @cached_property
-    def sparse(self) -> SparseSettings:
-        """How sparse points are taken."""
-        return construct(SparseSettings, self.cfg.sparse, "sparse")
-
-    @cached_property
-    def verification(self) -> VerificationSettings:
-        """Which frames are rejected."""
-        return construct(VerificationSettings, self.cfg.verification, "verification")
-
-    @cached_property
-    def splits(self) -> SceneSplits:
-        """The scenes; paths are taken from where the command was started."""
-        chosen = plain(self.cfg.scenes, "scenes")
-        if chosen.get("source") == "files":
-            chosen |= {split: _user_paths(chosen.get(split)) for split in ("train", "validation", "test")}
-        return scene_splits(chosen)
-
-    @cached_property
-    def training(self) -> TrainingSettings:
-        """How the final model is trained."""
-        return construct(TrainingSettings, self.cfg.training, "training")
-
-    @cached_property
-    def model(self) -> PluginChoice:
-        """The depth model."""
-        return self._plugin("depth_models", self.cfg.model, "model")
-
-    @cached_property
-    def explorer(self) -> PluginChoice:
-        """The explorer that collects the final model's frames."""
-        return self._plugin("explorers", self.cfg.explore, "explore")
-
-    @cached_property
     def seed_explorer(self) -> PluginChoice:
         """The explorer that collects the seed model's frames, with its default options."""
-        if self.cfg.seed.explore == self.explorer.name:
+        if self.seed_model.explore == self.explorer.name:
             return self.explorer
-        return self._plugin("explorers", {"name": self.cfg.seed.explore}, "seed.explore")
+        return self._plugin("explorers", {"name": self.seed_model.explore}, "seed.explore")
 
     @property
     def objective(self) -> dict[str, Any]:
@@ -120,6 +96,27 @@ class Settings:
         """Arguments of Lightning's Trainer."""
         arguments: dict[str, Any] = plain(self.cfg.trainer, "trainer")
         return arguments
+
+    def _splits(self) -> SceneSplits:
+        """The scenes, of which a task needs those it works on; paths are taken from where the command was started."""
+        chosen = plain(self.cfg.scenes, "scenes")
+        if chosen.get("source") == "files":
+            chosen |= {split: _user_paths(chosen.get(split)) for split in ("train", "validation", "test")}
+        needed = {
+            "collect": ("train",),
+            "train": () if self.run.training_data else ("train",),
+            "evaluate": () if self.evaluation.data else ("test",),
+        }
+        return scene_splits(chosen, needed.get(self.run.task, ("train", "test")))
+
+    def _try_out(self) -> None:
+        """Make everything once that only later stages need, and drop it."""
+        self.explorer.create()
+        with torch.device("meta"):  # no memory, no time
+            model = self.model.create()
+            make_objective(model, self.objective)
+            make_pose_source(self.run.pose, model)
+        full_settings(Trainer, self.trainer, "trainer")
 
     @staticmethod
     def _plugin(kind: str, chosen: Any, where: str) -> PluginChoice:

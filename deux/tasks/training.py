@@ -43,7 +43,7 @@ def train(settings: Settings, training: TrainingSettings, dataset: Path, run: Ru
         validation,
         run.path,
         objective=settings.objective,
-        pose=settings.cfg.pose,
+        pose=settings.run.pose,
         seed=settings.seed,
         metrics=DepthMetrics(settings.camera.min_depth, settings.camera.max_depth) if validation else None,
         trainer_arguments={"enable_progress_bar": bool(training_bar()), **settings.trainer},

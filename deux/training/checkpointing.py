@@ -1,10 +1,15 @@
 """Checkpoints from which a killed training run goes on."""
 
+import io
 from pathlib import Path
+from typing import Any
 
 import torch
 from lightning.pytorch.callbacks import ModelCheckpoint
+from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.utilities import rank_zero_warn
+
+from deux.data.atomic import make_folder, write_atomically
 
 
 def resume_checkpoints(folder: Path) -> ModelCheckpoint:
@@ -22,10 +27,25 @@ def resume_checkpoints(folder: Path) -> ModelCheckpoint:
     )
 
 
+class AtomicCheckpoints(TorchCheckpointIO):
+    """Writes checkpoints whole or not at all. Lightning's own writer leaves part of one on a full disk."""
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
+        """Write a checkpoint.
+
+        Raises:
+            DeuxError: the file cannot be written, such as on a full disk.
+        """
+        content = io.BytesIO()
+        torch.save(checkpoint, content)
+        make_folder(Path(path).parent)
+        write_atomically(Path(path), content.getvalue())
+
+
 def resume_point(folder: Path) -> Path | None:
     """The newest checkpoint in `folder` that loads, for `trainer.fit(ckpt_path=..., weights_only=True)`, or None.
 
-    A file that does not load, such as one cut short by a full disk, is passed over with a warning.
+    A file that does not load, such as one that a failing disk damaged, is passed over with a warning.
     """
     for path in sorted(folder.glob("*.ckpt"), key=lambda path: path.stat().st_mtime, reverse=True):
         try:

@@ -1,5 +1,6 @@
 """Training a depth model on datasets, from start or from where an earlier attempt was killed."""
 
+import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,12 +8,14 @@ from typing import Any
 
 from lightning import Callback, Trainer, seed_everything
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from torchmetrics import Metric
 
 from deux.contracts import DepthModel
 from deux.data.datamodule import TripletDataModule
+from deux.errors import DeuxError, check_range
 from deux.options import construct
-from deux.training.checkpointing import resume_checkpoints, resume_point
+from deux.training.checkpointing import AtomicCheckpoints, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
@@ -32,6 +35,9 @@ class TrainingSettings(Schedule):
         crop: height and width of the samples; None for whole frames.
         num_workers: processes that load data; 0 is fastest while the frames fit in memory.
         validations: number of validations over the whole training.
+
+    Raises:
+        DeuxError: a value is out of its range.
     """
 
     batch_size: int = 8
@@ -40,6 +46,17 @@ class TrainingSettings(Schedule):
     crop: tuple[int, int] | None = None
     num_workers: int = 0
     validations: int = 10
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range("training.batch_size", self.batch_size, 1)
+        check_range("training.epochs", self.epochs, 1)
+        check_range("training.num_workers", self.num_workers, 0)
+        check_range("training.validations", self.validations, 1)
+        if self.steps is not None:
+            check_range("training.steps", self.steps, 1)
+        for size in self.crop or ():
+            check_range("training.crop", size, 1)
 
 
 def fit(
@@ -89,6 +106,7 @@ def fit(
     arguments: dict[str, Any] = {
         "precision": default_precision((trainer_arguments or {}).get("accelerator", "auto")),
         "logger": [logger(folder, "logs", version) for logger in (CSVLogger, TensorBoardLogger)],
+        "plugins": [AtomicCheckpoints()],
         "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
         "enable_model_summary": False,
         "num_sanity_val_steps": 0,
@@ -97,11 +115,21 @@ def fit(
         **_budget(settings),
         **(trainer_arguments or {}),
     }
-    trainer = construct(Trainer, arguments, "trainer")
-    trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
-    if trainer.interrupted:
-        raise KeyboardInterrupt
+    trainer = _make_trainer(arguments)
+    try:
+        trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
+    except SystemExit as ended:  # Lightning's answer to Ctrl-C, from which it is deaf to that key
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        raise KeyboardInterrupt from ended
     return model.eval()
+
+
+def _make_trainer(arguments: Mapping[str, Any]) -> Trainer:
+    try:
+        return construct(Trainer, arguments, "trainer")
+    except (MisconfigurationException, ValueError) as error:
+        sentence = " ".join(str(error).split()).removesuffix(".")
+        raise DeuxError(f"Lightning cannot make a trainer from the settings under trainer: {sentence}.") from error
 
 
 def _budget(settings: TrainingSettings) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Schedule:
     warmup_steps: int = 0
 
     def __post_init__(self) -> None:
-        if not self.learning_rate > 0:
-            raise DeuxError(f"training.learning_rate is {self.learning_rate}: it must be above 0.")
+        check_range("training.learning_rate", self.learning_rate, 0, ends=False)
+        check_range("training.warmup_steps", self.warmup_steps, 0)
         if len(self.boundaries) != len(self.factors) or list(self.boundaries) != sorted(set(self.boundaries)):
             raise DeuxError(
                 f"the learning rate's boundaries {self.boundaries} and factors {self.factors} must be equally many, "

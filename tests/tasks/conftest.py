@@ -6,7 +6,18 @@ from pathlib import Path
 
 import pytest
 
-SMALLEST = ["camera.width=48", "camera.height=48", "scenes.train=2", "scenes.validation=0", "scenes.test=1", "collect.steps=16", "seed.steps=6", "training.steps=6", "training.validations=1", "evaluation.viewpoints=2"]
+SMALLEST = [
+    "camera.width=48",
+    "camera.height=48",
+    "scenes.train=2",
+    "scenes.validation=0",
+    "scenes.test=1",
+    "collect.steps=16",
+    "seed.steps=6",
+    "training.steps=6",
+    "training.validations=1",
+    "evaluation.viewpoints=2",
+]
 
 
 @pytest.fixture(scope="session")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import logging
 import os
 import sys
 import traceback
+from pathlib import Path
 
 import hydra
 import yaml
@@ -24,9 +26,13 @@ from deux.configuration import (
     in_sweep,
     register_configuration,
 )
+from deux.data.atomic import write_failure
 from deux.errors import DeuxError, near_matches
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
+
+PLACE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+"""The system's errors that say that files cannot be written where they are to go."""
 
 log = logging.getLogger("deux")
 
@@ -65,6 +71,7 @@ def main() -> int:
     trace, or a sweep in which some job failed; 130: interrupted.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
+    logging.raiseExceptions = False  # A log file on a full disk must not bury the sentence that says so.
     jobs = Jobs()
     try:
         register_configuration()
@@ -74,8 +81,8 @@ def main() -> int:
     except Exception as error:
         if jobs.failed:
             return _complain(f"{jobs.failed} of the sweep's {jobs.started} jobs failed, as reported above.")
-        if isinstance(error, DeuxError):
-            return _complain(str(error))
+        if mistake := _mistake(error):
+            return _complain(str(mistake))
         if isinstance(error, COMPOSITION_ERRORS):
             return _complain(str(composition_error(error)))
         raise
@@ -96,11 +103,20 @@ def run_task(cfg: DictConfig) -> None:
 
 def _report(error: Exception) -> None:
     overrides = f"[{' '.join(HydraConfig.get().overrides.task)}] " if in_sweep() else ""
-    if isinstance(error, DeuxError):
-        _complain(f"{overrides}{error}")
+    if mistake := _mistake(error):
+        _complain(f"{overrides}{mistake}")
     else:
         traceback.print_exception(error)
         _complain(f"{overrides}stopped by the error above, which is a fault of the program or of a plugin.")
+
+
+def _mistake(error: Exception) -> DeuxError | None:
+    """The sentence for an error that is none of the program's: the user's mistake, or a disk that takes no files."""
+    if isinstance(error, OSError) and error.errno in PLACE_ERRORS:
+        started = HydraConfig.initialized()
+        place = error.filename or (HydraConfig.get().runtime.output_dir if started else os.getcwd())
+        return DeuxError(write_failure(Path(place), error))
+    return error if isinstance(error, DeuxError) else None
 
 
 def _complain(sentence: str, code: int = 1) -> int:

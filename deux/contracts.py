@@ -16,9 +16,9 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from torch import Tensor, nn
 
-from deux.errors import check_range
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
+from deux.geometry.robot import Robot
 
 # ---------------------------------------------------------------------------------------------- robot and simulator
 
@@ -30,38 +30,6 @@ class Action(IntEnum):
     LEFT = 1
     RIGHT = 2
     STOP = 3
-
-
-@dataclass(frozen=True)
-class Robot:
-    """The robot's body and motion, in metres and degrees.
-
-    Args:
-        radius: radius of the body, a vertical cylinder.
-        height: height of the body.
-        camera_height: height of the camera above the floor.
-        forward_step: length of one forward action.
-        turn_angle: angle of one turn in degrees.
-        max_climb: highest step in the floor that the robot rolls over.
-
-    Raises:
-        DeuxError: a value is out of its range.
-    """
-
-    radius: float = 0.1
-    height: float = 1.5
-    camera_height: float = 1.25
-    forward_step: float = 0.25
-    turn_angle: float = 10.0
-    max_climb: float = 0.2
-
-    def __post_init__(self) -> None:
-        check_range("robot.radius", self.radius, 0)
-        check_range("robot.height", self.height, 0, ends=False)
-        check_range("robot.camera_height", self.camera_height, 0)
-        check_range("robot.forward_step", self.forward_step, 0, ends=False)
-        check_range("robot.turn_angle", self.turn_angle, 0, 180, ends=False)
-        check_range("robot.max_climb", self.max_climb, 0)
 
 
 @dataclass(frozen=True)

@@ -35,5 +35,5 @@ def check_range(
     if least <= value <= most and (ends or value not in (least, most)):
         return
     limits = {("at least" if ends else "above"): least, ("at most" if ends else "below"): most}
-    wanted = " and ".join(f"{word} {limit:g}" for word, limit in limits.items() if math.isfinite(limit))
+    wanted = " and ".join(f"{word} {limit}" for word, limit in limits.items() if math.isfinite(limit))
     raise DeuxError(f"{name} is {value}: it must be {wanted}.")

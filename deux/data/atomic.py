@@ -25,7 +25,7 @@ def write_atomically(path: Path, content: bytes) -> None:
         os.replace(temporary, path)
     except OSError as error:
         temporary.unlink(missing_ok=True)
-        raise DeuxError(_write_failure(path, error)) from error
+        raise DeuxError(write_failure(path, error, len(content))) from error
 
 
 def make_folder(path: Path) -> None:
@@ -59,12 +59,14 @@ def read_bytes(path: Path) -> bytes:
         raise DeuxError(f"{path} cannot be read: {error.strerror}.") from error
 
 
-def _write_failure(path: Path, error: OSError) -> str:
-    """The sentence for a failed write."""
+def write_failure(path: Path, error: OSError, size: int | None = None) -> str:
+    """The sentence for a failed write of `size` bytes to `path`, or to something in it if it is a folder."""
     if error.errno not in (errno.ENOSPC, errno.EDQUOT):
         return f"{path} cannot be written: {error.strerror}."
-    free = shutil.disk_usage(path.parent).free / 1e6
+    there = next(folder for folder in (path, *path.absolute().parents) if folder.is_dir())
+    free = shutil.disk_usage(there).free / 1e6
+    needed = "" if size is None else f" ({size / 1e6:.3f} MB)"
     return (
-        f"The disk is full: {path} could not be written and {free:.1f} MB are free there; make room and start again, "
-        "what is already written is kept."
+        f"The disk is full: {path}{needed} could not be written, {free:.3f} MB are free there; make room and start "
+        "again, what is already written is kept."
     )

@@ -137,7 +137,7 @@ def _explore_in_processes(
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C waiting. Processes that start meanwhile never get it: they end with this one, without stack traces."""
+    """Keep Ctrl-C waiting. Processes that start meanwhile never get it: they end with this one, in silence."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

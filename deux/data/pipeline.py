@@ -105,9 +105,10 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
     clock.lap("preprocessing")
     rejected = Counter(str(reason) for verdict in verdicts.values() for reason in verdict.values() if reason)
     if not triplets:
+        reasons = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in rejected.items())
         raise DeuxError(
-            f"Dataset {spec.folder_name} has no frame that passes verification ({dict(rejected)}): collect more steps "
-            "or loosen the settings under verification."
+            f"Dataset {spec.folder_name} has no frame that passes verification ({reasons or 'there are too few'}): "
+            "collect more steps or loosen the settings under verification."
         )
     manifest = {
         "name": spec.name,

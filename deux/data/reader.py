@@ -83,7 +83,10 @@ class FileCache:
 
 
 def _lines(path: Path) -> list[str]:
-    return read_bytes(path).decode().splitlines()
+    try:
+        return read_bytes(path).decode().splitlines()
+    except UnicodeDecodeError as error:
+        raise DeuxError(f"{path} is no list of frames: it is not a text file.") from error
 
 
 def _frame(dataset: Path, line: str) -> tuple[SequencePaths, str]:

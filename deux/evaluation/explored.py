@@ -1,11 +1,14 @@
 """What a stored episode explored: its explorer's own map, or one made from its frames."""
 
+from zipfile import BadZipFile
+
 import numpy as np
 
 from deux.contracts import ExplorerMap, Robot
 from deux.data.calibration import read_pose
 from deux.data.images import read_depth
 from deux.data.layout import SequencePaths
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
 from deux.mapping.occupancy import OccupancyMap
@@ -17,16 +20,23 @@ def episode_poses(sequence: SequencePaths) -> np.ndarray:
 
 
 def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> ExplorerMap:
-    """The map that the explorer kept; where it kept none, one built from the frames' true depth."""
+    """The map that the explorer kept; where it kept none, one built from the frames' true depth.
+
+    Raises:
+        DeuxError: a file is damaged.
+    """
     kept = sequence.folder / "map.npz"
     if not kept.exists():
         built = OccupancyMap(camera, robot)
         for name, pose in zip(sequence.frames(), episode_poses(sequence), strict=True):
             built.update(read_depth(sequence.file("ground_truth", name)), pose)
         return ExplorerMap(built.frame, built.cells)
-    with np.load(kept, allow_pickle=False) as arrays:
-        occupancy = arrays["occupancy"]
-        x, z = arrays["origin"]
-        rows, columns = occupancy.shape
-        frame = GridFrame(float(x), float(z), rows, columns, float(arrays["resolution"]))
-        return ExplorerMap(frame, occupancy, arrays.get("uncertainty"))
+    try:
+        with np.load(kept, allow_pickle=False) as arrays:
+            occupancy = arrays["occupancy"]
+            x, z = arrays["origin"]
+            rows, columns = occupancy.shape
+            frame = GridFrame(float(x), float(z), rows, columns, float(arrays["resolution"]))
+            return ExplorerMap(frame, occupancy, arrays.get("uncertainty"))
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({error}): delete it.") from error

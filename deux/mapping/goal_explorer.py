@@ -7,7 +7,7 @@ import numpy as np
 from deux.contracts import Action, Episode, Explorer, ExplorerMap, Observation
 from deux.mapping.frontier_targets import FrontierCandidates, frontier_candidates, frontier_target
 from deux.mapping.navigation import EscapeMoves
-from deux.mapping.occupancy import OccupancyMap
+from deux.mapping.occupancy import EXACT, DepthErrors, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Point, Pursuit, Target
 from deux.mapping.traversable import process_map
@@ -32,22 +32,31 @@ class GoalExplorer(Explorer):
     min_frontier = 6
     """Cells that a frontier must have; smaller ones are gaps between pixels."""
 
-    def __init__(self, resolution: float, max_range: float, safety_margin: float, unknown_traversable: bool) -> None:
+    def __init__(
+        self,
+        resolution: float,
+        max_range: float,
+        safety_margin: float,
+        unknown_traversable: bool,
+        errors: DepthErrors = EXACT,
+    ) -> None:
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin
         self._unknown_traversable = unknown_traversable
+        self._errors = errors
 
     @abstractmethod
     def map_depth(self, observation: Observation) -> np.ndarray:
         """The H x W depth image that the map is built from."""
 
     @abstractmethod
-    def choose_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
+    def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
         """The next target, or None if there is nowhere to go.
 
         Args:
             pose: 4 x 4, the camera's present camera-to-world matrix.
+            candidates: the frontier cells that can be reached; may be none.
             distance: rows x columns float64 over `self.occupancy.frame`: path length from the robot in cells, inf
                 where it cannot go.
         """
@@ -60,12 +69,13 @@ class GoalExplorer(Explorer):
         """Forget everything and begin an episode."""
         self.rng = np.random.default_rng(episode.seed)
         self.robot = episode.robot
-        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range)
+        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, self._errors)
         self._escape = EscapeMoves(episode.robot, self.rng)
         self._pursuit: Pursuit | None = None
         self._last_pose: np.ndarray | None = None
         self._last_action: Action | None = None
         self._steps_stuck = 0
+        self._doubt = 0.0
         self.frontier: Point | None = None
         self._finished: list[Point] = []
 
@@ -130,13 +140,12 @@ class GoalExplorer(Explorer):
         """The next action towards the present target or, where that has ended, a new one; random if none leads on."""
         frame = self.occupancy.frame
         here = frame.cell(pose[0, 3], pose[2, 3])
-        traversable = self._traversable(here)
-        distance: np.ndarray | None = None
+        traversable = self._traversable(here, self._doubt)
         for _ in range(3):
             if self._pursuit is None or self.target_is_stale(self._pursuit.target):
-                distance = distance_field(traversable, here) if distance is None else distance
                 self.frontier = None
-                target = self.choose_target(pose, distance)
+                candidates, traversable, distance = self._reachable(here)
+                target = self.choose_target(pose, candidates, distance)
                 if target is None:
                     break
                 self._pursuit = Pursuit(target, self.robot)
@@ -148,6 +157,24 @@ class GoalExplorer(Explorer):
             self._pursuit = None
         return self._escape.next()
 
-    def _traversable(self, here: tuple[int, int]) -> np.ndarray:
-        clearance = (self.robot.radius + self._safety_margin) / self._resolution
-        return process_map(self.occupancy.cells, clearance, [here], self._unknown_traversable)
+    def _reachable(self, here: tuple[int, int]) -> tuple[FrontierCandidates, np.ndarray, np.ndarray]:
+        """Frontiers"""
+        for doubt in self.doubts if self._errors.relative > 0 else (0.0,):
+            self._doubt = doubt
+            traversable = self._traversable(here, self._doubt)
+            distance = distance_field(traversable, here)
+            candidates = self.frontiers(distance)
+            if len(candidates):
+                return candidates, traversable, distance
+        self._doubt = 0.0
+        traversable = self._traversable(here, self._doubt)
+        return candidates, traversable, distance_field(traversable, here)
+
+    doubts = (0.0, 1.0, 2.0, 3.5)
+
+    def _traversable(self, here: tuple[int, int], doubt: float) -> np.ndarray:
+        margin = 0.0 if doubt else self._safety_margin
+        cells = self.occupancy.cells
+        if doubt:
+            cells = np.where((cells == 1) & (self.occupancy._grid["log_odds"] <= doubt), np.int8(2), cells)
+        return process_map(cells, (self.robot.radius + margin) / self._resolution, [here], self._unknown_traversable or doubt > 0)

@@ -1,6 +1,7 @@
 """The occupancy map: which part of the floor is free, as far as depth images tell (Sec. III.D of the paper)."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -11,6 +12,22 @@ from deux.geometry.grid import GridFrame
 from deux.mapping.growing_grid import GrowingGrid
 
 UNKNOWN, OCCUPIED, FREE = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class DepthErrors:
+    """How wrong a depth image may be, as far as the map has to know.
+
+    Args:
+        relative: relative error of depth.
+        border: pixels
+    """
+
+    relative: float = 0.0
+    border: int = 0
+
+
+EXACT = DepthErrors()
 
 # What one frame adds to a cell's log-odds of being occupied, and the range that they are kept in, which is what
 # lets later frames correct earlier ones. A hit prevails over free floor within a frame and so weighs less than it:
@@ -42,13 +59,22 @@ class OccupancyMap:
         robot: its `max_climb` and `height` bound the obstacles; its footprint is free.
         resolution: edge of a cell in metres.
         max_range: distance along the floor in metres up to which depth is used.
+        errors: how wrong the depth may be.
     """
 
-    def __init__(self, camera: Camera, robot: Robot, resolution: float = 0.05, max_range: float = 3.0) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        robot: Robot,
+        resolution: float = 0.05,
+        max_range: float = 3.0,
+        errors: DepthErrors = EXACT,
+    ) -> None:
         self.camera = camera
         self.robot = robot
         self.resolution = resolution
         self.max_range = max_range
+        self.errors = errors
         self._grid = GrowingGrid(resolution, {"log_odds": np.float32, "cells": np.int8})
 
     @property
@@ -71,13 +97,13 @@ class OccupancyMap:
         x, z = float(pose[0, 3]), float(pose[2, 3])
         self._grid.cover(x, z, self.max_range + self.resolution)
         frame = self.frame
-        k = self.camera.intrinsics
-        lens = (k[0, 0], k[0, 2], k[1, 2])
+        k, border = self.camera.intrinsics, self.errors.border
+        lens = (k[0, 0], k[0, 2] - border, k[1, 2] - border)
         lattice = (frame.origin_x, frame.origin_z, self.resolution)
         floor = float(pose[1, 3]) - self.robot.camera_height
-        depth = np.asarray(depth, np.float32)
+        depth = np.ascontiguousarray(depth[border : depth.shape[0] - border, border : depth.shape[1] - border], np.float32)
         pose = np.ascontiguousarray(pose, np.float64)
-        band = (self.robot.max_climb, self.robot.height)
+        band = (self.robot.max_climb + self.errors.relative * self.robot.camera_height, self.robot.height)
         kinds, ranges, hits = _classify(depth, pose, lens, floor, band, self.max_range, lattice, frame.shape)
         _relabel_feet(kinds, depth, hits, pose, lens, lattice)
         evidence = (self._grid["log_odds"], self.cells)

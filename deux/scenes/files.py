@@ -116,7 +116,13 @@ def _referenced(path: Path) -> Iterator[str]:
 def _glb_header(path: Path) -> bytes:
     # 12 bytes of file header, then the JSON chunk: length, type, text.
     with path.open("rb") as file:
-        return file.read(int.from_bytes(file.read(20)[12:16], "little"))
+        start = file.read(20)
+        if start[:4] != b"glTF":
+            raise ValueError("it does not begin as such a file does")
+        whole, there = int.from_bytes(start[8:12], "little"), path.stat().st_size
+        if there < whole:
+            raise ValueError(f"it is truncated to {there} of {whole} bytes")
+        return file.read(int.from_bytes(start[12:16], "little"))
 
 
 def _values(path: Path, key: bytes) -> list[str]:

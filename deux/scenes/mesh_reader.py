@@ -41,7 +41,10 @@ def read_mesh(path: Path, up: Up = "y") -> SceneMesh:
             if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
                 builder.add(geometry, transform)
     except Exception as error:  # the readers of four formats raise whatever they like
-        raise DeuxError(f"{path} cannot be read as a {path.suffix} file: {error or type(error).__name__}.") from error
+        raise DeuxError(
+            f"{path} cannot be read as a {path.suffix} file, it is damaged or something else: "
+            f"{str(error) or type(error).__name__}."
+        ) from error
     if not builder.faces:
         raise DeuxError(f"{path} holds no triangles: there is nothing to see in it.")
     return builder.build(up)

@@ -95,7 +95,10 @@ class MeshSimulator:
 
     @cached_property
     def _free_space(self) -> FreeSpace:
-        return free_space(self.scene.mesh, self.scene.floor_height, self.robot)
+        try:
+            return free_space(self.scene.mesh, self.scene.floor_height, self.robot)
+        except DeuxError as error:
+            raise DeuxError(f"{self.scene.name}: {error}") from error
 
     @cached_property
     def _body(self) -> Body:

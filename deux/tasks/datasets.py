@@ -4,11 +4,9 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from deux.configuration import user_path
 from deux.contracts import DepthModel, Robot, Simulator
 from deux.data.pipeline import build_dataset, read_manifest
 from deux.data.specification import VIEWPOINTS, DatasetSpec
-from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.scenes.sources import SceneReference
 from deux.simulator.mesh_simulator import MeshSimulator
@@ -65,22 +63,6 @@ def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) 
         split=split,
     )
     return _build(spec, settings)
-
-
-def given_dataset(option: str, path: str) -> Path:
-    """The folder of a dataset that the user names.
-
-    Args:
-        option: the configuration's key that names it, for the message.
-        path: as the user wrote it.
-
-    Raises:
-        DeuxError: it is no dataset.
-    """
-    folder = user_path(path)
-    if not (folder / "data").is_dir():
-        raise DeuxError(f"{option}={path} is no dataset: {folder} has no folder data/ with sequences in VOID's layout.")
-    return folder
 
 
 def _build(

@@ -2,15 +2,15 @@
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder, user_path
+from deux.configuration import run_folder
 from deux.errors import DeuxError
 from deux.evaluation.results import Results
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.datasets import given_dataset, viewpoint_dataset
+from deux.tasks.datasets import viewpoint_dataset
 from deux.tasks.evaluation import evaluate_model
+from deux.tasks.given import given_dataset, given_model
 from deux.tasks.run_folder import RunFolder
 from deux.tasks.settings import Settings
-from deux.training.model_files import load_model, model_name
 
 
 def run(cfg: DictConfig) -> None:
@@ -20,17 +20,17 @@ def run(cfg: DictConfig) -> None:
     chosen = settings.evaluation
     if not chosen.checkpoint:
         raise DeuxError(
-            "task=evaluate needs a trained model: name a run folder or a model file by evaluation.checkpoint=."
+            "task=evaluate needs a trained model: name a run folder, a model file or a published checkpoint by "
+            "evaluation.checkpoint=."
         )
-    checkpoint = user_path(chosen.checkpoint)
-    model = load_model(checkpoint)
+    name, model = given_model(settings, chosen.checkpoint)
     given = given_dataset("evaluation.data", chosen.data) if chosen.data else None
     run = RunFolder(run_folder(), settings.identity)
     with run.stage("evaluate"):
         dataset = given or viewpoint_dataset(settings, "test")
         found = evaluate_model(settings, model, dataset, run.figures)
     results = Results(
-        model=model_name(checkpoint),
+        model=name,
         explore=None,
         seed=settings.seed,
         frames=None,

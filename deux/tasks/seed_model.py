@@ -10,14 +10,11 @@ from deux.data.exploration import MODEL_NEEDS
 from deux.data.locking import locked
 from deux.tasks.console import say
 from deux.tasks.datasets import explored_dataset
+from deux.tasks.given import given_model
 from deux.tasks.run_folder import RunFolder, short_hash
 from deux.tasks.settings import PluginChoice, Settings
 from deux.tasks.training import train
-from deux.training.model_files import MODEL_FILE, load_model
-from deux.training.published import load_published
-
-PUBLISHED_SUFFIX = ".pth"
-"""Of the checkpoint files that the models' authors published."""
+from deux.training.model_files import MODEL_FILE
 
 
 def needs_model(explorer: PluginChoice) -> bool:
@@ -35,11 +32,7 @@ def seed_model(settings: Settings) -> tuple[DepthModel, str]:
     """
     checkpoint = settings.seed_model.checkpoint
     path = _trained(settings) if checkpoint is None else user_path(checkpoint)
-    model = (
-        load_published(settings.model.name, path, settings=settings.model.settings)
-        if path.suffix == PUBLISHED_SUFFIX
-        else load_model(path)
-    )
+    _, model = given_model(settings, str(path))
     weights = path / MODEL_FILE if path.is_dir() else path
     return model, hashlib.sha256(weights.read_bytes()).hexdigest()[:16]
 

@@ -5,7 +5,6 @@ from functools import cached_property
 from typing import Any
 
 import torch
-from lightning import Trainer
 from omegaconf import DictConfig
 
 from deux.configuration import user_path
@@ -18,7 +17,7 @@ from deux.options import construct, full_settings, plain
 from deux.registry import registry
 from deux.scenes.sources import SceneSplits, scene_splits
 from deux.tasks.sections import CollectSettings, EvaluationSettings, RunSettings, SeedSettings
-from deux.training.fit import TrainingSettings
+from deux.training.fit import TrainingSettings, make_trainer
 from deux.training.objective import make_objective
 from deux.training.pose_source import make_pose_source
 
@@ -116,7 +115,7 @@ class Settings:
             model = self.model.create()
             make_objective(model, self.objective)
             make_pose_source(self.run.pose, model)
-        full_settings(Trainer, self.trainer, "trainer")
+        make_trainer({"logger": False, "enable_checkpointing": False, **self.trainer})
 
     @staticmethod
     def _plugin(kind: str, chosen: Any, where: str) -> PluginChoice:

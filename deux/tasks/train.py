@@ -5,7 +5,7 @@ from omegaconf import DictConfig
 from deux.configuration import run_folder
 from deux.tasks.collect import collect
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.datasets import given_dataset
+from deux.tasks.given import given_dataset
 from deux.tasks.run_folder import RunFolder
 from deux.tasks.settings import Settings
 from deux.tasks.training import train

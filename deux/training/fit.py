@@ -110,12 +110,13 @@ def fit(
         "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
         "enable_model_summary": False,
         "num_sanity_val_steps": 0,
+        "limit_val_batches": 1.0 if validation else 0,
         # The loader reads the list files anew, so that frames that were added in the meantime are not passed over.
         "reload_dataloaders_every_n_epochs": 1,
         **_budget(settings),
         **(trainer_arguments or {}),
     }
-    trainer = _make_trainer(arguments)
+    trainer = make_trainer(arguments)
     try:
         trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
     except SystemExit as ended:  # Lightning's answer to Ctrl-C, from which it is deaf to that key
@@ -124,12 +125,17 @@ def fit(
     return model.eval()
 
 
-def _make_trainer(arguments: Mapping[str, Any]) -> Trainer:
+def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
+    """Lightning's Trainer with these arguments.
+
+    Raises:
+        DeuxError: an argument is unknown, or Lightning refuses its value.
+    """
     try:
         return construct(Trainer, arguments, "trainer")
-    except (MisconfigurationException, ValueError) as error:
+    except (MisconfigurationException, TypeError, ValueError) as error:
         sentence = " ".join(str(error).split()).removesuffix(".")
-        raise DeuxError(f"Lightning cannot make a trainer from the settings under trainer: {sentence}.") from error
+        raise DeuxError(f"the settings under trainer make no lightning.Trainer: {sentence}.") from error
 
 
 def _budget(settings: TrainingSettings) -> dict[str, Any]:

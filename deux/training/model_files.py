@@ -70,7 +70,10 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     """
     file = _model_file(path)
     config = _read_config(file)
-    model: DepthModel = registry().create("depth_models", config.name, config.settings)
+    try:
+        model: DepthModel = registry().create("depth_models", config.name, config.settings)
+    except DeuxError as error:
+        raise DeuxError(f"{file} holds a {config.name} that cannot be made here: {error}") from error
     problem = load_weights(model, safetensors.torch.load_file(file))
     if problem:
         raise DeuxError(

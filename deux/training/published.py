@@ -86,9 +86,9 @@ def _read(path: Path) -> Mapping[str, Any]:
     try:
         checkpoint = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # a damaged or foreign file fails in many ways, depending on where
-        cause = str(error).strip().split("\n")[0]
         raise DeuxError(
-            f"{path} cannot be read as a checkpoint of tensors, it is damaged or something else: {cause}"
+            f"{path} cannot be read as a checkpoint of tensors: it is damaged, something else, or holds code, which is "
+            "never run."
         ) from error
     if not isinstance(checkpoint, Mapping):
         raise DeuxError(f"{path} holds a {type(checkpoint).__name__} and not a checkpoint's dictionary.")

@@ -6,11 +6,11 @@ import numpy as np
 
 from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError
-from deux.mapping.frontier_targets import cell_centres
+from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import GoalExplorer
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
-from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
+from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of, errors_of
 
 
 class DeuxExplorer(GoalExplorer):
@@ -50,7 +50,7 @@ class DeuxExplorer(GoalExplorer):
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
     ) -> None:
-        super().__init__(resolution, max_range, safety_margin, unknown_traversable)
+        super().__init__(resolution, max_range, safety_margin, unknown_traversable, errors_of(map_depth))
         if residual_pose not in ("pose", "surface"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose" or "surface".')
         if target not in ("sampled", "greedy"):
@@ -93,9 +93,8 @@ class DeuxExplorer(GoalExplorer):
         """The depth image that the map is built from."""
         return depth_of(observation, self._map_depth)
 
-    def choose_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
+    def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
         """`SampleFrontiers`, then `SampleDepthGuidedTarget`."""
-        candidates = self.frontiers(distance)
         frame = self.occupancy.frame
         if len(candidates) == 0:
             places = self.free_places(distance, self.places_without_frontier)

@@ -12,7 +12,7 @@ from deux.mapping.frontiers import frontier_mask
 from deux.mapping.goal_explorer import GoalExplorer
 from deux.mapping.navigation import heading_error
 from deux.mapping.pursuit import Target
-from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of
+from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of, errors_of
 
 
 class FrontierExplorer(GoalExplorer):
@@ -40,7 +40,7 @@ class FrontierExplorer(GoalExplorer):
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
     ) -> None:
-        super().__init__(resolution, max_range, safety_margin, unknown_traversable)
+        super().__init__(resolution, max_range, safety_margin, unknown_traversable, errors_of(depth))
         if choose not in ("nearest", "largest"):
             raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')
         self.needs = frozenset({depth_need(depth, "frontier's depth")})
@@ -51,9 +51,8 @@ class FrontierExplorer(GoalExplorer):
         """The depth image that the map is built from."""
         return depth_of(observation, self._depth)
 
-    def choose_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
+    def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
         """A frontier; a random reachable place if none is left."""
-        candidates = self.frontiers(distance)
         if len(candidates) == 0:
             row, column = self.free_places(distance, 1)[0]
             return Target(self.occupancy.frame.centre(row, column))

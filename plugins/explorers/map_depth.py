@@ -6,6 +6,7 @@ import numpy as np
 
 from deux.contracts import Need, Observation
 from deux.errors import DeuxError
+from deux.mapping.occupancy import EXACT, DepthErrors
 
 DepthSource = Literal["predicted", "sensor"]
 
@@ -24,3 +25,11 @@ def depth_of(observation: Observation, source: DepthSource) -> np.ndarray:
     depth = observation.predicted_depth if source == "predicted" else observation.sensor_depth
     assert depth is not None
     return depth
+
+
+PREDICTION = DepthErrors(relative=0.1, border=6)
+
+
+def errors_of(source: DepthSource) -> DepthErrors:
+    """How wrong depth of that source may be."""
+    return PREDICTION if source == "predicted" else EXACT

@@ -1,0 +1,18 @@
+import pytest
+
+from deux.errors import DeuxError
+from deux.geometry.robot import Robot
+
+
+def test_the_defaults_are_the_papers_robot():
+    robot = Robot()
+    assert (robot.radius, robot.height, robot.camera_height) == (0.1, 1.5, 1.25)
+    assert (robot.forward_step, robot.turn_angle) == (0.25, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("radius", -0.1), ("height", 0.0), ("forward_step", 0.0), ("turn_angle", 180.0)]
+)
+def test_impossible_bodies_are_named(name, value):
+    with pytest.raises(DeuxError, match=rf"robot\.{name} is {value}: it must be"):
+        Robot(**{name: value})

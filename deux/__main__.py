@@ -7,7 +7,10 @@ import importlib
 import logging
 import os
 import sys
+import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import hydra
@@ -71,11 +74,11 @@ def main() -> int:
     trace, or a sweep in which some job failed; 130: interrupted.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
-    logging.raiseExceptions = False  # A log file on a full disk must not bury the sentence that says so.
     jobs = Jobs()
     try:
         register_configuration()
-        hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
+        with _quiet_log_writers():
+            hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
     except KeyboardInterrupt:
         return _complain("interrupted; the same command goes on from here.", 130)
     except Exception as error:
@@ -101,6 +104,25 @@ def run_task(cfg: DictConfig) -> None:
     importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
 
 
+@contextmanager
+def _quiet_log_writers() -> Iterator[None]:
+    """Let no log file on a full disk bury the one sentence under the stack traces of its writer.
+
+    That is Python's logging, and TensorBoard's thread, whose error comes back with its next record.
+    """
+    raise_exceptions, excepthook = logging.raiseExceptions, threading.excepthook
+
+    def report(failed: threading.ExceptHookArgs) -> None:
+        if not (isinstance(failed.exc_value, OSError) and failed.exc_value.errno in PLACE_ERRORS):
+            excepthook(failed)
+
+    logging.raiseExceptions, threading.excepthook = False, report
+    try:
+        yield
+    finally:
+        logging.raiseExceptions, threading.excepthook = raise_exceptions, excepthook
+
+
 def _report(error: Exception) -> None:
     overrides = f"[{' '.join(HydraConfig.get().overrides.task)}] " if in_sweep() else ""
     if mistake := _mistake(error):
@@ -113,8 +135,9 @@ def _report(error: Exception) -> None:
 def _mistake(error: Exception) -> DeuxError | None:
     """The sentence for an error that is none of the program's: the user's mistake, or a disk that takes no files."""
     if isinstance(error, OSError) and error.errno in PLACE_ERRORS:
-        started = HydraConfig.initialized()
-        place = error.filename or (HydraConfig.get().runtime.output_dir if started else os.getcwd())
+        place = error.filename or (HydraConfig.initialized() and HydraConfig.get().runtime.output_dir)
+        if not place:  # Hydra's own files, before the job begins
+            return DeuxError(f"the run folder cannot be written: {error.strerror}; make room and start again.")
         return DeuxError(write_failure(Path(place), error))
     return error if isinstance(error, DeuxError) else None
 

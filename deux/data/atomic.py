@@ -2,6 +2,7 @@
 
 import errno
 import json
+import math
 import os
 import shutil
 from pathlib import Path
@@ -64,9 +65,9 @@ def write_failure(path: Path, error: OSError, size: int | None = None) -> str:
     if error.errno not in (errno.ENOSPC, errno.EDQUOT):
         return f"{path} cannot be written: {error.strerror}."
     there = next(folder for folder in (path, *path.absolute().parents) if folder.is_dir())
-    free = shutil.disk_usage(there).free / 1e6
-    needed = "" if size is None else f" ({size / 1e6:.3f} MB)"
+    free = shutil.disk_usage(there).free // 1000
+    needed = "" if size is None else f" ({math.ceil(size / 1000):,} kB)"
     return (
-        f"The disk is full: {path}{needed} could not be written, {free:.3f} MB are free there; make room and start "
+        f"The disk is full: {path}{needed} could not be written, {free:,} kB are free there; make room and start "
         "again, what is already written is kept."
     )

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from functools import partial
-from multiprocessing.connection import wait
+from multiprocessing.connection import Connection, wait
 
 from deux.contracts import Need
 from deux.data.episodes import EpisodePlan, EpisodeRun, MakeExplorer, MakeSimulator
@@ -123,7 +123,8 @@ def _explore_in_processes(
 ) -> None:
     """Run each episode by itself, several processes at a time. Spawned: a forked child would hang in EGL and OpenMP."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent) as pool:
+    stopped, stop = context.Pipe(duplex=False)
+    with ProcessPoolExecutor(processes, context, initializer=_end_when, initargs=(stopped,)) as pool:
         with _interrupts_held():
             tasks = {pool.submit(_explore_alone, plan, make_simulator, make_explorer): plan for plan in plans}
         try:
@@ -131,7 +132,7 @@ def _explore_in_processes(
                 task.result()
                 count.add(tasks[task].steps)
         except BaseException:
-            pool.shutdown(cancel_futures=True)
+            stop.close()  # the pool itself would wait for the end of the episodes that are under way
             raise
 
 
@@ -151,13 +152,16 @@ def _explore_alone(plan: EpisodePlan, make_simulator: MakeSimulator, make_explor
     _explore_together([plan], make_simulator, make_explorer, None, count)
 
 
-def _end_with_parent() -> None:
-    """Let this process end when its parent does, or a killed run's children would write on beside its successor."""
+def _end_when(stopped: Connection) -> None:
+    """Let this process end at once when the other end of the connection is closed, or when its parent dies.
+
+    A killed run's children would otherwise write on beside its successor.
+    """
     parent = multiprocessing.parent_process()
     assert parent is not None
 
     def watch() -> None:
-        wait([parent.sentinel])
+        wait([parent.sentinel, stopped])
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

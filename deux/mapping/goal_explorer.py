@@ -17,13 +17,14 @@ class GoalExplorer(Explorer):
     """Maps what it sees, chooses a target, goes there, and chooses the next: the loop of Algorithm 1.
 
     A subclass says which depth image the map is built from and how a target is chosen. The robot frees itself by
-    random moves when it is stuck or when there is nowhere to go.
+    random moves when it is stuck, when there is nowhere to go, and when the map walls it in.
 
     Args:
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
+        errors: how wrong the depth may be that the map is built from.
     """
 
     frontier_reach = 0.3
@@ -31,6 +32,15 @@ class GoalExplorer(Explorer):
 
     min_frontier = 6
     """Cells that a frontier must have; smaller ones are gaps between pixels."""
+
+    least_area = 3.0
+    """Square metres of floor within reach, with no frontier on it, below which the map counts as wrong.
+
+    It is about the blind zone around a robot whose depth makes obstacles of all the floor that its camera sees.
+    """
+
+    escape_distance = 1.0
+    """Metres that the robot tries to go straight on where the map walls it in."""
 
     def __init__(
         self,
@@ -75,7 +85,6 @@ class GoalExplorer(Explorer):
         self._last_pose: np.ndarray | None = None
         self._last_action: Action | None = None
         self._steps_stuck = 0
-        self._doubt = 0.0
         self.frontier: Point | None = None
         self._finished: list[Point] = []
 
@@ -140,12 +149,13 @@ class GoalExplorer(Explorer):
         """The next action towards the present target or, where that has ended, a new one; random if none leads on."""
         frame = self.occupancy.frame
         here = frame.cell(pose[0, 3], pose[2, 3])
-        traversable = self._traversable(here, self._doubt)
+        traversable = self._traversable(here)
+        distance: np.ndarray | None = None
         for _ in range(3):
             if self._pursuit is None or self.target_is_stale(self._pursuit.target):
+                distance = distance_field(traversable, here) if distance is None else distance
                 self.frontier = None
-                candidates, traversable, distance = self._reachable(here)
-                target = self.choose_target(pose, candidates, distance)
+                target = self._next_target(pose, distance)
                 if target is None:
                     break
                 self._pursuit = Pursuit(target, self.robot)
@@ -157,24 +167,20 @@ class GoalExplorer(Explorer):
             self._pursuit = None
         return self._escape.next()
 
-    def _reachable(self, here: tuple[int, int]) -> tuple[FrontierCandidates, np.ndarray, np.ndarray]:
-        """Frontiers"""
-        for doubt in self.doubts if self._errors.relative > 0 else (0.0,):
-            self._doubt = doubt
-            traversable = self._traversable(here, self._doubt)
-            distance = distance_field(traversable, here)
-            candidates = self.frontiers(distance)
-            if len(candidates):
-                return candidates, traversable, distance
-        self._doubt = 0.0
-        traversable = self._traversable(here, self._doubt)
-        return candidates, traversable, distance_field(traversable, here)
+    def _next_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
+        """The subclass's choice; None where the map walls the robot in, which then starts random moves.
 
-    doubts = (0.0, 1.0, 2.0, 3.5)
+        Among the few places that such a map leaves the robot would wander for ever. Random moves, "unstuck" in
+        Algorithm 1, test the map: floor driven over is free whatever the depth said, and only what the body meets
+        stays an obstacle.
+        """
+        candidates = self.frontiers(distance)
+        reachable = np.count_nonzero(np.isfinite(distance)) * self._resolution**2
+        if len(candidates) == 0 and reachable < self.least_area:
+            self._escape.start(steps=round(self.escape_distance / self.robot.forward_step) or 1)
+            return None
+        return self.choose_target(pose, candidates, distance)
 
-    def _traversable(self, here: tuple[int, int], doubt: float) -> np.ndarray:
-        margin = 0.0 if doubt else self._safety_margin
-        cells = self.occupancy.cells
-        if doubt:
-            cells = np.where((cells == 1) & (self.occupancy._grid["log_odds"] <= doubt), np.int8(2), cells)
-        return process_map(cells, (self.robot.radius + margin) / self._resolution, [here], self._unknown_traversable or doubt > 0)
+    def _traversable(self, here: tuple[int, int]) -> np.ndarray:
+        clearance = (self.robot.radius + self._safety_margin) / self._resolution
+        return process_map(self.occupancy.cells, clearance, [here], self._unknown_traversable)

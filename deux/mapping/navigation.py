@@ -73,7 +73,7 @@ class PathFollower:
 
 
 class EscapeMoves:
-    """Random moves that free a stuck robot: a turn by 30 to 180 degrees to either side, then one step forward.
+    """Random moves that free a stuck robot: a turn by 30 to 180 degrees to either side, then a step forward.
 
     Turning one way only and by a large angle is what gets a robot out of a corner; random single turns cancel out.
 
@@ -92,11 +92,11 @@ class EscapeMoves:
         """Whether moves are left."""
         return bool(self._queue)
 
-    def start(self) -> None:
-        """Draw new moves; those left over are dropped."""
+    def start(self, steps: int = 1) -> None:
+        """Draw new moves, with so many steps forward after the turn; those left over are dropped."""
         turn = Action.LEFT if self._rng.random() < 0.5 else Action.RIGHT
         turns = math.ceil(self._rng.uniform(30.0, 180.0) / self._turn_angle)
-        self._queue = [Action.FORWARD] + [turn] * turns
+        self._queue = [Action.FORWARD] * steps + [turn] * turns
 
     def next(self) -> Action:
         """The next move; draws new ones if none are left."""

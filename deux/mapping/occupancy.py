@@ -16,11 +16,15 @@ UNKNOWN, OCCUPIED, FREE = 0, 1, 2
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """How wrong a depth image may be, as far as the map has to know.
+    """How wrong a depth image may be, as far as a map of the floor has to know.
+
+    A relative error moves a point along its ray. It lifts a point of the floor by `relative` x camera height at any
+    distance, and moves a wall by `relative` x distance.
 
     Args:
-        relative: relative error of depth.
-        border: pixels
+        relative: typical relative error of the depth; 0 for an exact sensor.
+        border: pixels along the image's edges that are not used, at most an eighth of the image. The padding of a convolution makes a network's
+            depth wrong there, and an image's lowest rows show the floor at the robot's feet.
     """
 
     relative: float = 0.0
@@ -28,6 +32,7 @@ class DepthErrors:
 
 
 EXACT = DepthErrors()
+"""A simulated depth sensor's."""
 
 # What one frame adds to a cell's log-odds of being occupied, and the range that they are kept in, which is what
 # lets later frames correct earlier ones. A hit prevails over free floor within a frame and so weighs less than it:
@@ -53,6 +58,12 @@ class OccupancyMap:
     cell gathers this evidence as log-odds, one step a frame (a hit prevails over free floor in the same cell), so
     that errors of a predicted depth are corrected by later frames. The floor is `robot.camera_height` below the
     camera, which is held level.
+
+    Depth that is not exact (`errors`) changes two things. An obstacle must stand out of the floor by what the error
+    can lift the floor, besides what the robot climbs. And a hit's evidence is spread over the cells that the point
+    may truly lie in: each gets the share of one cell's width in one cell's width plus the error at that distance,
+    so that a look from nearby outweighs many from afar. What is seen free needs no such discount: it is spread over
+    the whole ray.
 
     Args:
         camera: the camera that the depth images come from.
@@ -97,17 +108,19 @@ class OccupancyMap:
         x, z = float(pose[0, 3]), float(pose[2, 3])
         self._grid.cover(x, z, self.max_range + self.resolution)
         frame = self.frame
-        k, border = self.camera.intrinsics, self.errors.border
+        rows, columns = depth.shape
+        k, border = self.camera.intrinsics, min(self.errors.border, rows // 8, columns // 8)
         lens = (k[0, 0], k[0, 2] - border, k[1, 2] - border)
         lattice = (frame.origin_x, frame.origin_z, self.resolution)
         floor = float(pose[1, 3]) - self.robot.camera_height
-        depth = np.ascontiguousarray(depth[border : depth.shape[0] - border, border : depth.shape[1] - border], np.float32)
+        depth = np.ascontiguousarray(depth[border : rows - border, border : columns - border], np.float32)
         pose = np.ascontiguousarray(pose, np.float64)
-        band = (self.robot.max_climb + self.errors.relative * self.robot.camera_height, self.robot.height)
+        lifted = self.errors.relative * self.robot.camera_height
+        band = (self.robot.max_climb + lifted, self.robot.height)
         kinds, ranges, hits = _classify(depth, pose, lens, floor, band, self.max_range, lattice, frame.shape)
         _relabel_feet(kinds, depth, hits, pose, lens, lattice)
         evidence = (self._grid["log_odds"], self.cells)
-        _gather(kinds, ranges, hits, pose, lens, floor, self.max_range, lattice, *evidence)
+        _gather(kinds, ranges, hits, pose, lens, floor, self.max_range, lattice, self.errors.relative, *evidence)
         self._set_disc(x, z, self.robot.radius, LEAST)
 
     def mark_contact(self, pose: np.ndarray) -> None:
@@ -202,7 +215,7 @@ def _relabel_feet(kinds, depth, hits, pose, lens, lattice):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, log_odds, cells):  # type: ignore[no-untyped-def]
+def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, relative, log_odds, cells):  # type: ignore[no-untyped-def]
     """Add one frame's evidence to every cell within range of the camera."""
     f, cx, cy = lens
     origin_x, origin_z, resolution = lattice
@@ -217,10 +230,10 @@ def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, log_odds
             if log_odds[row, column] > MOST:
                 continue
             evidence = 0.0
+            dx = origin_x + (column + 0.5) * resolution - pose[0, 3]
             if hits[row, column]:
-                evidence = HIT
+                evidence = HIT * resolution / (resolution + relative * math.sqrt(dx * dx + dz * dz))
             else:
-                dx = origin_x + (column + 0.5) * resolution - pose[0, 3]
                 depth = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
                 distance = math.sqrt(dx * dx + dz * dz)
                 if depth <= 0.0 or distance > max_range:

@@ -43,12 +43,15 @@ class PoseResidualField:
     The weights are exp(-d^2 / (2 bandwidth^2)) for a pose at distance d; the mean of all deltas enters with weight
     `prior_weight`, and so prevails far from every pose.
 
+    A bandwidth of two steps keeps places a metre apart distinct. The prior is weak because targets lie metres ahead
+    of the poses: they are to inherit what was found in their direction, not the mean of everything.
+
     Args:
         bandwidth: metres.
         prior_weight: the weight of the mean, in poses at distance 0.
     """
 
-    def __init__(self, bandwidth: float = 1.0, prior_weight: float = 0.1) -> None:
+    def __init__(self, bandwidth: float = 0.5, prior_weight: float = 0.01) -> None:
         self._bandwidth = bandwidth
         self._prior_weight = prior_weight
         self._records: list[tuple[float, float, float]] = []

@@ -50,6 +50,6 @@ def train(settings: Settings, training: TrainingSettings, dataset: Path, run: Ru
         callbacks=[*training_bar(), *([PanelLogger()] if validation else [])],
     )
     model = model.cpu()
-    save_model(path, model, settings.model.name, settings.model.settings)
     save_figure(draw_training_curve(run.logs), run.figures / "training.png")
+    save_model(path, model, settings.model.name, settings.model.settings)  # last: it says that training is done
     return model

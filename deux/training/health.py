@@ -12,7 +12,7 @@ from deux.training.module import DepthCompletion
 
 
 class HealthCheck(Callback):
-    """Stops a run whose loss or depth is not finite; warns once if the depth sticks to an end of its range.
+    """Stops a run whose loss, depth or weights are not finite; warns once if the depth sticks to an end of its range.
 
     A network that saturates its output has almost no gradient left and seldom comes back; too high a learning rate
     is the usual cause.
@@ -23,7 +23,8 @@ class HealthCheck(Callback):
         margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
 
     Raises:
-        DeuxError: during training, when the loss or the predicted depth is not finite.
+        DeuxError: during training, when the loss or the predicted depth is not finite; at the end of an epoch, before
+            its checkpoint is written, when a weight is not.
     """
 
     def __init__(self, every: int = 20, patience: int = 5, margin: float = 0.05) -> None:
@@ -38,6 +39,15 @@ class HealthCheck(Callback):
         """Look at what `DepthCompletion.training_step` returned."""
         if trainer.global_step % self.every == 0 and isinstance(pl_module, DepthCompletion):
             self._look(trainer.global_step, pl_module, outputs)
+
+    def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Look at the weights: a broken pose network leaves nothing visible, and with it a finite loss."""
+        broken = [name for name, weight in pl_module.named_parameters() if not weight.isfinite().all()]
+        if broken:
+            raise DeuxError(
+                f"{len(broken)} of the weights' tensors are not finite at step {trainer.global_step} ({broken[0]} is the "
+                "first): lower training.learning_rate, or set trainer.precision=32-true."
+            )
 
     def _look(self, step: int, module: DepthCompletion, outputs: Mapping[str, Any]) -> None:
         rate = module.trainer.optimizers[0].param_groups[0]["lr"]

@@ -8,6 +8,7 @@ from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import GoalExplorer
+from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
 from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of, errors_of
@@ -83,11 +84,12 @@ class DeuxExplorer(GoalExplorer):
         return super().act(observation)
 
     def map(self) -> ExplorerMap | None:
-        """The occupancy map with the uncertainty field over it."""
+        """The occupancy map with the uncertainty field over what is known of the floor."""
         known = super().map()
         if known is None:
             return None
-        return ExplorerMap(known.frame, known.occupancy, self._field.grid(known.frame))
+        uncertainty = np.where(known.occupancy == UNKNOWN, np.float32(np.nan), self._field.grid(known.frame))
+        return ExplorerMap(known.frame, known.occupancy, uncertainty)
 
     def map_depth(self, observation: Observation) -> np.ndarray:
         """The depth image that the map is built from."""

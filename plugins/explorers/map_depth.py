@@ -28,6 +28,12 @@ def depth_of(observation: Observation, source: DepthSource) -> np.ndarray:
 
 
 PREDICTION = DepthErrors(relative=0.1, border=6)
+"""What a briefly trained seed model's depth was measured to be like.
+
+KBNet after 300 steps, 128 x 128 pixels: 90 % of the floor's pixels are off by less than 20 %, but the outermost rows
+and columns are predicted at 0.25 to 0.8 of the true depth. With them in the map a ring of false obstacles half a
+metre from the robot imprisons it.
+"""
 
 
 def errors_of(source: DepthSource) -> DepthErrors:

@@ -76,3 +76,13 @@ def test_escape_turns_one_way_by_30_to_180_degrees_and_then_steps():
         assert 3 <= len(moves) - 1 <= 18
         sides.add(moves[0])
     assert sides == {Action.LEFT, Action.RIGHT}
+
+
+def test_escape_goes_on_as_far_as_it_is_told():
+    escape = EscapeMoves(Robot(), np.random.default_rng(0))
+    escape.start(steps=4)
+    moves = []
+    while escape.active:
+        moves.append(escape.next())
+    assert moves[-5:].count(Action.FORWARD) == 4
+    assert moves.count(Action.FORWARD) == 4

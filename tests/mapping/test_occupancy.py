@@ -3,7 +3,7 @@ import pytest
 
 from deux.contracts import Robot
 from deux.geometry.camera import Camera
-from deux.mapping.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from deux.mapping.occupancy import EXACT, FREE, OCCUPIED, UNKNOWN, DepthErrors, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.traversable import process_map
 from deux.testing.box_world import Box, BoxWorld
@@ -142,3 +142,56 @@ def test_the_contact_of_a_very_thin_robot_leaves_the_cell_that_it_stands_on_free
         occupancy.update(world.observe().depth, world.pose)
         occupancy.mark_contact(world.pose)
         assert state(occupancy, 2.001, 2.001) == FREE
+
+
+def test_floor_that_depth_errors_lift_stays_free_and_a_table_stays_an_obstacle():
+    """Depth 20 % short lifts the floor by 0.25 m: more than the robot climbs, less than climb and tolerance."""
+    for errors, expected in ((EXACT, OCCUPIED), (DepthErrors(relative=0.1), FREE)):
+        world = BoxWorld(5.0, 4.0, (TABLE,))
+        world.reset(2.0, 2.0, 0.0)
+        occupancy = OccupancyMap(world.camera, world.robot, errors=errors)
+        look_around(world, occupancy, lambda depth: 0.8 * depth)
+        assert state(occupancy, 2.0, 0.7) == expected
+        assert (state(occupancy, [2.8, 2.9, 3.0], [1.6, 1.6, 1.6]) == OCCUPIED).any(), "the table, moved nearer"
+
+
+def test_wrong_depth_along_the_edges_of_the_image_is_not_used():
+    def spoil_edges(depth):
+        spoilt = 0.4 * depth
+        spoilt[3:-3, 3:-3] = depth[3:-3, 3:-3]
+        return spoilt
+
+    for border, imprisoned in ((0, True), (3, False)):
+        world = BoxWorld(6.0, 6.0)
+        occupancy = OccupancyMap(world.camera, world.robot, errors=DepthErrors(border=border))
+        look_around(world, occupancy, spoil_edges)
+        here = occupancy.frame.cell(3.0, 3.0)
+        distance = distance_field(process_map(occupancy.cells, 3.0, [here]), here)
+        reached = np.count_nonzero(np.isfinite(distance)) * 0.05**2
+        assert (reached < 2.0) if imprisoned else (reached > 15.0)
+
+
+def test_the_border_only_narrows_the_view():
+    """The map of cropped images agrees with that of whole ones wherever it knows something."""
+    world = BoxWorld(5.0, 4.0, (TABLE,))
+    world.reset(2.0, 2.0, 0.0)
+    maps = [OccupancyMap(world.camera, world.robot, errors=DepthErrors(border=border)) for border in (0, 5)]
+    for occupancy in maps:
+        look_around(world, occupancy)
+    whole, cropped = (occupancy.cells for occupancy in maps)
+    known = cropped != UNKNOWN
+    assert known.sum() > 0.9 * (whole != UNKNOWN).sum()
+    assert (whole[known] == cropped[known]).mean() > 0.99
+
+
+@pytest.mark.parametrize(("errors", "expected"), [(EXACT, OCCUPIED), (DepthErrors(relative=0.1), FREE)])
+def test_one_look_outweighs_many_wrong_ones_from_afar_if_depth_is_inexact(errors, expected):
+    world = BoxWorld(6.0, 6.0, camera=Camera(64, 64))
+    world.reset(3.0, 5.0, 0.0)
+    occupancy = OccupancyMap(world.camera, world.robot, errors=errors)
+    depth = world.observe().depth
+    for _ in range(5):
+        occupancy.update(np.minimum(depth, 2.5), world.pose)
+    assert state(occupancy, 3.0, 2.5 - 1e-3) == OCCUPIED
+    occupancy.update(depth, world.pose)
+    assert state(occupancy, 3.0, 2.5 - 1e-3) == expected

@@ -1,10 +1,19 @@
-"""The smallest experiment that goes through every stage, run as a user would run it."""
+"""The smallest experiment that goes through every stage, run as a user would run it, and smaller ones in this process."""
 
+import io
+import logging
 import subprocess
 import sys
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
+import trimesh
+
+from deux.__main__ import main
 
 SMALLEST = [
     "camera.width=48",
@@ -48,3 +57,133 @@ def finished(experiment, tmp_path_factory) -> Path:
     process = experiment(outputs, "explore=deux")
     assert process.returncode == 0, process.stderr
     return outputs
+
+
+TINY = [
+    "camera.width=48",
+    "camera.height=48",
+    "scenes.train=1",
+    "scenes.validation=0",
+    "scenes.test=1",
+    "collect.steps=8",
+    "seed.steps=2",
+    "training.steps=2",
+    "training.validations=1",
+    "evaluation.viewpoints=3",
+    "trainer.accelerator=cpu",
+    "model.image_filters=[4,8,8,8,8]",
+    "model.depth_filters=[4,4,4,4,4]",
+    "model.decoder_filters=[8,8,8,8,4]",
+]
+"""As little as every stage can do, by a network of 15,000 weights."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def sentence(self) -> str:
+        """What a user reads of a mistake: all of stderr, which is one line."""
+        assert self.code == 1, self.err
+        assert self.err.startswith("deux: "), self.err
+        assert self.err.count("\n") == 1, self.err
+        return self.err.removeprefix("deux: ").rstrip("\n")
+
+
+@pytest.fixture(scope="session")
+def deux():
+    """Run the command line inside this process, which spares the seconds of its imports: deux(*arguments)."""
+
+    def run(*arguments: str) -> Outcome:
+        out, err = io.StringIO(), io.StringIO()
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+            patch.setattr(sys, "argv", ["deux", *arguments])
+            patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
+            try:
+                code = main()
+            except SystemExit as left:
+                code = left.code
+            for handler in logging.root.handlers:
+                handler.close()
+        return Outcome(code, out.getvalue(), err.getvalue())
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def tiny_arguments():
+    """The arguments of a command that does as little as there is: tiny_arguments(outputs, *overrides)."""
+
+    def make(outputs: Path, *overrides: str) -> list[str]:
+        scenes = "scenes=files" in overrides
+        small = [setting for setting in TINY if not (scenes and setting.startswith("scenes."))]
+        return [*small, f"paths.outputs={outputs}", *overrides]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def tiny(deux, tiny_arguments):
+    """Run such a command inside this process: tiny(outputs, *overrides)."""
+
+    def run(outputs: Path, *overrides: str) -> Outcome:
+        return deux(*tiny_arguments(outputs, *overrides))
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def collected(tiny, tmp_path_factory) -> Path:
+    """The outputs folder in which `task=collect explore=random` ran."""
+    outputs = tmp_path_factory.mktemp("tiny")
+    outcome = tiny(outputs, "task=collect", "explore=random", f"hydra.run.dir={outputs}/collected")
+    assert (outcome.code, outcome.err) == (0, "")
+    return outputs
+
+
+@pytest.fixture(scope="session")
+def trained(tiny, collected) -> Path:
+    """The same folder once `task=train` has left a model in its folder `trained`."""
+    outcome = tiny(collected, "task=train", "explore=random", f"hydra.run.dir={collected}/trained")
+    assert (outcome.code, outcome.err) == (0, "")
+    return collected
+
+
+@pytest.fixture(scope="session")
+def tested(tiny, trained) -> Path:
+    """The same folder once `task=evaluate` has made the test frames and left its results in its folder `tested`."""
+    folders = [f"evaluation.checkpoint={trained}/trained", f"hydra.run.dir={trained}/tested"]
+    outcome = tiny(trained, "task=evaluate", *folders)
+    assert (outcome.code, outcome.err) == (0, "")
+    return trained
+
+
+@pytest.fixture(scope="session")
+def room(tmp_path_factory) -> Callable[..., Path]:
+    """Write a coloured room of 4 m x 2.5 m x 4 m with furniture as a .glb: room(name, "floor", "walls", "furniture")."""
+    folder = tmp_path_factory.mktemp("scenes")
+    walls = [((4, 2.5, 0.1), (0, 1.25, side)) for side in (-2.05, 2.05)]
+    walls += [((0.1, 2.5, 4), (side, 1.25, 0)) for side in (-2.05, 2.05)]
+    boxes = {
+        "floor": [((4, 0.1, 4), (0, -0.05, 0))],
+        "walls": walls,
+        "furniture": [((0.5, 0.8, 0.5), (1, 0.4, 1)), ((0.4, 1.6, 0.4), (-1.2, 0.8, 0.5))],
+    }
+
+    def write(name: str, *parts: str) -> Path:
+        scene = trimesh.Scene()
+        for number, (extents, centre) in enumerate(box for part in parts for box in boxes[part]):
+            mesh = trimesh.creation.box(extents).apply_translation(centre).subdivide().subdivide()
+            colors = np.random.default_rng(number).integers(40, 255, (len(mesh.faces), 3))
+            mesh.visual = trimesh.visual.ColorVisuals(mesh, face_colors=colors)
+            scene.add_geometry(mesh)
+        path = folder / f"{name}.glb"
+        scene.export(path)
+        return path
+
+    return write

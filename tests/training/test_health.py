@@ -6,6 +6,7 @@ from deux.testing.losses import perfect_sample
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
+from deux.training.pose_source import LearnedPoseSource
 from deux.training.schedule import Schedule
 
 # Lightning 2.6 uses what newer PyTorch releases deprecate.
@@ -42,3 +43,12 @@ def test_a_loss_that_is_not_finite_stops_the_run(train):
     batch.image[0, 0, 0, 0] = torch.nan
     with pytest.raises(DeuxError, match=r"training loss is nan .* at step 1, learning rate 0\.0001"):
         train(batch=batch)
+
+
+def test_weights_that_are_not_finite_stop_the_run_where_the_loss_stays_finite(small_model, fit):
+    model = small_model(3.0)
+    module = DepthCompletion(model, make_objective(model), LearnedPoseSource(model.pose_network()))
+    with torch.no_grad():
+        module.pose_source.network.layer.bias.fill_(torch.nan)
+    with pytest.raises(DeuxError, match=r"weights' tensors are not finite at step 2"):
+        fit(module, perfect_sample().batch, copies=2, max_epochs=1, callbacks=[HealthCheck()])

@@ -61,14 +61,16 @@ class PoseDecoder(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """N x channels x H x W to N x 6 float32.
 
-        The mean and the last convolution are both linear, so the mean is taken first: it costs less, and under
-        autocast the pose keeps its precision.
+        The mean and the last convolution are both linear, so the mean is taken first, which costs less. All of it is
+        float32 also under autocast: the pose keeps its precision, and on maps of a single pixel, as small images come
+        to here, oneDNN's bfloat16 gradients of convolutions of stride 2 are not finite (PyTorch 2.15).
         """
         *before, last = self.conv if isinstance(self.conv, nn.Sequential) else [self.conv]
-        for layer in before:
-            x = layer(x)
         with torch.autocast(x.device.type, enabled=False):
-            return last(x.float().mean(dim=(2, 3), keepdim=True)).flatten(1)
+            x = x.float()
+            for layer in before:
+                x = layer(x)
+            return last(x.mean(dim=(2, 3), keepdim=True)).flatten(1)
 
 
 class SevenConvolutionEncoder(nn.Module):

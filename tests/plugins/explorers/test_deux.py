@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -67,6 +68,44 @@ def test_its_map_shows_the_uncertainty_that_it_recorded(residual_pose):
     assert recorded.size > 100
     assert recorded.min() >= 1.0 - np.exp(-0.02) - 1e-6
     assert recorded.max() <= 1.0 - np.exp(-0.1) + 1e-6
+
+
+def places_visited(distort, seed, steps=200):
+    """Number of half-metre squares of the two rooms that the robot comes to, with distorted predicted depth."""
+    places = set()
+
+    def predicted(observation):
+        places.add(tuple(np.floor(observation.pose[[0, 2], 3] / 0.5)))
+        return replace(observation, predicted_depth=distort(observation.predicted_depth).astype(np.float32))
+
+    run(DeuxExplorer(), two_rooms(), steps, seed, predicted)
+    return len(places)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_smooth_depth_errors_of_20_percent_do_not_imprison_it(seed):
+    rng = np.random.default_rng(seed)
+
+    def distort(depth):
+        factor = 1.0 + cv2.resize(rng.uniform(-0.2, 0.2, (4, 4)), depth.shape[::-1], interpolation=cv2.INTER_LINEAR)
+        wrong = 0.4 * depth
+        wrong[6:-6, 6:-6] = (factor * depth)[6:-6, 6:-6]
+        return wrong
+
+    assert places_visited(distort, seed) >= 15
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_it_gets_about_even_if_the_depth_is_hopeless(seed):
+    """All of the floor looks like an obstacle."""
+    assert places_visited(lambda depth: 0.5 * depth, seed, steps=300) >= 10
+
+
+def test_its_uncertainty_is_shown_only_where_the_map_is_known():
+    explorer = DeuxExplorer()
+    run(explorer, two_rooms(), 60)
+    known = explorer.map()
+    assert np.isnan(known.uncertainty[known.occupancy == 0]).all()
 
 
 def test_needs_follow_the_options():

@@ -1,5 +1,6 @@
 """What explorers that keep a map and go from target to target have in common."""
 
+import math
 from abc import abstractmethod
 
 import numpy as np
@@ -177,7 +178,7 @@ class GoalExplorer(Explorer):
         candidates = self.frontiers(distance)
         reachable = np.count_nonzero(np.isfinite(distance)) * self._resolution**2
         if len(candidates) == 0 and reachable < self.least_area:
-            self._escape.start(steps=round(self.escape_distance / self.robot.forward_step) or 1)
+            self._escape.start(steps=math.ceil(self.escape_distance / self.robot.forward_step))
             return None
         return self.choose_target(pose, candidates, distance)
 

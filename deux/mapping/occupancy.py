@@ -23,8 +23,8 @@ class DepthErrors:
 
     Args:
         relative: typical relative error of the depth; 0 for an exact sensor.
-        border: pixels along the image's edges that are not used, at most an eighth of the image. The padding of a convolution makes a network's
-            depth wrong there, and an image's lowest rows show the floor at the robot's feet.
+        border: pixels along the image's edges that are not used, at most an eighth of the image. The padding of its
+            convolutions makes a network's depth wrong there, and the lowest rows show the floor before the robot.
     """
 
     relative: float = 0.0

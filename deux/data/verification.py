@@ -53,7 +53,7 @@ class VerificationSettings:
         check_range("verification.min_points", self.min_points, 0, 1)
         check_range("verification.min_depth", self.min_depth, 0, 1)
         check_range("verification.min_distance", self.min_distance, 0)
-        check_range("verification.min_angle", self.min_angle, 0, 180)
+        check_range("verification.min_angle", self.min_angle, 0)
 
 
 @dataclass(frozen=True)

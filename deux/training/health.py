@@ -45,7 +45,7 @@ class HealthCheck(Callback):
         broken = [name for name, weight in pl_module.named_parameters() if not weight.isfinite().all()]
         if broken:
             raise DeuxError(
-                f"{len(broken)} of the weights' tensors are not finite at step {trainer.global_step}, {broken[0]} is the "
+                f"{len(broken)} tensors of weights are not finite at step {trainer.global_step}, {broken[0]} is the "
                 "first: lower training.learning_rate, or set trainer.precision=32-true."
             )
 

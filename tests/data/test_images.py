@@ -90,7 +90,9 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkey
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", half_written)
-    with pytest.raises(DeuxError, match=r"The disk is full: .*d\.png \(\d+ kB\) could not be written, [\d,]+ kB are free"):
+    with pytest.raises(
+        DeuxError, match=r"The disk is full: .*d\.png \(\d+ kB\) could not be written, [\d,]+ kB are free"
+    ):
         images.write_depth(file, np.zeros((8, 8)))
     assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file]

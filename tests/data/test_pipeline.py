@@ -189,8 +189,8 @@ def test_a_full_disk_is_one_sentence_and_the_build_can_go_on(tmp_path: Path, mon
 
 
 def test_a_dataset_without_a_usable_frame_is_an_error(tmp_path: Path) -> None:
-    spec = specification(verification=VerificationSettings(min_depth=1.1))
-    with pytest.raises(DeuxError, match=r"no frame that passes verification \(\{'too_little_depth': 12\}\)"):
+    spec = specification(verification=VerificationSettings(min_distance=100.0, min_angle=400.0))
+    with pytest.raises(DeuxError, match=r"no frame that passes verification \(12 no motion\)"):
         build(tmp_path, spec)
     assert not (tmp_path / spec.folder_name).exists()
 

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 
 
@@ -24,3 +25,17 @@ def test_rays_invert_the_intrinsics():
     assert camera.rays().shape == (6, 8, 3)
     np.testing.assert_allclose(pixels[4, 5], [5.0, 4.0, 1.0], atol=1e-12)
     np.testing.assert_allclose(pixels[0, 0], [0.0, 0.0, 1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ({"width": 0}, r"camera\.width is 0: it must be at least 1\."),
+        ({"hfov": 180.0}, r"camera\.hfov is 180\.0: it must be above 0 and below 180\."),
+        ({"min_depth": math.nan}, r"camera\.min_depth is nan: it must be at least 0\."),
+        ({"min_depth": 2.0, "max_depth": 2.0}, r"camera\.max_depth is 2\.0: it must be above 2\.0\."),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused(settings, sentence):
+    with pytest.raises(DeuxError, match=sentence):
+        Camera(**settings)

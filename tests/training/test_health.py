@@ -50,5 +50,5 @@ def test_weights_that_are_not_finite_stop_the_run_where_the_loss_stays_finite(sm
     module = DepthCompletion(model, make_objective(model), LearnedPoseSource(model.pose_network()))
     with torch.no_grad():
         module.pose_source.network.layer.bias.fill_(torch.nan)
-    with pytest.raises(DeuxError, match=r"weights' tensors are not finite at step 2"):
+    with pytest.raises(DeuxError, match=r"tensors of weights are not finite at step 2"):
         fit(module, perfect_sample().batch, copies=2, max_epochs=1, callbacks=[HealthCheck()])

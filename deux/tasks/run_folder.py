@@ -10,9 +10,14 @@ from typing import Any
 
 from deux.data.atomic import make_folder, write_json
 from deux.errors import DeuxError
+from deux.evaluation.results import RESULTS_FILE
+from deux.training.model_files import MODEL_FILE
 
 _IDENTITY_FILE = "run.json"
 _SECONDS_FILE = "seconds.json"
+
+_WORK = ("checkpoints", MODEL_FILE, RESULTS_FILE)
+"""What a run leaves in its folder that another run must not go on from."""
 
 
 class RunFolder:
@@ -20,10 +25,10 @@ class RunFolder:
 
     Args:
         path: the folder; made if it is absent.
-        settings: all that makes the run what it is, JSON-able. A folder that belongs to other settings is refused.
+        settings: all that makes the run what it is, JSON-able. A folder with the work of other settings is refused.
 
     Raises:
-        DeuxError: the folder holds a run with other settings.
+        DeuxError: the folder holds the checkpoints, model or results of other settings.
     """
 
     def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
@@ -31,7 +36,7 @@ class RunFolder:
         make_folder(path)
         identity = path / _IDENTITY_FILE
         mine = json.loads(json.dumps(settings))
-        if identity.exists():
+        if identity.exists() and any((path / work).exists() for work in _WORK):
             theirs = json.loads(identity.read_text())
             if theirs != mine:
                 different = ", ".join(sorted(_differences(theirs, mine))[:4])
@@ -41,11 +46,6 @@ class RunFolder:
                 )
         else:
             write_json(identity, mine)
-
-    @property
-    def checkpoints(self) -> Path:
-        """Folder of the training checkpoints."""
-        return self.path / "checkpoints"
 
     @property
     def figures(self) -> Path:

@@ -15,8 +15,15 @@ def test_the_same_settings_find_their_folder_again(tmp_path):
 
 def test_other_settings_are_refused_by_name(tmp_path):
     RunFolder(tmp_path, {"model": {"name": "kbnet"}, "seed": 0})
+    (tmp_path / "checkpoints").mkdir()
     with pytest.raises(DeuxError, match=r"model\.name: kbnet there, voiced here, seed: 0 there, 1 here"):
         RunFolder(tmp_path, {"model": {"name": "voiced"}, "seed": 1})
+
+
+def test_a_run_that_came_to_nothing_makes_room_for_another(tmp_path):
+    RunFolder(tmp_path, {"seed": {"checkpoint": "nowhere"}})
+    RunFolder(tmp_path, {"seed": {"checkpoint": None}})
+    assert json.loads((tmp_path / "run.json").read_text()) == {"seed": {"checkpoint": None}}
 
 
 def test_seconds_add_up_over_starts_and_survive_an_error(tmp_path, monkeypatch):

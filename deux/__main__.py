@@ -81,6 +81,9 @@ def main() -> int:
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
     except KeyboardInterrupt:
         return _complain("interrupted; the same command goes on from here.", 130)
+    except BrokenPipeError:  # the reader of the help page or configuration, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more as it ends
+        return 0
     except Exception as error:
         if jobs.failed:
             return _complain(f"{jobs.failed} of the sweep's {jobs.started} jobs failed, as reported above.")

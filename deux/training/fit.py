@@ -102,21 +102,15 @@ def fit(
     )
     module = DepthCompletion(model, make_objective(model, objective), make_pose_source(pose, model), settings, metrics)
     checkpoints = folder / "checkpoints"
-    version = f"version_{len(list((folder / 'logs').glob('version_*')))}"
-    arguments: dict[str, Any] = {
-        "precision": default_precision((trainer_arguments or {}).get("accelerator", "auto")),
-        "logger": [logger(folder, "logs", version) for logger in (CSVLogger, TensorBoardLogger)],
-        "plugins": [AtomicCheckpoints()],
-        "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
-        "enable_model_summary": False,
-        "num_sanity_val_steps": 0,
-        "limit_val_batches": 1.0 if validation else 0,
-        # The loader reads the list files anew, so that frames that were added in the meantime are not passed over.
-        "reload_dataloaders_every_n_epochs": 1,
-        **_budget(settings),
-        **(trainer_arguments or {}),
-    }
-    trainer = make_trainer(arguments)
+    own = trainer_arguments or {}
+    trainer = make_trainer(
+        {
+            **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
+            "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
+            **_budget(settings),
+            **own,
+        }
+    )
     try:
         trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
     except SystemExit as ended:  # Lightning's answer to Ctrl-C, from which it is deaf to that key
@@ -136,6 +130,21 @@ def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
     except (MisconfigurationException, TypeError, ValueError) as error:
         sentence = " ".join(str(error).split()).removesuffix(".")
         raise DeuxError(f"the settings under trainer make no lightning.Trainer: {sentence}.") from error
+
+
+def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[str, Any]:
+    """Arguments of the trainer that hold unless the user's say otherwise."""
+    version = f"version_{len(list((folder / 'logs').glob('version_*')))}"
+    return {
+        "precision": default_precision(accelerator),
+        "logger": [logger(folder, "logs", version) for logger in (CSVLogger, TensorBoardLogger)],
+        "plugins": [AtomicCheckpoints()],
+        "enable_model_summary": False,
+        "num_sanity_val_steps": 0,
+        "limit_val_batches": 1.0 if validate else 0,
+        # The loader reads the list files anew, so that frames that were added in the meantime are not passed over.
+        "reload_dataloaders_every_n_epochs": 1,
+    }
 
 
 def _budget(settings: TrainingSettings) -> dict[str, Any]:

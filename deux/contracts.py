@@ -198,6 +198,21 @@ class Augmentation:
     flip: float = 0.0
 
 
+@dataclass(frozen=True)
+class Foundation:
+    """A depth model inside another one: trained before it, and frozen while it trains.
+
+    Args:
+        name: the registered name under which it is made and trained by itself.
+        settings: the options that make it such that its weights fit the module.
+        module: where its weights go; part of the model that is built on it.
+    """
+
+    name: str
+    settings: Mapping[str, Any]
+    module: nn.Module
+
+
 LossSettings = Mapping[str, float | Mapping[str, Any]]
 """Loss terms by registered name: a weight, or {"weight": w, **options of the term's constructor}."""
 
@@ -243,6 +258,14 @@ class DepthModel(nn.Module, ABC):
 
         Called as `network(target_image, source_image)`, each N x 3 x H x W, it returns N x 4 x 4: the matrix that
         carries points of the target camera into the source camera.
+        """
+        return None
+
+    def foundation(self) -> Foundation | None:
+        """The depth model that this one is built on, or None if it stands alone.
+
+        Before this model is trained, the framework fills the foundation's module with trained weights
+        (`foundation.checkpoint`) or trains such a model first.
         """
         return None
 

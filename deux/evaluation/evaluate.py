@@ -9,8 +9,9 @@ from torch import Tensor
 
 from deux.contracts import Batch, DepthModel
 from deux.errors import DeuxError
-from deux.evaluation.baseline import constant, interpolate
+from deux.evaluation.baseline import constant
 from deux.evaluation.metrics import DepthMetrics
+from deux.geometry.scaffolding import interpolate
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ import pytest
 import torch
 from torch.nn import functional
 
-import deux
 from deux.contracts import DepthModel
 from deux.errors import DeuxError
 from deux.testing.depth_models import DepthModelSuite, camera_data
@@ -17,33 +16,9 @@ class TestKBNet(DepthModelSuite):
         return KBNet()
 
 
-def test_number_of_parameters():
-    model = KBNet()
-    assert sum(p.numel() for p in model.parameters()) == 6_957_764
-    assert sum(p.numel() for p in model.pose_network().parameters()) == 4_063_104
-
-
 def test_number_of_parameters_with_the_kitti_pools():
     model = KBNet(min_pools=(5, 7, 9, 11, 13), max_pools=(15, 17))
     assert sum(p.numel() for p in model.parameters()) == 6_957_780
-
-
-@pytest.mark.parametrize("prefix", ["module.", ""])
-def test_published_checkpoint_gives_the_published_depth_and_poses(published_case, tmp_path, prefix):
-    case = published_case("kbnet")
-    inputs = case.arrays
-    torch.save(case.checkpoint(prefix=prefix), tmp_path / "kbnet.pth")
-    torch.save(case.checkpoint(pose=True, prefix=prefix), tmp_path / "pose.pth")
-
-    model = deux.load_published("kbnet", tmp_path / "kbnet.pth", tmp_path / "pose.pth")
-    depth = model.predict(inputs["image0"], inputs["sparse_depth"], inputs["intrinsics"])
-    torch.testing.assert_close(depth, inputs["output_depth"], rtol=1e-4, atol=0.0)
-
-    pose_network = model.pose_network()
-    with torch.no_grad():
-        for source, expected in (("image1", "pose01"), ("image2", "pose02")):
-            pose = pose_network(inputs["image0"], inputs[source])
-            torch.testing.assert_close(pose, inputs[expected], rtol=1e-4, atol=0.0)
 
 
 def test_a_size_that_is_no_multiple_of_anything():

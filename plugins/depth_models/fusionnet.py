@@ -1,0 +1,138 @@
+"""FusionNet: unsupervised depth completion from ScaffNet's topology and the image (Wong et al., RA-L 2021)."""
+
+from typing import Any, ClassVar, Self
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from deux.contracts import Augmentation, DepthModel, Foundation, LossSettings, Prediction
+from deux_plugins.depth_models.parts.decoder import Decoder
+from deux_plugins.depth_models.parts.depth_range import check_depth_range
+from deux_plugins.depth_models.parts.pooling import sliding_max
+from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
+from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder, check_levels, joined, sizes
+from deux_plugins.depth_models.scaffnet import ScaffNet
+
+MIN_FACTOR, MAX_FACTOR = 0.25, 4.0
+"""Between which the network multiplies the scaffold's depth."""
+
+MAX_OFFSET = 1000.0
+"""How many metres, at most, the network adds; what is left after the clamp to the depth range is far less."""
+
+
+class FusionNet(DepthModel):
+    """Corrects a frozen ScaffNet's depth: d = a d' + b, with a and b at each pixel from image and depth.
+
+    d' is ScaffNet's depth with its scale matched to the sparse points near by. The defaults are the published VOID
+    settings, with DEUX's depth range. Works at any image size.
+
+    Args:
+        image_filters: channels of the image encoder at its five levels.
+        depth_filters: channels of the depth encoder at its five levels.
+        decoder_filters: channels of the decoder's five levels.
+        scale_window: side of the window, pixels, in which a sparse point sets the scale of ScaffNet's depth.
+        scaffnet_pools: ScaffNet's `pools`.
+        scaffnet_filters: ScaffNet's `filters`.
+        scaffnet_decoder_filters: ScaffNet's `decoder_filters`.
+        min_depth: nearest predicted depth in metres, ScaffNet's too.
+        max_depth: farthest predicted depth in metres, ScaffNet's too.
+    """
+
+    objective: ClassVar[LossSettings] = {
+        "color_consistency": 0.20,
+        "structural_consistency": 0.80,
+        "sparse_depth": 1.0,
+        "local_smoothness": 1.0,
+        "topology_prior": 0.10,
+    }
+    augmentation: ClassVar[Augmentation] = Augmentation(flip=0.5)
+
+    def __init__(
+        self,
+        image_filters: tuple[int, ...] = (48, 96, 192, 384, 384),
+        depth_filters: tuple[int, ...] = (16, 32, 64, 128, 128),
+        decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 32),
+        scale_window: int = 5,
+        scaffnet_pools: tuple[int, ...] = (13, 17, 19, 21, 25),
+        scaffnet_filters: tuple[int, ...] = (16, 32, 64, 128, 256),
+        scaffnet_decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 32),
+        min_depth: float = 0.1,
+        max_depth: float = 10.0,
+    ) -> None:
+        super().__init__()
+        check_depth_range(min_depth, max_depth)
+        check_levels(image_filters=image_filters, depth_filters=depth_filters, decoder_filters=decoder_filters)
+        self.min_depth = min_depth
+        self.max_depth = max_depth
+        self.scale_window = scale_window
+        self.scaffnet_settings: dict[str, Any] = {
+            "pools": scaffnet_pools,
+            "filters": scaffnet_filters,
+            "decoder_filters": scaffnet_decoder_filters,
+            "min_depth": min_depth,
+            "max_depth": max_depth,
+        }
+        self.scaffnet = ScaffNet(**self.scaffnet_settings).requires_grad_(False).eval()
+        self.encoder_image = VGGEncoder(3, image_filters)
+        self.encoder_depth = VGGEncoder(2, depth_filters)
+        channels = [image + depth for image, depth in zip(image_filters, depth_filters, strict=True)]
+        self.decoder = Decoder(channels[4], [*channels[3::-1], 0], decoder_filters, out_channels=2)
+
+    def train(self, mode: bool = True) -> Self:
+        """Set the mode of all but ScaffNet, whose batch statistics stay those of its own training."""
+        super().train(mode)
+        self.scaffnet.eval()
+        return self
+
+    def forward(
+        self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
+    ) -> Prediction:
+        """Predict dense depth; see `DepthModel.forward`. `extras["prior"]` is ScaffNet's depth as it came."""
+        with torch.no_grad():
+            prior = self.scaffnet(image, sparse_depth, validity, intrinsics).depth
+        points = sparse_depth * validity
+        scaffold = match_scale(prior, points, self.scale_window)
+        depth_inputs = torch.cat([scaffold, points.clamp(max=self.max_depth)], dim=1)
+        features = joined(self.encoder_image(image), self.encoder_depth(depth_inputs))
+        *skips, latent = features
+        full_size = (image.shape[2], image.shape[3])
+        joins = [*([skip] for skip in reversed(skips)), []]
+        logits, offset = self.decoder(latent, joins, [*sizes(features), full_size]).split(1, dim=1)
+        factor = MIN_FACTOR + (MAX_FACTOR - MIN_FACTOR) * torch.sigmoid(logits)
+        depth = factor * scaffold + offset.clamp(-MAX_OFFSET, MAX_OFFSET)
+        return Prediction(depth.clamp(self.min_depth, self.max_depth), {"prior": prior})
+
+    def pose_network(self) -> PoseNetwork:
+        """The pose network of seven convolutions, newly made."""
+        return seven_convolution_pose_network()
+
+    def foundation(self) -> Foundation:
+        """The ScaffNet inside."""
+        return Foundation("scaffnet", self.scaffnet_settings, self.scaffnet)
+
+    def published_modules(self) -> dict[str, nn.Module]:
+        """The modules that fusionnet-*.pth holds, ScaffNet's among them."""
+        return {
+            **self.scaffnet.published_modules(),
+            "fusionnet_encoder_image_state_dict": self.encoder_image,
+            "fusionnet_encoder_depth_state_dict": self.encoder_depth,
+            "fusionnet_decoder_state_dict": self.decoder,
+        }
+
+
+def match_scale(depth: Tensor, points: Tensor, window: int = 5, largest: float = 2.0) -> Tensor:
+    """Scale depth near each sparse point so that it agrees with the point.
+
+    Where windows overlap the greater factor counts; a point that is more than `largest` times as far as the depth says
+    sets no scale.
+
+    Args:
+        depth: N x 1 x H x W metres, above 0.
+        points: N x 1 x H x W metres, 0 = none.
+        window: side of the window around a point, pixels, odd.
+        largest: greatest factor that is believed.
+    """
+    factor = points / depth
+    factor = sliding_max(factor.masked_fill(factor > largest, 0.0), window)
+    return depth * factor.masked_fill(factor == 0.0, 1.0)

@@ -1,0 +1,93 @@
+"""ScaffNet: supervised densification of sparse depth without an image (Wong, Cicek and Soatto, RA-L 2021)."""
+
+from typing import ClassVar
+
+import torch
+from torch import Tensor, nn
+
+from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
+from deux_plugins.depth_models.parts.convolution import Convolution
+from deux_plugins.depth_models.parts.decoder import Decoder
+from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
+from deux_plugins.depth_models.parts.pooling import check_windows, sliding_max
+from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder, check_levels, sizes
+
+
+class SpatialPyramidPool(nn.Module):
+    """The sparse points and their maxima in windows of several sizes, mixed by 1 x 1 convolutions.
+
+    Args:
+        windows: sides of the windows, pixels.
+        filters: channels of the convolutions and of the output.
+        convolutions: number of 1 x 1 convolutions.
+    """
+
+    def __init__(self, windows: tuple[int, ...], filters: int = 8, convolutions: int = 3) -> None:
+        super().__init__()
+        check_windows("pools", windows)
+        self.windows = windows
+        channels = [1 + len(windows)] + [filters] * convolutions
+        self.convs = nn.Sequential(*(Convolution(channels[i], channels[i + 1], kernel=1) for i in range(convolutions)))
+
+    def forward(self, sparse_depth: Tensor) -> Tensor:
+        """N x 1 x H x W metres, 0 = none, to N x filters x H x W."""
+        pools = [sliding_max(sparse_depth, window) for window in self.windows]
+        return self.convs(torch.cat([sparse_depth, *pools], dim=1))
+
+
+class ScaffNet(DepthModel):
+    """Learns the shapes of scenes from synthetic depth: it sees sparse points only, so that it transfers.
+
+    The one supervised model; FusionNet is built on it. The defaults are the published SceneNet settings, with DEUX's
+    depth range. Works at any image size.
+
+    Args:
+        pools: windows, pixels, in which the farthest sparse point is looked for.
+        pool_filters: channels of the pooling layer, which are also joined at the full size.
+        filters: channels of the encoder's five levels.
+        decoder_filters: channels of the decoder's five levels.
+        min_depth: nearest predicted depth in metres.
+        max_depth: farthest predicted depth in metres; sparse points beyond it are taken to lie there.
+    """
+
+    supervised: ClassVar[bool] = True
+    objective: ClassVar[LossSettings] = {"supervised_depth": 1.0}
+    augmentation: ClassVar[Augmentation] = Augmentation(flip=0.5)
+
+    def __init__(
+        self,
+        pools: tuple[int, ...] = (13, 17, 19, 21, 25),
+        pool_filters: int = 8,
+        filters: tuple[int, ...] = (16, 32, 64, 128, 256),
+        decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 32),
+        min_depth: float = 0.1,
+        max_depth: float = 10.0,
+    ) -> None:
+        super().__init__()
+        check_depth_range(min_depth, max_depth)
+        check_levels(filters=filters, decoder_filters=decoder_filters)
+        self.min_depth = min_depth
+        self.max_depth = max_depth
+        self.spatial_pyramid_pool = SpatialPyramidPool(tuple(pools), pool_filters)
+        self.encoder = VGGEncoder(pool_filters, filters, batch_norm=True)
+        self.decoder = Decoder(filters[4], [*filters[3::-1], pool_filters], decoder_filters, batch_norm=True)
+
+    def forward(
+        self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
+    ) -> Prediction:
+        """Predict dense depth from the sparse points as sampled; see `DepthModel.forward`."""
+        pyramid = self.spatial_pyramid_pool(sparse_depth.clamp(max=self.max_depth))
+        features = self.encoder(pyramid)
+        *skips, latent = features
+        full_size = (sparse_depth.shape[2], sparse_depth.shape[3])
+        joins = [[skip] for skip in (*reversed(skips), pyramid)]
+        logits = self.decoder(latent, joins, [*sizes(features), full_size])
+        return Prediction(depth_from_logits(logits, self.min_depth, self.max_depth))
+
+    def published_modules(self) -> dict[str, nn.Module]:
+        """The modules that scaffnet-*.pth holds."""
+        return {
+            "spatial_pyramid_pool_state_dict": self.spatial_pyramid_pool,
+            "scaffnet_encoder_state_dict": self.encoder,
+            "scaffnet_decoder_depth_state_dict": self.decoder,
+        }

@@ -1,0 +1,66 @@
+"""FusionNet: the suite of all depth models, and what is particular to it."""
+
+import torch
+
+from deux.contracts import DepthModel
+from deux.registry import registry
+from deux.testing.depth_models import DepthModelSuite, camera_data, run
+from deux_plugins.depth_models.fusionnet import FusionNet, match_scale
+
+
+class TestFusionNet(DepthModelSuite):
+    def make_model(self) -> DepthModel:
+        return FusionNet()
+
+
+def test_scaffnet_is_frozen_whatever_the_mode():
+    model = FusionNet().train()
+    assert model.training
+    assert not any(module.training for module in model.scaffnet.modules())
+    before = {name: value.clone() for name, value in model.scaffnet.state_dict().items()}
+    prediction = run(model, camera_data((32, 48)))
+    prediction.depth.sum().backward()
+    assert all(parameter.grad is None for parameter in model.scaffnet.parameters())
+    after = model.scaffnet.state_dict()
+    assert all(torch.equal(after[name], value) for name, value in before.items())
+
+
+def test_the_prior_is_what_scaffnet_says():
+    model, data = FusionNet().eval(), camera_data((32, 48))
+    assert torch.equal(run(model, data).extras["prior"], model.scaffnet.predict(**data))
+
+
+def test_its_foundation_is_a_scaffnet_of_the_same_options():
+    options = {"scaffnet_filters": (4, 4, 8, 8, 8), "scaffnet_pools": (5, 7), "max_depth": 6.0}
+    foundation = FusionNet(**options).foundation()
+    made = registry().create("depth_models", foundation.name, foundation.settings)
+    assert made.max_depth == 6.0
+    foundation.module.load_state_dict(made.state_dict())
+    with torch.device("meta"):
+        assert FusionNet().foundation().module.spatial_pyramid_pool.windows == (13, 17, 19, 21, 25)
+
+
+def test_scale_is_matched_around_each_point_only():
+    depth = torch.full((1, 1, 9, 20), 2.0)
+    points = torch.zeros_like(depth)
+    points[0, 0, 4, 3], points[0, 0, 4, 10], points[0, 0, 4, 16] = 3.0, 1.0, 4.1  # the last is too far to be believed
+    scaled = match_scale(depth, points, window=5)
+    expected = depth.clone()
+    expected[0, 0, 2:7, 1:6], expected[0, 0, 2:7, 8:13] = 3.0, 1.0
+    torch.testing.assert_close(scaled, expected)
+
+
+def test_where_windows_overlap_the_greater_factor_counts():
+    depth, points = torch.ones(1, 1, 1, 5), torch.tensor([[[[0.0, 1.5, 0.0, 0.5, 0.0]]]])
+    torch.testing.assert_close(match_scale(depth, points, 3), torch.tensor([[[[1.5, 1.5, 1.5, 0.5, 0.5]]]]))
+
+
+def test_outliers_set_no_scale():
+    """FusionNet's own inputs hold the filtered points, where ScaffNet sees all of them."""
+    model, data = FusionNet().eval(), camera_data((32, 48))
+    validity = torch.zeros_like(data["sparse_depth"])
+    seen = []
+    model.encoder_depth.register_forward_pre_hook(lambda _, inputs: seen.append(inputs[0]))
+    prediction = model(**data, validity=validity)
+    assert torch.equal(seen[0][:, :1], prediction.extras["prior"])
+    assert not seen[0][:, 1:].any()

@@ -39,11 +39,16 @@ TASKS = {
     "collect": "explore the training scenes and write the dataset",
     "train": "train the depth model on the dataset, which is collected first if it is not there",
     "evaluate": "evaluate a trained model on the held-out scenes",
+    "predict": "complete the depth of one frame, from files and to files",
+    "export": "write a trained model as model.onnx",
 }
 """What `task=` can be and what it does; each is the module of that name in `deux.tasks`."""
 
 PLUGIN_GROUPS = {"model": "depth_models", "explore": "explorers"}
 """The config groups whose options are plugins, and of which kind."""
+
+GIVEN_MODEL_TASKS = ("predict", "export")
+"""The tasks whose run folders are named by the task: they neither explore nor take the configuration's model."""
 
 OPEN_NODES = (
     "camera",
@@ -51,7 +56,7 @@ OPEN_NODES = (
     "explore",
     "model",
     "objective",
-    "sparse",
+    "sampling",
     "verification",
     "training",
     "trainer",
@@ -160,13 +165,14 @@ def user_path(path: str | Path) -> Path:
 
 
 def run_id(cfg: DictConfig) -> str:
-    """The name of a configuration's run folder, "<model>-<explore>-<hash>".
+    """The name of a configuration's run folder, "<model>-<explore>-<hash>", or "<task>-<hash>" where a model is given.
 
     The hash is of everything but the paths and Hydra's own settings: the same command finds its folder again and
     goes on where it was.
     """
     content = {key: _plain(cfg[key]) for key in cfg if key not in ("hydra", "paths")}
-    return f"{cfg.model.name}-{cfg.explore.name}-{_hash(content)}"
+    name = cfg.task if cfg.task in GIVEN_MODEL_TASKS else f"{cfg.model.name}-{cfg.explore.name}"
+    return f"{name}-{_hash(content)}"
 
 
 def _plain(value: Any) -> Any:

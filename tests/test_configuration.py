@@ -146,6 +146,13 @@ def test_the_run_folder_is_named_by_everything_but_the_paths() -> None:
     assert len({run_id(compose(overrides)) for overrides in variations}) == len(variations)
 
 
+@pytest.mark.parametrize("task", ["predict", "export"])
+def test_a_run_of_a_given_model_is_named_by_its_task(task: str) -> None:
+    names = {run_id(compose([f"task={task}", f"checkpoint={checkpoint}"])) for checkpoint in ("a", "b")}
+    assert len(names) == 2
+    assert all(name.startswith(f"{task}-") and name.count("-") == 1 for name in names)
+
+
 def test_a_package_can_bring_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh_registry: None) -> None:
     entry_points = "[deux.explorers]\nspiral = spirals:Spiral\n[deux.conf]\nspirals = spirals.conf\n"
     yaml = {

@@ -1,4 +1,4 @@
-"""The benchmarks from the command line: `python -m deux.bench [render|explore|train|all] [--quick] [--json PATH]`."""
+"""The benchmarks from the command line: `python -m deux.bench [render|explore|models|all] [--quick] [--json PATH]`."""
 
 import argparse
 import sys
@@ -11,7 +11,7 @@ from deux.errors import DeuxError
 if TYPE_CHECKING:
     from deux.bench.report import Table
 
-BENCHMARKS = ("render", "explore", "train")
+BENCHMARKS = ("render", "explore", "models")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,9 +83,9 @@ def _tables(name: str, options: argparse.Namespace) -> "Iterator[Table]":
 
         settings = explore.QUICK if options.quick else explore.ExploreSettings()
         return explore.measure_exploration(settings, options.model)
-    from deux.bench import train
+    from deux.bench import models
 
-    return train.measure_training(train.QUICK if options.quick else train.TrainSettings())
+    return models.measure_models(models.QUICK if options.quick else models.ModelSettings())
 
 
 if __name__ == "__main__":

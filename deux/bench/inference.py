@@ -30,16 +30,16 @@ def measure_inference(models: Mapping[str, DepthModel], size: int, rounds: int, 
         batch = render_batch(model, size, count=1)
         inputs = [tensor.to(device) for tensor in (batch.image, batch.sparse_depth, batch.intrinsics)]
         for precision, dtype in PRECISIONS.items():
-            calls[name, precision] = partial(_images_per_second, model.eval().to(device), inputs, dtype)
+            calls[name, precision] = partial(_seconds, model.eval().to(device), inputs, dtype)
     for call in calls.values():  # allocates memory and chooses algorithms
         call()
     found = in_turn(calls, rounds)
-    ratios = times_the_slowest(found)
+    ratios = times_the_slowest({variant: [1.0 / second for second in found[variant]] for variant in calls})
     rows: tuple[dict[str, Value], ...] = tuple(
         {
             "model": name,
             "precision": precision,
-            "images per second": Spread.of(found[name, precision]),
+            "seconds per image": Spread.of(found[name, precision]),
             "times the slowest": ratios[name, precision],
         }
         for name, precision in calls
@@ -47,9 +47,9 @@ def measure_inference(models: Mapping[str, DepthModel], size: int, rounds: int, 
     return Table("inference", f"Inference: one image of {size} x {size}", rows, tuple(notes))
 
 
-def _images_per_second(model: DepthModel, inputs: Sequence[Tensor], dtype: torch.dtype) -> float:
+def _seconds(model: DepthModel, inputs: Sequence[Tensor], dtype: torch.dtype) -> float:
     device = inputs[0].device.type
     watch = Stopwatch(torch.cuda.synchronize if device == "cuda" else lambda: None)
     with torch.autocast(device, dtype, enabled=dtype != torch.float32), watch.measure("prediction"):
         model.predict(*inputs)
-    return 1.0 / watch.total("prediction")
+    return watch.total("prediction")

@@ -38,7 +38,11 @@ def read_intrinsics(path: Path) -> np.ndarray:
     Raises:
         DeuxError: the file is missing or its matrix is not that of a pinhole camera.
     """
-    numbers = _read_numbers(path)
+    return checked_intrinsics(_read_numbers(path), path)
+
+
+def checked_intrinsics(numbers: np.ndarray, path: Path) -> np.ndarray:
+    """Nine numbers as a camera's 3 x 3 intrinsics; `path` is where they were read. Raises as `read_intrinsics`."""
     if numbers.size != 9 or not np.isfinite(numbers).all():
         raise DeuxError(f"{path} does not hold intrinsics: 3 rows of 3 finite numbers are expected.")
     intrinsics = numbers.reshape(3, 3)

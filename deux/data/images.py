@@ -16,6 +16,9 @@ from deux.errors import DeuxError
 DEPTH_SCALE = 256.0
 """Stored depth values per metre."""
 
+LARGEST_DEPTH = np.iinfo(np.uint16).max / DEPTH_SCALE
+"""In metres, the farthest that a file can hold."""
+
 # Fast to write; on rendered and recorded frames run-length matching also gives the smaller files.
 _PNG_OPTIONS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 _PNG_END = b"IEND\xaeB`\x82"
@@ -53,13 +56,13 @@ def write_depth(path: Path, depth: np.ndarray) -> None:
     _write_png(path, _depth_code(depth))
 
 
-def read_depth(path: Path) -> np.ndarray:
-    """Read a depth map, H x W float32 metres, 0 = none.
+def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
+    """Read a depth map, H x W float32 metres, 0 = none; `scale` is the number of stored values per metre.
 
     Raises:
         DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
     """
-    return _read_png(path, _16_BIT_MODES, "a 16-bit depth map").astype(np.float32) / np.float32(DEPTH_SCALE)
+    return _read_png(path, _16_BIT_MODES, "a 16-bit depth map").astype(np.float32) / np.float32(scale)
 
 
 def write_labels(path: Path, labels: np.ndarray) -> None:

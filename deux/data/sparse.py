@@ -36,7 +36,7 @@ class SparseSettings:
     density: float = 1500 / 160000
 
     def __post_init__(self) -> None:
-        check_range("sparse.density", self.density, 1e-6, 1)
+        check_range("sampling.density", self.density, 1e-6, 1)
 
 
 def point_count(shape: tuple[int, int], settings: SparseSettings) -> int:

@@ -1,6 +1,7 @@
 """`results.json`: what a run found, in numbers."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -68,13 +69,18 @@ class Results:
             "median of the points": self.constant,
         }
         training = "" if self.frames is None else f" ({self.frames} training frames, seed {self.seed})"
-        table = Table(title=f"Errors on the test frames{training}")
-        table.add_column("prediction")
-        for name in METRIC_NAMES:
-            table.add_column(f"{name} \\[{_UNITS[name]}]", justify="right")
-        best = {name: min(row[name] for row in rows.values()) for name in METRIC_NAMES}
-        for title, row in rows.items():
-            marks = ["[bold]{}[/bold]" if row[name] == best[name] else "{}" for name in METRIC_NAMES]
-            cells = [mark.format(f"{row[name]:.1f}") for mark, name in zip(marks, METRIC_NAMES, strict=True)]
-            table.add_row(title, *cells)
-        return table
+        return error_table(f"Errors on the test frames{training}", rows)
+
+
+def error_table(title: str, rows: Mapping[str, Mapping[str, float]]) -> Table:
+    """The four errors of each row as a table, the lowest of each column in bold."""
+    table = Table(title=title)
+    table.add_column("prediction")
+    for name in METRIC_NAMES:
+        table.add_column(f"{name} \\[{_UNITS[name]}]", justify="right")
+    best = {name: min(row[name] for row in rows.values()) for name in METRIC_NAMES}
+    for prediction, row in rows.items():
+        marks = ["[bold]{}[/bold]" if row[name] == best[name] else "{}" for name in METRIC_NAMES]
+        cells = [mark.format(f"{row[name]:.1f}") for mark, name in zip(marks, METRIC_NAMES, strict=True)]
+        table.add_row(prediction, *cells)
+    return table

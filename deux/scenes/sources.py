@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 FIRST_SEEDS = {"train": 0, "validation": 100_000, "test": 200_000}
 """The first seed of each split's apartments where a number of them is asked for."""
 
+FIRST_SYNTHETIC_SEED = 300_000
+"""The first seed of `synthetic_scenes`."""
+
 
 @dataclass(frozen=True)
 class SceneReference(ABC):
@@ -132,10 +135,30 @@ def scene_splits(settings: Mapping[str, Any], needed: Sequence[str] = ("train", 
     return make(options)
 
 
+def synthetic_scenes(count: int, splits: SceneSplits) -> tuple[SceneReference, ...]:
+    """Generated apartments that are none of the experiment's own scenes, whatever those are.
+
+    They stand for the synthetic data, with ground truth, on which supervised models are trained before they meet the
+    scenes of an experiment.
+
+    Args:
+        count: number of apartments.
+        splits: the experiment's scenes.
+    """
+    own = {scene.identity for scene in (*splits.train, *splits.validation, *splits.test)}
+    seeds = range(FIRST_SYNTHETIC_SEED, FIRST_SYNTHETIC_SEED + count + len(own))
+    others = [reference for seed in seeds if (reference := _apartment(seed)).identity not in own]
+    return tuple(others[:count])
+
+
+def _apartment(seed: int) -> ApartmentReference:
+    return ApartmentReference(f"apartment_{seed:06d}", seed)
+
+
 def _apartments(options: Mapping[str, Any]) -> SceneSplits:
     seeds = {split: _seeds(split, options.get(split) or ()) for split in FIRST_SEEDS}
     _check_disjoint(seeds, "seed")
-    return _splits({s: tuple(ApartmentReference(f"apartment_{n:06d}", n) for n in seeds[s]) for s in seeds})
+    return _splits({s: tuple(map(_apartment, seeds[s])) for s in seeds})
 
 
 def _seeds(split: str, asked: object) -> tuple[int, ...]:

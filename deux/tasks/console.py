@@ -29,6 +29,7 @@ def quieten_libraries() -> None:
         "is smaller than the logging interval",  # a run of a few steps logs what it can
         "You have overridden `on_after_batch_transfer`",  # the module's is the one that is meant
         "`isinstance.treespec, LeafSpec.` is deprecated",  # Lightning's own use of torch
+        r"Found \d+ module\(s\) in eval mode",  # a frozen part of a model
         "Checkpoint directory .* exists and is not empty",  # a run that goes on where it was killed
     ):
         warnings.filterwarnings("ignore", message=f".*{notice}")

@@ -6,9 +6,9 @@ from typing import Literal
 
 from deux.contracts import DepthModel, Robot, Simulator
 from deux.data.pipeline import build_dataset, read_manifest
-from deux.data.specification import VIEWPOINTS, DatasetSpec
+from deux.data.specification import VIEWPOINTS, DatasetSpec, Split
 from deux.geometry.camera import Camera
-from deux.scenes.sources import SceneReference
+from deux.scenes.sources import SceneReference, synthetic_scenes
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.tasks.console import progress, say
 from deux.tasks.settings import PluginChoice, Settings
@@ -37,7 +37,7 @@ def explored_dataset(
         renderer=settings.run.renderer,
         steps=settings.collect.steps,
         episodes=settings.collect.episodes,
-        sparse=settings.sparse,
+        sparse=settings.sampling,
         verification=settings.verification,
         seed=settings.seed,
         model=f"{identity} in {predictor.precision}" if predictor else None,
@@ -50,15 +50,25 @@ def explored_dataset(
 def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) -> Path:
     """Frames from free poses spread evenly over held-out scenes: the same for every explorer and every seed."""
     count = settings.evaluation.viewpoints if split == "test" else settings.evaluation.validation_viewpoints
+    return _viewpoints(settings, split, split, getattr(settings.splits, split), count)
+
+
+def synthetic_dataset(settings: Settings) -> Path:
+    """Free viewpoints in generated flats that are none of the run's scenes: what a foundation is trained on."""
+    scenes = synthetic_scenes(settings.foundation.flats, settings.splits)
+    return _viewpoints(settings, "synthetic", "train", scenes, settings.foundation.viewpoints)
+
+
+def _viewpoints(settings: Settings, name: str, split: Split, scenes: tuple[SceneReference, ...], count: int) -> Path:
     spec = DatasetSpec(
-        name=split,
-        scenes=getattr(settings.splits, split),
+        name=name,
+        scenes=scenes,
         explorer=VIEWPOINTS,
         camera=settings.camera,
         robot=settings.robot,
         renderer=settings.run.renderer,
         steps=count,
-        sparse=settings.sparse,
+        sparse=settings.sampling,
         verification=settings.verification,
         split=split,
     )

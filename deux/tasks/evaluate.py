@@ -3,12 +3,11 @@
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder
-from deux.errors import DeuxError
 from deux.evaluation.results import Results
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import viewpoint_dataset
 from deux.tasks.evaluation import evaluate_model
-from deux.tasks.given import given_dataset, given_model
+from deux.tasks.given import given_dataset, needed_model
 from deux.tasks.run_folder import RunFolder
 from deux.tasks.settings import Settings
 
@@ -18,12 +17,7 @@ def run(cfg: DictConfig) -> None:
     quieten_libraries()
     settings = Settings(cfg)
     chosen = settings.evaluation
-    if not chosen.checkpoint:
-        raise DeuxError(
-            "task=evaluate needs a trained model: name a run folder, a model file or a published checkpoint by "
-            "evaluation.checkpoint=."
-        )
-    name, model = given_model(settings, chosen.checkpoint)
+    name, model = needed_model(settings, "evaluation.checkpoint", chosen.checkpoint)
     given = given_dataset("evaluation.data", chosen.data) if chosen.data else None
     run = RunFolder(run_folder(), settings.identity)
     with run.stage("evaluate"):

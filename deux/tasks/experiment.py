@@ -11,7 +11,7 @@ from deux.tasks.datasets import viewpoint_dataset
 from deux.tasks.evaluation import draw_trajectories, evaluate_model
 from deux.tasks.run_folder import RunFolder
 from deux.tasks.settings import Settings
-from deux.tasks.training import train
+from deux.tasks.training import chosen_trainee, train
 
 
 def run(cfg: DictConfig) -> None:
@@ -19,15 +19,16 @@ def run(cfg: DictConfig) -> None:
     quieten_libraries()
     settings = Settings(cfg)
     run = RunFolder(run_folder(), settings.identity)
+    trainee = chosen_trainee(settings)
     if (run.path / RESULTS_FILE).exists():
         say(f"This run is complete: {run.path}")
         say(Results.load(run.path).table())
         return
     say(f"Run folder: {run.path}")
-    dataset = collect(settings, run)
+    dataset = collect(settings, run, trainee)
     say(f"Train {settings.model.name} on the {settings.explorer.name} frames")
     with run.stage("train"):
-        model = train(settings, settings.training, dataset, run)
+        model = train(settings, trainee, settings.training, dataset, run)
     say("Evaluate on free viewpoints of the test scenes")
     with run.stage("evaluate"):
         test = viewpoint_dataset(settings, "test")

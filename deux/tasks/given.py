@@ -1,12 +1,13 @@
 """What the user names by its path: datasets and trained models."""
 
+import hashlib
 from pathlib import Path
 
 from deux.configuration import user_path
 from deux.contracts import DepthModel
 from deux.errors import DeuxError
-from deux.tasks.settings import Settings
-from deux.training.model_files import MODEL_FILE, load_model, model_name
+from deux.tasks.settings import PluginChoice, Settings
+from deux.training.model_files import MODEL_FILE, load_model, model_name, weights_file
 from deux.training.published import load_published
 
 PUBLISHED_SUFFIX = ".pth"
@@ -32,11 +33,21 @@ def given_dataset(option: str, path: str) -> Path:
     return folder
 
 
-def given_model(settings: Settings, path: str) -> tuple[str, DepthModel]:
+def needed_model(settings: Settings, option: str, path: str | None) -> tuple[str, DepthModel]:
+    """As `given_model`, for a task that cannot do without; `option` is the configuration's key that names the model."""
+    if not path:
+        raise DeuxError(
+            f"task={settings.run.task} needs a trained model: name a run folder, a model file or a published "
+            f"checkpoint by {option}=."
+        )
+    return given_model(settings.model, path)
+
+
+def given_model(published: PluginChoice, path: str) -> tuple[str, DepthModel]:
     """A trained model's registered name, and the model in eval mode.
 
     Args:
-        settings: the run's; they name the model whose authors published the file, if it is such a file.
+        published: the model, with its options, whose authors published the file, if it is such a file.
         path: a run folder, a model file of ours or a published checkpoint, as the user wrote it.
 
     Raises:
@@ -44,7 +55,12 @@ def given_model(settings: Settings, path: str) -> tuple[str, DepthModel]:
     """
     file = user_path(path)
     if file.suffix == PUBLISHED_SUFFIX:
-        return settings.model.name, load_published(settings.model.name, file, settings=settings.model.settings)
+        return published.name, load_published(published.name, file, settings=published.settings)
     if file.suffix == RESUME_SUFFIX:
         raise DeuxError(f"{file} is for resuming a training: name the {MODEL_FILE} of a run folder, or the folder.")
     return model_name(file), load_model(file)
+
+
+def weights_identity(path: str | Path) -> str:
+    """Sixteen hexadecimal digits that any change of a model file, or of a run folder's model file, changes."""
+    return hashlib.sha256(weights_file(user_path(path)).read_bytes()).hexdigest()[:16]

@@ -20,6 +20,7 @@ class RunSettings:
         renderer: the renderer's name.
         pose: where the relative poses of training come from.
         training_data: a dataset to train on in place of what the explorer collects.
+        checkpoint: the model of `task=predict` and `task=export`.
     """
 
     task: str
@@ -27,6 +28,7 @@ class RunSettings:
     renderer: Literal["embree", "pyrender"]
     pose: PoseKind
     training_data: str | None
+    checkpoint: str | None
 
     def __post_init__(self) -> None:
         check_range("random_seed", self.random_seed, 0, 2**32 - 1)
@@ -76,6 +78,28 @@ class SeedSettings:
 
 
 @dataclass(frozen=True)
+class FoundationSettings:
+    """The supervised model that the chosen one is built on, where it is built on one.
+
+    Args:
+        checkpoint: a trained model to take; None trains one.
+        flats: generated flats, none of them the experiment's own, in whose frames it is trained.
+        viewpoints: frames of each flat.
+        steps: optimiser steps of its training.
+    """
+
+    checkpoint: str | None
+    flats: int
+    viewpoints: int
+    steps: int
+
+    def __post_init__(self) -> None:
+        check_range("foundation.flats", self.flats, 1)
+        check_range("foundation.viewpoints", self.viewpoints, 1)
+        check_range("foundation.steps", self.steps, 1)
+
+
+@dataclass(frozen=True)
 class EvaluationSettings:
     """On what models are evaluated.
 
@@ -94,3 +118,45 @@ class EvaluationSettings:
     def __post_init__(self) -> None:
         check_range("evaluation.viewpoints", self.viewpoints, 1)
         check_range("evaluation.validation_viewpoints", self.validation_viewpoints, 1)
+
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """The files of the frame whose depth `task=predict` completes; at the top of the configuration.
+
+    Args:
+        image: an 8-bit image.
+        sparse: depth of some pixels, as a 16-bit PNG or .npy file.
+        sparse_scale: stored values per metre in PNG files.
+        intrinsics: a text or .npy file.
+        ground_truth: depth to compare with, as `sparse`.
+    """
+
+    image: str | None
+    sparse: str | None
+    sparse_scale: float
+    intrinsics: str | None
+    ground_truth: str | None
+
+    def __post_init__(self) -> None:
+        check_range("sparse_scale", self.sparse_scale, 0, ends=False)
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """What the exported model takes.
+
+    Args:
+        height: of the images, in pixels; None for the camera's.
+        width: likewise.
+        batch: number of images at a time; None for any.
+    """
+
+    height: int | None
+    width: int | None
+    batch: int | None
+
+    def __post_init__(self) -> None:
+        for name, value in (("height", self.height), ("width", self.width), ("batch", self.batch)):
+            if value is not None:
+                check_range(f"export.{name}", value, 1)

@@ -1,20 +1,14 @@
 """The seed model: the depth model whose errors tell the explorer where to go."""
 
-import hashlib
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
-from deux.configuration import user_path
 from deux.contracts import DepthModel
 from deux.data.exploration import MODEL_NEEDS
-from deux.data.locking import locked
-from deux.tasks.console import say
 from deux.tasks.datasets import explored_dataset
-from deux.tasks.given import given_model
-from deux.tasks.run_folder import RunFolder, short_hash
+from deux.tasks.given import given_model, weights_identity
 from deux.tasks.settings import PluginChoice, Settings
-from deux.tasks.training import train
-from deux.training.model_files import MODEL_FILE
+from deux.tasks.training import Trainee, train_once
 
 
 def needs_model(explorer: PluginChoice) -> bool:
@@ -22,8 +16,12 @@ def needs_model(explorer: PluginChoice) -> bool:
     return bool(explorer.create().needs & MODEL_NEEDS)
 
 
-def seed_model(settings: Settings) -> tuple[DepthModel, str]:
+def seed_model(settings: Settings, trainee: Trainee) -> tuple[DepthModel, str]:
     """The seed model in eval mode, and what identifies its weights.
+
+    Args:
+        settings: the run's.
+        trainee: the final model's architecture and objective, which are the seed model's, too.
 
     It is `seed.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the configured
     model published. Otherwise it is trained on a random agent's frames, with the final model's
@@ -31,27 +29,12 @@ def seed_model(settings: Settings) -> tuple[DepthModel, str]:
     the same.
     """
     checkpoint = settings.seed_model.checkpoint
-    path = _trained(settings) if checkpoint is None else user_path(checkpoint)
-    _, model = given_model(settings, str(path))
-    weights = path / MODEL_FILE if path.is_dir() else path
-    return model, hashlib.sha256(weights.read_bytes()).hexdigest()[:16]
+    path = str(_trained(settings, trainee)) if checkpoint is None else checkpoint
+    _, model = given_model(settings.model, path)
+    return model, weights_identity(path)
 
 
-def _trained(settings: Settings) -> Path:
+def _trained(settings: Settings, trainee: Trainee) -> Path:
     dataset = explored_dataset(settings, settings.seed_explorer)
     training = replace(settings.training, steps=settings.seed_model.steps)
-    identity = {
-        "model": {"name": settings.model.name, **settings.model.settings},
-        "objective": settings.objective,
-        "pose": settings.run.pose,
-        "training": asdict(training),
-        "dataset": dataset.name,
-        "random_seed": settings.seed,
-    }
-    folder = settings.outputs / "seed_models" / f"{settings.model.name}-{short_hash(identity)}"
-    with locked(folder.with_name(f".{folder.name}.lock")):
-        if (folder / MODEL_FILE).exists():
-            say(f"  trained before: {folder}")
-        else:
-            train(settings, training, dataset, RunFolder(folder, identity))
-    return folder / MODEL_FILE
+    return train_once(settings, trainee, training, dataset, "seed_models")

@@ -16,8 +16,17 @@ from deux.geometry.camera import Camera
 from deux.options import construct, full_settings, plain
 from deux.registry import registry
 from deux.scenes.sources import SceneSplits, scene_splits
-from deux.tasks.sections import CollectSettings, EvaluationSettings, RunSettings, SeedSettings
+from deux.tasks.sections import (
+    CollectSettings,
+    EvaluationSettings,
+    ExportSettings,
+    FoundationSettings,
+    PredictionSettings,
+    RunSettings,
+    SeedSettings,
+)
 from deux.training.fit import TrainingSettings, make_trainer
+from deux.training.model_files import weights_file
 from deux.training.objective import make_objective
 from deux.training.pose_source import make_pose_source
 
@@ -59,13 +68,16 @@ class Settings:
         self.camera = construct(Camera, cfg.camera, "camera")
         self.robot = construct(Robot, cfg.robot, "robot")
         self.collect = construct(CollectSettings, cfg.collect, "collect")
-        self.sparse = construct(SparseSettings, cfg.sparse, "sparse")
+        self.sampling = construct(SparseSettings, cfg.sampling, "sampling")
         self.verification = construct(VerificationSettings, cfg.verification, "verification")
         self.seed_model = construct(SeedSettings, cfg.seed, "seed")
+        self.foundation = construct(FoundationSettings, cfg.foundation, "foundation")
         self.training = construct(TrainingSettings, cfg.training, "training")
         self.evaluation = construct(EvaluationSettings, cfg.evaluation, "evaluation")
-        self.model = self._plugin("depth_models", cfg.model, "model")
-        self.explorer = self._plugin("explorers", cfg.explore, "explore")
+        self.prediction = construct(PredictionSettings, {f.name: cfg[f.name] for f in fields(PredictionSettings)}, "")
+        self.export = construct(ExportSettings, cfg.export, "export")
+        self.model = plugin_choice("depth_models", cfg.model, "model")
+        self.explorer = plugin_choice("explorers", cfg.explore, "explore")
         self.splits = self._splits()
         self._try_out()
 
@@ -82,7 +94,7 @@ class Settings:
         """The explorer that collects the seed model's frames, with its default options."""
         if self.seed_model.explore == self.explorer.name:
             return self.explorer
-        return self._plugin("explorers", {"name": self.seed_model.explore}, "seed.explore")
+        return plugin_choice("explorers", {"name": self.seed_model.explore}, "seed.explore")
 
     @property
     def objective(self) -> dict[str, Any]:
@@ -105,6 +117,8 @@ class Settings:
             "collect": ("train",),
             "train": () if self.run.training_data else ("train",),
             "evaluate": () if self.evaluation.data else ("test",),
+            "predict": (),
+            "export": (),
         }
         return scene_splits(chosen, needed.get(self.run.task, ("train", "test")))
 
@@ -115,15 +129,27 @@ class Settings:
             model = self.model.create()
             make_objective(model, self.objective)
             make_pose_source(self.run.pose, model)
+        if model.foundation() is not None and self.foundation.checkpoint is not None:
+            weights_file(user_path(self.foundation.checkpoint))
         make_trainer({"logger": False, "enable_checkpointing": False, **self.trainer})
 
-    @staticmethod
-    def _plugin(kind: str, chosen: Any, where: str) -> PluginChoice:
-        options = plain(chosen, where)
-        name = options.pop("name", None)
-        if name is None:
-            raise DeuxError(f"{where}.name is missing: choose one with {where}=<name>.")
-        return PluginChoice(kind, name, full_settings(registry().get(kind, name), options, where))
+
+def plugin_choice(kind: str, chosen: Any, where: str) -> PluginChoice:
+    """A plugin with all its options, defaults filled in.
+
+    Args:
+        kind: the registry's name of its kind.
+        chosen: its "name" and the options that are not left at their defaults.
+        where: their place in the configuration; it begins every message.
+
+    Raises:
+        DeuxError: there is no name, no such plugin, or an option that it does not have.
+    """
+    options = plain(chosen, where)
+    name = options.pop("name", None)
+    if name is None:
+        raise DeuxError(f"{where}.name is missing: choose one with {where}=<name>.")
+    return PluginChoice(kind, name, full_settings(registry().get(kind, name), options, where))
 
 
 def _user_paths(paths: Any) -> list[str]:

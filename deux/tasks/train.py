@@ -8,7 +8,7 @@ from deux.tasks.console import quieten_libraries, say
 from deux.tasks.given import given_dataset
 from deux.tasks.run_folder import RunFolder
 from deux.tasks.settings import Settings
-from deux.tasks.training import train
+from deux.tasks.training import chosen_trainee, train
 
 
 def run(cfg: DictConfig) -> None:
@@ -18,8 +18,9 @@ def run(cfg: DictConfig) -> None:
     given = settings.run.training_data
     dataset = given_dataset("training_data", given) if given else None
     run = RunFolder(run_folder(), settings.identity)
-    dataset = dataset or collect(settings, run)
+    trainee = chosen_trainee(settings)
+    dataset = dataset or collect(settings, run, trainee)
     say(f"Train {settings.model.name} on {dataset}")
     with run.stage("train"):
-        train(settings, settings.training, dataset, run)
+        train(settings, trainee, settings.training, dataset, run)
     say(f"Trained. To evaluate it: python -m deux task=evaluate evaluation.checkpoint={run.path}")

@@ -63,7 +63,7 @@ def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> 
     sample = perfect_sample(batch_size, height, width)
     rows = torch.arange(height, dtype=torch.float32)[:, None]
     sample.depth = sample.depth - 0.3 + 0.2 * torch.sin(rows + torch.arange(width))
-    sample.target_from_source[:, :, 0, 3] += 0.01
+    sample.target_from_source[:, :, 0, 3] += 0.1
     return sample
 
 

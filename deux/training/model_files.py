@@ -68,7 +68,7 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
         DeuxError: there is no such file, it is damaged or not one of ours, its model is not installed, or its weights
             do not fit the model.
     """
-    file = _model_file(path)
+    file = weights_file(path)
     config = _read_config(file)
     try:
         model: DepthModel = registry().create("depth_models", config.name, config.settings)
@@ -85,7 +85,7 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
 
 def model_name(path: str | PathLike[str]) -> str:
     """The registered name of the model in a file or run folder; raises as `load_model` does."""
-    return _read_config(_model_file(path)).name
+    return _read_config(weights_file(path)).name
 
 
 def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
@@ -113,7 +113,12 @@ def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
     return ", ".join(problems)
 
 
-def _model_file(path: str | PathLike[str]) -> Path:
+def weights_file(path: str | PathLike[str]) -> Path:
+    """The file of a model that is named by it or by its run folder.
+
+    Raises:
+        DeuxError: there is none.
+    """
     file = Path(path)
     if file.is_dir():
         file = file / MODEL_FILE

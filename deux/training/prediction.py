@@ -1,6 +1,6 @@
 """Depth from one batch of camera data: what `DepthModel.predict` does."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 import numpy as np
@@ -47,19 +47,46 @@ def predict(
     _check_image(image)
     _check_sparse_depth(sparse_depth, image)
     check_intrinsics(intrinsics, len(image))
+    prepared = prepared_inputs(model, sparse_depth)
+    with eval_mode(model):
+        return complete(model, image, sparse_depth, intrinsics, prepared)
+
+
+def complete(
+    model: DepthModel, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor, prepared: Mapping[str, Tensor]
+) -> Tensor:
+    """The part of `predict` that consists of tensor operations alone; what an exported model holds.
+
+    Args:
+        model: the depth model, run in the mode that it is in.
+        image: N x 3 x H x W in [0, 1].
+        sparse_depth: N x 1 x H x W metres, 0 = none.
+        intrinsics: N x 3 x 3.
+        prepared: the model's further inputs, N x C x H x W.
+
+    Returns:
+        N x 1 x H x W float32 metres.
+    """
     validity = remove_outliers(sparse_depth)
-    prepared = _prepare(model, sparse_depth)
     height, width = image.shape[2:]
     pad_to = (-width % model.size_multiple, -height % model.size_multiple)
-    with _eval_mode(model):
-        prediction = model(
-            _pad(image, pad_to),
-            _pad(sparse_depth, pad_to),
-            _pad(validity, pad_to),
-            intrinsics,
-            **{name: _pad(value, pad_to) for name, value in prepared.items()},
-        )
+    prediction = model(
+        _pad(image, pad_to),
+        _pad(sparse_depth, pad_to),
+        _pad(validity, pad_to),
+        intrinsics,
+        **{name: _pad(value, pad_to) for name, value in prepared.items()},
+    )
     return prediction.depth[:, :, :height, :width].float()
+
+
+def prepared_inputs(model: DepthModel, sparse_depth: Tensor) -> dict[str, Tensor]:
+    """What `DepthModel.prepare` makes of each sample of N x 1 x H x W metres, batched, on the same device."""
+    samples = [model.prepare(depth) for depth in sparse_depth[:, 0].cpu().numpy()]
+    return {
+        name: torch.stack([torch.from_numpy(sample[name]) for sample in samples]).to(sparse_depth.device)
+        for name in samples[0]
+    }
 
 
 def check_intrinsics(intrinsics: Tensor, count: int) -> None:
@@ -95,15 +122,6 @@ def _check_sparse_depth(sparse_depth: Tensor, image: Tensor) -> None:
         raise DeuxError(f"sparse_depth goes from {low:g} to {high:g}: it is in metres, finite, with 0 for none.")
 
 
-def _prepare(model: DepthModel, sparse_depth: Tensor) -> dict[str, Tensor]:
-    """The model's further inputs of each sample, batched."""
-    samples = [model.prepare(depth) for depth in sparse_depth[:, 0].cpu().numpy()]
-    return {
-        name: torch.stack([torch.from_numpy(sample[name]) for sample in samples]).to(sparse_depth.device)
-        for name in samples[0]
-    }
-
-
 def _pad(x: Tensor, amounts: tuple[int, int]) -> Tensor:
     """Add columns at the right and rows at the bottom, where they leave the intrinsics as they are."""
     columns, rows = amounts
@@ -111,7 +129,7 @@ def _pad(x: Tensor, amounts: tuple[int, int]) -> Tensor:
 
 
 @contextmanager
-def _eval_mode(model: nn.Module) -> Iterator[None]:
+def eval_mode(model: nn.Module) -> Iterator[None]:
     """Eval mode for a while; each part gets back its own mode, since some may be frozen in eval mode."""
     training = [module for module in model.modules() if module.training]
     model.eval()

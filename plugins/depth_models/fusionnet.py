@@ -4,7 +4,6 @@ from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from deux.contracts import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux_plugins.depth_models.parts.decoder import Decoder

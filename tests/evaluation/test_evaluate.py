@@ -8,6 +8,7 @@ from deux.evaluation.baseline import interpolate
 from deux.evaluation.evaluate import evaluate
 from deux.evaluation.functional import depth_errors
 from deux.evaluation.samples import depth_samples
+from deux.geometry.scaffolding import interpolate
 
 
 class Constant(DepthModel):

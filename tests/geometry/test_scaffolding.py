@@ -53,7 +53,6 @@ def test_outside_the_hull_the_nearest_point_counts():
     assert dense[19, 10] == 3.0
 
 
-
 def test_points_on_the_border_of_the_image_and_in_its_corners():
     sparse = np.zeros((9, 13), np.float32)
     rows, columns = np.array([0, 0, 8, 8, 0, 4]), np.array([0, 12, 0, 12, 6, 12])

@@ -15,6 +15,8 @@ import torch
 import trimesh
 
 from deux.__main__ import main
+from deux.registry import registry
+from deux.training.model_files import save_model
 
 SMALLEST = [
     "camera.width=48",
@@ -165,6 +167,38 @@ def tested(tiny, trained) -> Path:
     outcome = tiny(trained, "task=evaluate", *folders)
     assert (outcome.code, outcome.err) == (0, "")
     return trained
+
+
+SMALL_MODELS = {
+    "kbnet": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8, 8, 8, 8, 4)},
+    "voiced": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8,) * 4},
+    "scaffnet": {"filters": (4, 4, 8, 8, 8), "decoder_filters": (8, 8, 8, 8, 4)},
+    "fusionnet": {
+        "image_filters": (4, 8, 8, 8, 8),
+        "depth_filters": (4,) * 5,
+        "decoder_filters": (8, 8, 8, 8, 4),
+        "scaffnet_filters": (4, 4, 8, 8, 8),
+        "scaffnet_decoder_filters": (8, 8, 8, 8, 4),
+    },
+}
+"""Options that make each shipped depth model a small one."""
+
+
+@pytest.fixture(scope="session")
+def model_file(tmp_path_factory) -> Callable[[str], Path]:
+    """Write a small model with random weights, always the same: model_file("kbnet") gives its file."""
+    folder = tmp_path_factory.mktemp("models")
+
+    def write(name: str) -> Path:
+        path = folder / f"{name}.safetensors"
+        if not path.exists():
+            with torch.random.fork_rng():
+                torch.manual_seed(0)
+                model = registry().create("depth_models", name, SMALL_MODELS[name])
+            save_model(path, model, name, SMALL_MODELS[name])
+        return path
+
+    return write
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,7 @@ from torch import nn
 
 from deux.contracts import Batch, DepthModel, LossNeed, LossSettings, LossTerm, Prediction, Reconstructions
 from deux.errors import DeuxError
+from deux.registry import registry
 from deux.testing.losses import imperfect_sample
 from deux.training import objective as objective_module
 from deux.training.objective import Objective, make_objective, merge_settings
@@ -135,6 +136,35 @@ def test_an_unsupervised_objective_cannot_read_ground_truth():
     assert term.batch.ground_truth is None
     with pytest.raises(DeuxError, match="the model is unsupervised"):
         Objective({"a": (1.0, Probe(LossNeed.GROUND_TRUTH))})
+
+
+def test_no_installed_term_that_reads_ground_truth_fits_an_unsupervised_model():
+    """Neither by configuration nor by the model's own objective, nor with the instance declaring itself supervised."""
+    terms = {name: registry().create("losses", name, {}) for name in registry().names("losses")}
+    reading = [name for name, term in terms.items() if LossNeed.GROUND_TRUTH in term.needs]
+    assert "supervised_depth" in reading
+    for name in reading:
+        own = type("Own", (Model,), {"objective": {name: 1.0}})()
+        pretending = Model()
+        pretending.supervised = True
+        for model, overrides in (
+            (Model(), {name: 1e-9}),
+            (Model(), {name: {"weight": 1.0}, **dict.fromkeys(Model.objective)}),
+            (own, None),
+            (pretending, {name: 1.0}),
+        ):
+            with pytest.raises(
+                DeuxError, match=rf"objective\.{name} reads ground truth, but the model is unsupervised"
+            ):
+                make_objective(model, overrides)
+
+
+def test_a_term_that_declares_its_need_too_late_gets_no_ground_truth():
+    sample, term = imperfect_sample(), Probe()
+    objective = Objective({"a": (1.0, term)})
+    term.needs = frozenset({LossNeed.GROUND_TRUTH})
+    objective(sample.batch, Prediction(sample.depth))
+    assert term.batch.ground_truth is None
 
 
 def test_a_supervised_objective_gets_ground_truth_and_says_when_there_is_none():

@@ -1,4 +1,4 @@
-"""Speed of the depth models' training steps, and where their time goes."""
+"""Speed of the depth models: training steps, where their time goes, and inference."""
 
 import logging
 import warnings
@@ -33,12 +33,13 @@ POSES: tuple[PoseKind, ...] = ("simulator", "learned")
 _KNOWN_WARNINGS = (
     "You defined a `validation_step`",
     ".*does not have many workers",
+    r"Found \d+ module\(s\) in eval mode",
     r"`isinstance\(treespec, LeafSpec\)`",
 )
 
 
 @dataclass(frozen=True)
-class TrainSettings:
+class ModelSettings:
     """What is trained, and for how long.
 
     Args:
@@ -56,11 +57,11 @@ class TrainSettings:
     rounds: int = 5
 
 
-QUICK = TrainSettings(batch_size=1, size=128, steps=1, inference_size=128, rounds=2)
+QUICK = ModelSettings(batch_size=1, size=128, steps=1, inference_size=128, rounds=2)
 """Settings for a quick look."""
 
 
-def measure_training(settings: TrainSettings) -> Iterator[Table]:
+def measure_models(settings: ModelSettings) -> Iterator[Table]:
     """Measure every installed depth model, with its published objective and default options."""
     models, broken = installed("depth_models")
     notes = broken if models else (*broken, "no depth model is installed.")
@@ -74,7 +75,7 @@ class _Variant(NamedTuple):
     poses: PoseKind
 
 
-def _step_tables(settings: TrainSettings, models: dict[str, DepthModel], notes: tuple[str, ...]) -> Iterator[Table]:
+def _step_tables(settings: ModelSettings, models: dict[str, DepthModel], notes: tuple[str, ...]) -> Iterator[Table]:
     """The rate of training steps, and the shares of their parts."""
     variants = [
         _Variant(name, precision, poses)
@@ -84,16 +85,16 @@ def _step_tables(settings: TrainSettings, models: dict[str, DepthModel], notes: 
     batches = {name: render_batch(model, settings.size, settings.batch_size) for name, model in models.items()}
     runs = {variant: partial(_train, variant, batches[variant.model], settings.steps) for variant in variants}
     found = in_turn(runs, settings.rounds)
-    rates = {variant: [1.0 / seconds for clock in found[variant] for seconds in clock.steps] for variant in variants}
-    ratios = times_the_slowest(rates)
+    seconds = {variant: [step for clock in found[variant] for step in clock.steps] for variant in variants}
+    ratios = times_the_slowest({variant: [1.0 / step for step in seconds[variant]] for variant in variants})
     shape = f"batch {settings.batch_size}, {settings.size} x {settings.size}"
     steps = tuple(
-        {**variant._asdict(), "steps per second": Spread.of(rates[variant]), "times the slowest": ratios[variant]}
+        {**variant._asdict(), "seconds per step": Spread.of(seconds[variant]), "times the slowest": ratios[variant]}
         for variant in variants
     )
-    yield Table("train", f"Training steps: forward, losses, backward and Adam at {shape}", steps, notes)
+    yield Table("models", f"Training steps: forward, losses, backward and Adam at {shape}", steps, notes)
     parts = tuple({**variant._asdict(), **_shares(found[variant])} for variant in variants)
-    yield Table("train_parts", "Training steps: where their time goes", parts)
+    yield Table("models_parts", "Training steps: where their time goes", parts)
 
 
 def _train(variant: _Variant, batch: Batch, steps: int) -> StepClock:

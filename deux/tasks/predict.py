@@ -1,0 +1,180 @@
+"""`task=predict`: complete the depth of one frame, from files and to files."""
+
+import io
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import DictConfig
+
+from deux.configuration import run_folder, user_path
+from deux.contracts import DepthModel
+from deux.data.atomic import make_folder, write_atomically
+from deux.data.camera_files import read_any_depth, read_any_image, read_any_intrinsics
+from deux.data.images import LARGEST_DEPTH, write_depth
+from deux.errors import DeuxError
+from deux.evaluation.depth_picture import draw_depth
+from deux.evaluation.drawing import save_figure
+from deux.evaluation.functional import depth_errors
+from deux.evaluation.results import error_table
+from deux.geometry.camera import Camera
+from deux.geometry.scaffolding import interpolate
+from deux.tasks.console import quieten_libraries, say
+from deux.tasks.given import needed_model
+from deux.tasks.sections import PredictionSettings
+from deux.tasks.settings import Settings
+from deux.training.array_prediction import predict_arrays
+
+MANY = 0.1
+"""From this part of the points on, it is said that they lie where the model predicts no depth."""
+
+LEAST_DEPTH = 1e-3
+"""In metres: interpolation without a single point gives 0, which has no inverse."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class GivenFrame:
+    """What the user's files hold.
+
+    Args:
+        image: H x W x 3 uint8.
+        sparse_depth: H x W float32 metres, 0 = none.
+        intrinsics: 3 x 3.
+        ground_truth: H x W float32 metres, 0 = none; None if no file was given.
+    """
+
+    image: np.ndarray
+    sparse_depth: np.ndarray
+    intrinsics: np.ndarray
+    ground_truth: np.ndarray | None
+
+
+def run(cfg: DictConfig) -> None:
+    """Complete the depth of the given frame by the model `checkpoint`, in float32, and write it to the run folder.
+
+    With ground truth, its errors are printed beside those of interpolation. A repeated command overwrites its files.
+    """
+    quieten_libraries()
+    settings = Settings(cfg)
+    frame = read_frame(settings.prediction)
+    name, model = needed_model(settings, "checkpoint", settings.run.checkpoint)
+    check_points(frame.sparse_depth, model, settings.prediction)
+    truth = None if frame.ground_truth is None else unseen(frame, settings.camera)
+    depth = predict_arrays(frame.image, frame.sparse_depth, frame.intrinsics, model)
+    for path in write_prediction(depth, run_folder()):
+        say(str(path))
+    nearest, median, farthest = np.percentile(depth, (0, 50, 100))
+    say(f"Depth from {nearest:.2f} to {farthest:.2f} m, {median:.2f} m in the median, at {_size(depth)} pixels")
+    if truth is not None:
+        maps = {name: depth, "interpolated points": interpolate(frame.sparse_depth).clip(LEAST_DEPTH)}
+        rows = {row: _errors(predicted, truth, settings.camera) for row, predicted in maps.items()}
+        counted = np.count_nonzero(truth)
+        say(error_table(f"Errors on the {counted:,} pixels with ground truth that are no sparse points", rows))
+
+
+def read_frame(chosen: PredictionSettings) -> GivenFrame:
+    """Read the files of one frame.
+
+    Raises:
+        DeuxError: a file is not given, missing, damaged or of another kind, or the sizes differ.
+    """
+    given = {"image": chosen.image, "sparse": chosen.sparse, "intrinsics": chosen.intrinsics}
+    paths = {option: user_path(path) for option, path in given.items() if path}
+    if missing := [option for option in given if option not in paths]:
+        raise DeuxError(
+            "task=predict needs the files of one frame, image=, sparse= and intrinsics=: "
+            f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} not given."
+        )
+    image = read_any_image(paths["image"])
+    sparse_depth = read_any_depth(paths["sparse"], chosen.sparse_scale)
+    intrinsics = read_any_intrinsics(paths["intrinsics"])
+    truth = read_any_depth(user_path(chosen.ground_truth), chosen.sparse_scale) if chosen.ground_truth else None
+    for option, depth in (("sparse", sparse_depth), ("ground_truth", truth)):
+        if depth is not None and depth.shape != image.shape[:2]:
+            raise DeuxError(f"image has {_size(image)} pixels and {option} {_size(depth)}: they must be of one size.")
+    height, width = image.shape[:2]
+    x, y = intrinsics[:2, 2]
+    if not (0 <= x < width and 0 <= y < height):
+        log.warning(
+            f"the principal point ({x:g}, {y:g}) lies outside the image of {_size(image)} pixels: "
+            f"{paths['intrinsics']} seems to belong to images of another size."
+        )
+    return GivenFrame(image, sparse_depth, intrinsics, truth)
+
+
+def check_points(sparse_depth: np.ndarray, model: DepthModel, chosen: PredictionSettings) -> None:
+    """Say so if there are no points, or if many lie outside the model's range, which is what a wrong unit does.
+
+    Raises:
+        DeuxError: all of them do.
+    """
+    points = sparse_depth[sparse_depth > 0]
+    if not points.size:
+        log.warning(f"{chosen.sparse} holds no point, all its values are 0: the depth comes from the image alone.")
+        return
+    outside = float(np.mean((points < model.min_depth) | (points > model.max_depth)))
+    if outside < MANY:
+        return
+    share = "all" if outside == 1 else f"{outside:.0%} of the"
+    sentence = (
+        f"{share} {points.size:,} points of {chosen.sparse} lie outside the {model.min_depth:g} to {model.max_depth:g} "
+        f"m that the model predicts (they go from {points.min():g} to {points.max():g} m): is their unit right? A PNG "
+        f"file holds sparse_scale={chosen.sparse_scale:g} values per metre; it is 1000 for millimetres."
+    )
+    if outside == 1:
+        raise DeuxError(sentence)
+    log.warning(sentence)
+
+
+def unseen(frame: GivenFrame, camera: Camera) -> np.ndarray:
+    """The ground truth that is compared with: within the camera's range, and not given to the model as sparse points.
+
+    Returns:
+        H x W float32 metres, 0 = none.
+
+    Raises:
+        DeuxError: no pixel is left.
+    """
+    truth = frame.ground_truth
+    assert truth is not None
+    counted = (truth > camera.min_depth) & (truth < camera.max_depth) & (frame.sparse_depth == 0)
+    if not counted.any():
+        raise DeuxError(
+            f"ground_truth has no pixel between {camera.min_depth:g} and {camera.max_depth:g} m apart from the sparse "
+            "points: name another file, or widen camera.min_depth and camera.max_depth."
+        )
+    return np.where(counted, truth, np.float32(0))
+
+
+def write_prediction(depth: np.ndarray, folder: Path) -> list[Path]:
+    """Write H x W metres as `depth.png` (16 bits, metres x 256), `depth.npy` (float32) and `depth_colored.png`.
+
+    Returns:
+        The files.
+    """
+    make_folder(folder)
+    png, npy, colored = (folder / name for name in ("depth.png", "depth.npy", "depth_colored.png"))
+    if depth.max() > LARGEST_DEPTH:
+        log.warning(f"{png} holds 0 where the depth is above {LARGEST_DEPTH:.0f} m: {npy} holds all of it.")
+    write_depth(png, depth)
+    content = io.BytesIO()
+    np.save(content, depth, allow_pickle=False)
+    write_atomically(npy, content.getvalue())
+    save_figure(draw_depth(depth), colored)
+    return [png, npy, colored]
+
+
+def _errors(depth: np.ndarray, truth: np.ndarray, camera: Camera) -> dict[str, float]:
+    """The four errors of H x W metres."""
+    predicted, known = (torch.from_numpy(values)[None, None] for values in (depth, truth))
+    errors = depth_errors(predicted, known, camera.min_depth, camera.max_depth)
+    return {name: value.item() for name, value in errors.items()}
+
+
+def _size(pixels: np.ndarray) -> str:
+    height, width = pixels.shape[:2]
+    return f"{width} x {height}"

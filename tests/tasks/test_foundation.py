@@ -1,0 +1,98 @@
+"""FusionNet's ScaffNet: trained first by the same command, taken from a checkpoint, and shared between runs."""
+
+import json
+import shutil
+
+import pytest
+import torch
+
+import deux
+from deux.data.pipeline import read_manifest
+from deux.training.model_files import save_model
+
+FUSIONNET = [
+    "model=fusionnet",
+    "model.scaffnet_pools=[5]",
+    "model.scaffnet_filters=[4,4,4,4,8]",
+    "model.scaffnet_decoder_filters=[8,4,4,4,4]",
+    "foundation.flats=1",
+    "foundation.viewpoints=3",
+    "foundation.steps=2",
+]
+
+
+@pytest.fixture(scope="module")
+def founded(tiny, collected, tmp_path_factory):
+    """An outputs folder with a FusionNet that was trained on random frames without any checkpoint given."""
+    outputs = tmp_path_factory.mktemp("founded") / "outputs"
+    shutil.copytree(collected, outputs)
+    outcome = tiny(outputs, *FUSIONNET, "task=train", "explore=random", f"hydra.run.dir={outputs}/fusionnet")
+    assert (outcome.code, outcome.err) == (0, "")
+    return outputs, outcome.out
+
+
+def test_scaffnet_is_trained_first_and_stays_as_it_is(founded):
+    outputs, said = founded
+    assert "fusionnet is built on scaffnet, which learns from synthetic flats first" in said
+    (foundation,) = outputs.glob("foundations/scaffnet-*/model.safetensors")
+    scaffnet, fusionnet = deux.load(foundation), deux.load(outputs / "fusionnet")
+    inside = fusionnet.scaffnet.state_dict()
+    assert all(torch.equal(inside[name], value) for name, value in scaffnet.state_dict().items())
+    assert not scaffnet.training
+
+
+def test_the_synthetic_flats_are_none_of_the_experiments(founded):
+    outputs, _ = founded
+    (synthetic,) = outputs.glob("datasets/synthetic-*")
+    (explored,) = outputs.glob("datasets/random-*")
+    scenes = [{s["identity"] for s in read_manifest(d)["specification"]["scenes"]} for d in (synthetic, explored)]
+    assert scenes[0]
+    assert not scenes[0] & scenes[1]
+
+
+def test_another_run_takes_the_same_scaffnet(founded, tiny):
+    outputs, _ = founded
+    outcome = tiny(outputs, *FUSIONNET, "task=train", "explore=random", "training.steps=1")
+    assert outcome.code == 0
+    assert "trained before" in outcome.out
+    assert len(list(outputs.glob("foundations/scaffnet-*"))) == 1
+
+
+def test_a_checkpoint_of_the_users(founded, tiny):
+    outputs, _ = founded
+    (folder,) = outputs.glob("foundations/scaffnet-*")
+    scaffnet = deux.load(folder)
+    with torch.no_grad():
+        for parameter in scaffnet.parameters():
+            parameter += 0.25
+    given = outputs / "given.safetensors"
+    settings = json.loads((folder / "run.json").read_text())["model"]
+    save_model(given, scaffnet, settings.pop("name"), settings)
+    run = outputs / "with_checkpoint"
+    outcome = tiny(
+        outputs, *FUSIONNET, "task=train", "explore=random", f"foundation.checkpoint={given}", f"hydra.run.dir={run}"
+    )
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "learns from synthetic flats" not in outcome.out
+    inside = deux.load(run).scaffnet.state_dict()
+    assert all(torch.equal(inside[name], value) for name, value in scaffnet.state_dict().items())
+
+
+def test_the_seed_model_is_built_on_it_too(founded, tiny):
+    outputs, _ = founded
+    outcome = tiny(outputs, *FUSIONNET, "task=collect", "explore=deux", f"hydra.run.dir={outputs}/deux")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert len(list(outputs.glob("foundations/scaffnet-*"))) == 1
+    assert list(outputs.glob("seed_models/fusionnet-*/model.safetensors"))
+    assert list(outputs.glob("datasets/deux-*"))
+
+
+def test_a_checkpoint_that_does_not_fit(founded, tiny, trained):
+    outputs, _ = founded
+    arguments = [*FUSIONNET, "task=train", "explore=random", "training.steps=3"]
+    outcome = tiny(outputs, *arguments, f"foundation.checkpoint={trained}/trained")
+    assert "is a kbnet that does not fit the scaffnet that fusionnet is built on: it lacks" in outcome.sentence
+    outcome = tiny(outputs, *arguments, "foundation.checkpoint=nowhere")
+    assert "there is no model" in outcome.sentence
+    outcome = tiny(outputs, *arguments, "foundation.steps=0")
+    assert outcome.sentence == "foundation.steps is 0: it must be at least 1."

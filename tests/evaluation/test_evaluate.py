@@ -4,7 +4,6 @@ import torch
 
 from deux.contracts import Batch, DepthModel, Prediction
 from deux.errors import DeuxError
-from deux.evaluation.baseline import interpolate
 from deux.evaluation.evaluate import evaluate
 from deux.evaluation.functional import depth_errors
 from deux.evaluation.samples import depth_samples

@@ -74,11 +74,26 @@ TINY = [
     "training.validations=1",
     "evaluation.viewpoints=3",
     "trainer.accelerator=cpu",
-    "model.image_filters=[4,8,8,8,8]",
-    "model.depth_filters=[4,4,4,4,4]",
-    "model.decoder_filters=[8,8,8,8,4]",
+    "foundation.flats=1",
+    "foundation.viewpoints=3",
+    "foundation.steps=2",
 ]
-"""As little as every stage can do, by a network of 15,000 weights."""
+"""As little as every stage can do."""
+
+
+SMALL_MODELS = {
+    "kbnet": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8, 8, 8, 8, 4)},
+    "voiced": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8,) * 4},
+    "scaffnet": {"filters": (4, 4, 8, 8, 8), "decoder_filters": (8, 8, 8, 8, 4)},
+    "fusionnet": {
+        "image_filters": (4, 8, 8, 8, 8),
+        "depth_filters": (4,) * 5,
+        "decoder_filters": (8, 8, 8, 8, 4),
+        "scaffnet_filters": (4, 4, 8, 8, 8),
+        "scaffnet_decoder_filters": (8, 8, 8, 8, 4),
+    },
+}
+"""Options that make each shipped depth model a small one."""
 
 
 @dataclass(frozen=True)
@@ -123,22 +138,23 @@ def deux():
 
 @pytest.fixture(scope="session")
 def tiny_arguments():
-    """The arguments of a command that does as little as there is: tiny_arguments(outputs, *overrides)."""
+    """The arguments of a command that does next to nothing: tiny_arguments(outputs, *overrides, model="kbnet")."""
 
-    def make(outputs: Path, *overrides: str) -> list[str]:
+    def make(outputs: Path, *overrides: str, model: str = "kbnet") -> list[str]:
         scenes = "scenes=files" in overrides
         small = [setting for setting in TINY if not (scenes and setting.startswith("scenes."))]
-        return [*small, f"paths.outputs={outputs}", *overrides]
+        network = [f"model.{name}={list(value)}" for name, value in SMALL_MODELS[model].items()]
+        return [*small, f"model={model}", *network, f"paths.outputs={outputs}", *overrides]
 
     return make
 
 
 @pytest.fixture(scope="session")
 def tiny(deux, tiny_arguments):
-    """Run such a command inside this process: tiny(outputs, *overrides)."""
+    """Run such a command inside this process: tiny(outputs, *overrides, model="kbnet")."""
 
-    def run(outputs: Path, *overrides: str) -> Outcome:
-        return deux(*tiny_arguments(outputs, *overrides))
+    def run(outputs: Path, *overrides: str, model: str = "kbnet") -> Outcome:
+        return deux(*tiny_arguments(outputs, *overrides, model=model))
 
     return run
 
@@ -167,21 +183,6 @@ def tested(tiny, trained) -> Path:
     outcome = tiny(trained, "task=evaluate", *folders)
     assert (outcome.code, outcome.err) == (0, "")
     return trained
-
-
-SMALL_MODELS = {
-    "kbnet": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8, 8, 8, 8, 4)},
-    "voiced": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8,) * 4},
-    "scaffnet": {"filters": (4, 4, 8, 8, 8), "decoder_filters": (8, 8, 8, 8, 4)},
-    "fusionnet": {
-        "image_filters": (4, 8, 8, 8, 8),
-        "depth_filters": (4,) * 5,
-        "decoder_filters": (8, 8, 8, 8, 4),
-        "scaffnet_filters": (4, 4, 8, 8, 8),
-        "scaffnet_decoder_filters": (8, 8, 8, 8, 4),
-    },
-}
-"""Options that make each shipped depth model a small one."""
 
 
 @pytest.fixture(scope="session")

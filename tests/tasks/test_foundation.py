@@ -10,23 +10,13 @@ import deux
 from deux.data.pipeline import read_manifest
 from deux.training.model_files import save_model
 
-FUSIONNET = [
-    "model=fusionnet",
-    "model.scaffnet_pools=[5]",
-    "model.scaffnet_filters=[4,4,4,4,8]",
-    "model.scaffnet_decoder_filters=[8,4,4,4,4]",
-    "foundation.flats=1",
-    "foundation.viewpoints=3",
-    "foundation.steps=2",
-]
-
 
 @pytest.fixture(scope="module")
 def founded(tiny, collected, tmp_path_factory):
     """An outputs folder with a FusionNet that was trained on random frames without any checkpoint given."""
     outputs = tmp_path_factory.mktemp("founded") / "outputs"
     shutil.copytree(collected, outputs)
-    outcome = tiny(outputs, *FUSIONNET, "task=train", "explore=random", f"hydra.run.dir={outputs}/fusionnet")
+    outcome = tiny(outputs, "task=train", "explore=random", f"hydra.run.dir={outputs}/fusionnet", model="fusionnet")
     assert (outcome.code, outcome.err) == (0, "")
     return outputs, outcome.out
 
@@ -52,7 +42,7 @@ def test_the_synthetic_flats_are_none_of_the_experiments(founded):
 
 def test_another_run_takes_the_same_scaffnet(founded, tiny):
     outputs, _ = founded
-    outcome = tiny(outputs, *FUSIONNET, "task=train", "explore=random", "training.steps=1")
+    outcome = tiny(outputs, "task=train", "explore=random", "training.steps=1", model="fusionnet")
     assert outcome.code == 0
     assert "trained before" in outcome.out
     assert len(list(outputs.glob("foundations/scaffnet-*"))) == 1
@@ -69,9 +59,8 @@ def test_a_checkpoint_of_the_users(founded, tiny):
     settings = json.loads((folder / "run.json").read_text())["model"]
     save_model(given, scaffnet, settings.pop("name"), settings)
     run = outputs / "with_checkpoint"
-    outcome = tiny(
-        outputs, *FUSIONNET, "task=train", "explore=random", f"foundation.checkpoint={given}", f"hydra.run.dir={run}"
-    )
+    arguments = ["task=train", "explore=random", f"foundation.checkpoint={given}", f"hydra.run.dir={run}"]
+    outcome = tiny(outputs, *arguments, model="fusionnet")
     assert (outcome.code, outcome.err) == (0, "")
     assert "learns from synthetic flats" not in outcome.out
     inside = deux.load(run).scaffnet.state_dict()
@@ -80,7 +69,7 @@ def test_a_checkpoint_of_the_users(founded, tiny):
 
 def test_the_seed_model_is_built_on_it_too(founded, tiny):
     outputs, _ = founded
-    outcome = tiny(outputs, *FUSIONNET, "task=collect", "explore=deux", f"hydra.run.dir={outputs}/deux")
+    outcome = tiny(outputs, "task=collect", "explore=deux", f"hydra.run.dir={outputs}/deux", model="fusionnet")
     assert (outcome.code, outcome.err) == (0, "")
     assert len(list(outputs.glob("foundations/scaffnet-*"))) == 1
     assert list(outputs.glob("seed_models/fusionnet-*/model.safetensors"))
@@ -89,10 +78,10 @@ def test_the_seed_model_is_built_on_it_too(founded, tiny):
 
 def test_a_checkpoint_that_does_not_fit(founded, tiny, trained):
     outputs, _ = founded
-    arguments = [*FUSIONNET, "task=train", "explore=random", "training.steps=3"]
-    outcome = tiny(outputs, *arguments, f"foundation.checkpoint={trained}/trained")
+    arguments = ["task=train", "explore=random", "training.steps=3"]
+    outcome = tiny(outputs, *arguments, f"foundation.checkpoint={trained}/trained", model="fusionnet")
     assert "is a kbnet that does not fit the scaffnet that fusionnet is built on: it lacks" in outcome.sentence
-    outcome = tiny(outputs, *arguments, "foundation.checkpoint=nowhere")
+    outcome = tiny(outputs, *arguments, "foundation.checkpoint=nowhere", model="fusionnet")
     assert "there is no model" in outcome.sentence
-    outcome = tiny(outputs, *arguments, "foundation.steps=0")
+    outcome = tiny(outputs, *arguments, "foundation.steps=0", model="fusionnet")
     assert outcome.sentence == "foundation.steps is 0: it must be at least 1."

@@ -11,8 +11,9 @@ from deux.contracts import DepthModel, LossSettings, Prediction
 from deux.geometry.scaffolding import interpolate
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_nearness
+from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
-from deux_plugins.depth_models.parts.vgg_encoder import VGG8, VGG11, VGGEncoder, check_levels, joined, sizes
+from deux_plugins.depth_models.parts.vgg_encoder import VGG8, VGG11, VGGEncoder
 
 
 class VOICED(DepthModel):

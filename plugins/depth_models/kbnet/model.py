@@ -5,11 +5,11 @@ from typing import ClassVar
 from torch import Tensor, nn
 
 from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
-from deux.errors import DeuxError
 from deux_plugins.depth_models.kbnet.encoder import KBNetEncoder
 from deux_plugins.depth_models.kbnet.sparse_to_dense import SparseToDensePool
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
+from deux_plugins.depth_models.parts.levels import check_levels
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, residual_pose_network
 
 
@@ -50,14 +50,7 @@ class KBNet(DepthModel):
     ) -> None:
         super().__init__()
         check_depth_range(min_depth, max_depth)
-        filters = {
-            "image_filters": image_filters,
-            "depth_filters": depth_filters,
-            "decoder_filters": decoder_filters,
-        }
-        for option, value in filters.items():
-            if len(value) != 5:
-                raise DeuxError(f"{option}={value} has {len(value)} entries: KBNet has 5 levels.")
+        check_levels(image_filters=image_filters, depth_filters=depth_filters, decoder_filters=decoder_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
         self.sparse_to_dense_pool = SparseToDensePool(tuple(min_pools), tuple(max_pools), pool_filters)

@@ -1,14 +1,11 @@
-"""The VGG encoders of VOICED, ScaffNet and FusionNet, and how two of them are joined."""
+"""The VGG encoders of VOICED, ScaffNet and FusionNet."""
 
 from collections.abc import Sequence
 
-import torch
 from torch import Tensor, nn
 
-from deux.errors import DeuxError
 from deux_plugins.depth_models.parts.convolution import Convolution, ConvolutionBlock
-
-LEVELS = 5
+from deux_plugins.depth_models.parts.levels import LEVELS
 
 VGG8 = (1, 1, 1, 1, 1)
 """Convolutions in each block of the published vggnet08."""
@@ -47,20 +44,3 @@ class VGGEncoder(nn.Module):
             x = block(x)
             features.append(x)
         return features
-
-
-def joined(image_features: Sequence[Tensor], depth_features: Sequence[Tensor]) -> list[Tensor]:
-    """The features of both branches side by side at each level (late fusion)."""
-    return [torch.cat(pair, dim=1) for pair in zip(image_features, depth_features, strict=True)]
-
-
-def sizes(features: Sequence[Tensor]) -> list[tuple[int, int]]:
-    """(height, width) of each level that a decoder comes to, from 1/16 of the size upwards."""
-    return [(level.shape[2], level.shape[3]) for level in reversed(features[:-1])]
-
-
-def check_levels(**filters: Sequence[int]) -> None:
-    """Raise DeuxError unless each option holds one number of channels for every level of the encoder."""
-    for option, values in filters.items():
-        if len(values) != LEVELS:
-            raise DeuxError(f"{option}={values} has {len(values)} entries: the network has {LEVELS} levels.")

@@ -1,8 +1,9 @@
 """Sparse depth points that contradict their neighbours: background seen past a foreground edge."""
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor
+
+from deux.geometry.sliding_max import sliding_max
 
 
 def remove_outliers(sparse_depth: Tensor, kernel_size: int = 7, threshold: float = 1.5) -> Tensor:
@@ -22,5 +23,5 @@ def remove_outliers(sparse_depth: Tensor, kernel_size: int = 7, threshold: float
     points = sparse_depth > 0
     # Pixels without a point must never be the nearest: they are pooled as infinitely far.
     away = torch.where(points, -sparse_depth, -torch.inf)
-    nearest = -F.max_pool2d(away, kernel_size, stride=1, padding=kernel_size // 2)
+    nearest = -sliding_max(away, kernel_size)
     return (points & (nearest >= sparse_depth - threshold)).to(torch.float32)

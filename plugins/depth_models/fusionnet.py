@@ -6,10 +6,10 @@ import torch
 from torch import Tensor, nn
 
 from deux.contracts import Augmentation, DepthModel, Foundation, LossSettings, Prediction
+from deux.geometry.sliding_max import sliding_max
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range
 from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
-from deux_plugins.depth_models.parts.pooling import sliding_max
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
 from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 from deux_plugins.depth_models.scaffnet import ScaffNet

@@ -6,11 +6,12 @@ import torch
 from torch import Tensor, nn
 
 from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
+from deux.geometry.sliding_max import sliding_max
 from deux_plugins.depth_models.parts.convolution import Convolution
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
 from deux_plugins.depth_models.parts.levels import check_levels, sizes
-from deux_plugins.depth_models.parts.pooling import check_windows, sliding_max
+from deux_plugins.depth_models.parts.pooling import check_windows
 from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 
 

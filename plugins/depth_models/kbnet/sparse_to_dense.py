@@ -3,8 +3,9 @@
 import torch
 from torch import Tensor, nn
 
+from deux.geometry.sliding_max import sliding_max
 from deux_plugins.depth_models.parts.convolution import Convolution
-from deux_plugins.depth_models.parts.pooling import check_windows, sliding_max, sliding_min_of_points
+from deux_plugins.depth_models.parts.pooling import check_windows, sliding_min_of_points
 
 
 class SparseToDensePool(nn.Module):

@@ -8,15 +8,9 @@ from torch.nn import functional
 from deux_plugins.depth_models.parts.convolution import ConvolutionBlock
 from deux_plugins.depth_models.parts.decoder import UpConvolution
 from deux_plugins.depth_models.parts.depth_range import depth_from_logits
-from deux_plugins.depth_models.parts.pooling import sliding_max, sliding_min_of_points
+from deux_plugins.depth_models.parts.pooling import sliding_min_of_points
 from deux_plugins.depth_models.parts.pose_matrix import pose_matrix, rotation_matrix
 from deux_plugins.depth_models.parts.pose_network import seven_convolution_pose_network
-
-
-@pytest.mark.parametrize("window", [1, 3, 15, 29])
-def test_sliding_max_equals_the_square_maximum(window):
-    x = torch.randn(2, 3, 21, 34)
-    assert torch.equal(sliding_max(x, window), functional.max_pool2d(x, window, 1, window // 2))
 
 
 def test_sliding_min_sees_points_only():

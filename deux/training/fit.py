@@ -35,6 +35,7 @@ class TrainingSettings(Schedule):
         crop: height and width of the samples; None for whole frames.
         num_workers: processes that load data; 0 is fastest while the frames fit in memory.
         validations: number of validations over the whole training.
+        offsets: the source frames, in frames from the target, where the dataset does not list them.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -46,6 +47,7 @@ class TrainingSettings(Schedule):
     crop: tuple[int, int] | None = None
     num_workers: int = 0
     validations: int = 10
+    offsets: tuple[int, ...] = (-1, -2)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,6 +59,11 @@ class TrainingSettings(Schedule):
             check_range("training.steps", self.steps, 1)
         for size in self.crop or ():
             check_range("training.crop", size, 1)
+        if not self.offsets or 0 in self.offsets:
+            raise DeuxError(
+                f"training.offsets is {list(self.offsets)}: it lists the source frames as distances from the target, "
+                "such as [-1,-2], none of them 0."
+            )
 
 
 def fit(
@@ -99,6 +106,7 @@ def fit(
         crop=settings.crop,
         seed=seed,
         num_workers=settings.num_workers,
+        offsets=settings.offsets,
     )
     module = DepthCompletion(model, make_objective(model, objective), make_pose_source(pose, model), settings, metrics)
     checkpoints = folder / "checkpoints"

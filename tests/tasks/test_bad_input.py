@@ -47,6 +47,7 @@ MISTAKES = {
     "camera.width=64.5": "camera.width must be a whole number, but is 64.5.",
     "collect.steps=abc": "collect.steps must be a whole number, but is 'abc'.",
     "random_seed=abc": "random_seed must be a whole number, but is 'abc'.",
+    "training.offsets=[-1,0]": "training.offsets is [-1, 0]: it lists the source frames as distances from the target",
     "training.crop=64": "training.crop must be a list of 2 values (a whole number, a whole number) or null, but is 64.",
     "verification.min_points=few": "verification.min_points must be a number, but is 'few'.",
     "objective.sparse_depth=heavy": "objective.sparse_depth has the weight 'heavy': a weight is a number of 0 or more",

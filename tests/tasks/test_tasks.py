@@ -1,6 +1,7 @@
 """What each task leaves behind, in runs of the smallest size."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -155,3 +156,13 @@ def test_the_other_renderer_sees_the_same(tiny, collected, tmp_path):
         images = [read_image(sequence.file("image", frame)).astype(float) for sequence in (embree, pyrender)]
         assert np.median(np.abs(depths[0] - depths[1])) <= 1 / 256
         assert np.median(np.abs(images[0] - images[1])) <= 3
+
+
+def test_source_frames_of_a_dataset_that_lists_none(tiny, collected, tmp_path):
+    dataset = tmp_path / only(collected, "datasets/random-*").name
+    shutil.copytree(only(collected, "datasets/random-*"), dataset)
+    (dataset / "train_triplets.txt").unlink()
+    arguments = ["task=train", f"training_data={dataset}", f"hydra.run.dir={tmp_path}/run"]
+    assert "has no frames" in tiny(tmp_path, *arguments, "training.offsets=[-4,4]").sentence  # of eight in all
+    outcome = tiny(tmp_path, *arguments, "training.offsets=[-3,3]")
+    assert (outcome.code, outcome.err) == (0, "")

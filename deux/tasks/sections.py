@@ -86,17 +86,20 @@ class FoundationSettings:
         flats: generated flats, none of them the experiment's own, in whose frames it is trained.
         viewpoints: frames of each flat.
         steps: optimiser steps of its training.
+        batch_size: samples in a batch.
     """
 
     checkpoint: str | None
     flats: int
     viewpoints: int
     steps: int
+    batch_size: int
 
     def __post_init__(self) -> None:
         check_range("foundation.flats", self.flats, 1)
         check_range("foundation.viewpoints", self.viewpoints, 1)
         check_range("foundation.steps", self.steps, 1)
+        check_range("foundation.batch_size", self.batch_size, 1)
 
 
 @dataclass(frozen=True)

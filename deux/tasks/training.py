@@ -64,7 +64,8 @@ class Trainee:
             return weights_file(user_path(settings.foundation.checkpoint))
         say(f"  {self.model.name} is built on {foundation.name}, which learns from synthetic flats first")
         below = Trainee(settings, _choice(foundation))
-        training = replace(settings.training, steps=settings.foundation.steps)
+        chosen = settings.foundation
+        training = replace(settings.training, steps=chosen.steps, batch_size=chosen.batch_size)
         return train_once(settings, below, training, synthetic_dataset(settings), "foundations")
 
     def make(self) -> DepthModel:

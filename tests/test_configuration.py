@@ -95,7 +95,7 @@ def test_a_model_may_bring_training_settings_of_its_own() -> None:
     assert rates[0] == compose().training.learning_rate > rates[1]
     assert compose(["model=voiced", "training.learning_rate=0.01"]).training.learning_rate == 0.01
     assert compose(["experiment=published_voiced"]).training.learning_rate == 1e-4
-    assert compose(["model=scaffnet"]).training.batch_size == compose().foundation.batch_size == 12
+    assert compose(["model=scaffnet"]).training.batch_size == compose().foundation.batch_size == 8
 
 
 def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_experiment() -> None:

@@ -80,8 +80,8 @@ def test_the_files_hold_what_the_arrays_give(predict, frame, model_file, model):
     depth = np.load(folder / "depth.npy", allow_pickle=False)
     expected = package.predict(frame.rgb, frame.sparse, frame.intrinsics, model=model_file(model))
     assert depth.dtype == np.float32
-    np.testing.assert_array_equal(depth, expected)
-    np.testing.assert_array_equal(read_depth(folder / "depth.png"), quantise_depth(expected))
+    np.testing.assert_allclose(depth, expected, rtol=1e-5)  # another number of threads may change the last bits
+    np.testing.assert_array_equal(read_depth(folder / "depth.png"), quantise_depth(depth))
     with Image.open(folder / "depth_colored.png") as picture:
         width, height = picture.size
         assert width > height > 300

@@ -49,6 +49,7 @@ KINDS = {
     for kind in (
         Kind("explorers", "explorer", "Explorer", "explore"),
         Kind("depth_models", "depth model", "DepthModel", "model"),
+        Kind("rewards", "reward", "Reward", "explorer_training.reward_options"),
         Kind("losses", "loss term", "LossTerm", "objective.{name}"),
     )
 }

@@ -89,7 +89,8 @@ class EpisodeRun:
         prepare_folders(plan.paths, simulator.camera.intrinsics, self._labels)
         simulator.reset(*self._start)
         shown = free_space if Need.FREE_SPACE in explorer.needs else None
-        explorer.reset(Episode(plan.seed, plan.steps, simulator.camera, simulator.robot, shown))
+        names = simulator.label_names if self._labels else ()
+        explorer.reset(Episode(plan.seed, plan.steps, simulator.camera, simulator.robot, shown, names))
 
     @property
     def step(self) -> int:

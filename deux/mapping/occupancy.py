@@ -86,12 +86,29 @@ class OccupancyMap:
         self.resolution = resolution
         self.max_range = max_range
         self.errors = errors
-        self._grid = GrowingGrid(resolution, {"log_odds": np.float32, "cells": np.int8})
+        layers: dict[str, type] = {"log_odds": np.float32, "cells": np.int8}
+        layers |= {"views": np.int32, "seen": np.bool_, "visited": np.bool_}
+        self._grid = GrowingGrid(resolution, layers)
 
     @property
     def cells(self) -> np.ndarray:
         """Rows x columns int8: 0 unknown, 1 occupied, 2 free."""
         return self._grid["cells"]
+
+    @property
+    def views(self) -> np.ndarray:
+        """Rows x columns int32: the number of frames that told something about each cell."""
+        return self._grid["views"]
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Rows x columns bool: the cells that the last frame told something about."""
+        return self._grid["seen"]
+
+    @property
+    def visited(self) -> np.ndarray:
+        """Rows x columns bool: the cells that the robot's body has been on."""
+        return self._grid["visited"]
 
     @property
     def frame(self) -> GridFrame:
@@ -119,20 +136,23 @@ class OccupancyMap:
         band = (self.robot.max_climb + lifted, self.robot.height)
         kinds, ranges, hits = _classify(depth, pose, lens, floor, band, self.max_range, lattice, frame.shape)
         _relabel_feet(kinds, depth, hits, pose, lens, lattice)
-        evidence = (self._grid["log_odds"], self.cells)
+        self.seen.fill(False)
+        evidence = (self._grid["log_odds"], self.cells, self.views, self.seen)
         _gather(kinds, ranges, hits, pose, lens, floor, self.max_range, lattice, self.errors.relative, *evidence)
-        self._set_disc(x, z, self.robot.radius, LEAST)
+        window, inside = self._disc(x, z, self.robot.radius)
+        self._set(window, inside, LEAST)
+        self.visited[window][inside] = True
 
     def mark_contact(self, pose: np.ndarray) -> None:
         """Enter an obstacle that the body met, straight ahead of the robot; later frames do not remove it."""
         distance = self.robot.radius + 1.5 * self.resolution
         forward = pose[[0, 2], 2] / np.linalg.norm(pose[[0, 2], 2])
         x, z = pose[[0, 2], 3] + forward * distance
-        self._set_disc(float(x), float(z), self.resolution, CONTACT)
-        self._set_disc(float(pose[0, 3]), float(pose[2, 3]), self.robot.radius, LEAST)
+        self._set(*self._disc(float(x), float(z), self.resolution), CONTACT)
+        self._set(*self._disc(float(pose[0, 3]), float(pose[2, 3]), self.robot.radius), LEAST)
 
-    def _set_disc(self, x: float, z: float, radius: float, log_odds: float) -> None:
-        """Set the evidence of the cell at (x, z) and of every cell whose centre is within `radius` of it."""
+    def _disc(self, x: float, z: float, radius: float) -> tuple[tuple[slice, slice], np.ndarray]:
+        """A window of the grid, and which of its cells are the one at (x, z) or have their centre within `radius`."""
         frame = self.frame
         row, column = frame.cell(x, z)
         reach = math.ceil(radius / self.resolution)
@@ -141,6 +161,10 @@ class OccupancyMap:
         centre_x = frame.origin_x + (columns + 0.5) * self.resolution
         centre_z = frame.origin_z + (rows + 0.5) * self.resolution
         inside = (np.hypot(centre_x - x, centre_z - z) <= radius) | ((rows == row) & (columns == column))
+        return window, inside
+
+    def _set(self, window: tuple[slice, slice], inside: np.ndarray, log_odds: float) -> None:
+        """Set the evidence of some cells of a window."""
         self._grid["log_odds"][window][inside] = log_odds
         self.cells[window][inside] = OCCUPIED if log_odds > 0 else FREE
 
@@ -215,7 +239,7 @@ def _relabel_feet(kinds, depth, hits, pose, lens, lattice):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, relative, log_odds, cells):  # type: ignore[no-untyped-def]
+def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, relative, log_odds, cells, views, seen):  # type: ignore[no-untyped-def]
     """Add one frame's evidence to every cell within range of the camera."""
     f, cx, cy = lens
     origin_x, origin_z, resolution = lattice
@@ -254,3 +278,5 @@ def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, relative
                 value = min(MOST, max(LEAST, log_odds[row, column] + evidence))
                 log_odds[row, column] = value
                 cells[row, column] = OCCUPIED if value > 0.0 else FREE
+                views[row, column] += 1
+                seen[row, column] = True

@@ -1,13 +1,15 @@
 """Rendering by ray casting on the CPU: exact depth, filtered textures, no system library."""
 
+from functools import cached_property
+
 import numpy as np
 from numba import njit
 
 from deux.geometry.camera import Camera
-from deux.scenes.ray_caster import RayCaster
+from deux.scenes.ray_caster import Hits, RayCaster
 from deux.scenes.scene import Scene
 from deux.simulator.renderers import RenderedImage
-from deux.simulator.shading import prepare_surfaces, shade
+from deux.simulator.shading import Surfaces, prepare_surfaces, shade
 
 
 class EmbreeRenderer:
@@ -22,23 +24,38 @@ class EmbreeRenderer:
         self.camera = camera
         self._caster = RayCaster(scene.mesh)
         self._face_label = np.append(scene.mesh.face_label, -1).astype(np.int32)  # face -1, "none", has label -1
-        self._surfaces = prepare_surfaces(scene.mesh)
+        self._mesh = scene.mesh
         self._rays = camera.rays().reshape(-1, 3).astype(np.float32)
 
     def render(self, pose: np.ndarray, labels: bool = True) -> RenderedImage:
         """Render from a 4 x 4 camera-to-world matrix (OpenCV camera axes, metres)."""
-        rotation = np.ascontiguousarray(pose[:3, :3], dtype=np.float32)
-        rays, origins = _world_rays(self._rays, rotation, pose[:3, 3].astype(np.float32))
-        # The camera's rays are one metre deep, not one metre long: the distance is the depth along the optical axis.
-        hits = self._caster.cast(origins, rays)
+        rotation, rays, hits = self._cast(pose)
         pixel = np.float32(1.0 / self.camera.focal_length)
         right, down = rotation[:, 0] * pixel, rotation[:, 1] * pixel
         rgb = shade(hits.face, hits.barycentric, hits.distance, rays, right, down, self._surfaces)
-        in_range = (hits.distance >= self.camera.min_depth) & (hits.distance <= self.camera.max_depth)
-        depth = np.where(in_range, hits.distance, np.float32(0.0))
         shape = (self.camera.height, self.camera.width)
         label = self._face_label[hits.face].reshape(shape) if labels else None
-        return RenderedImage(rgb.reshape(*shape, 3), depth.reshape(shape), label)
+        return RenderedImage(rgb.reshape(*shape, 3), self._depth(hits), label)
+
+    def depth(self, pose: np.ndarray) -> np.ndarray:
+        """The depth alone, H x W float32, as `render` gives it; the textures are not touched."""
+        return self._depth(self._cast(pose)[2])
+
+    @cached_property
+    def _surfaces(self) -> Surfaces:
+        return prepare_surfaces(self._mesh)
+
+    def _cast(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, Hits]:
+        """The camera's rotation, its rays in the world, and what they hit."""
+        rotation = np.ascontiguousarray(pose[:3, :3], dtype=np.float32)
+        rays, origins = _world_rays(self._rays, rotation, pose[:3, 3].astype(np.float32))
+        # The camera's rays are one metre deep, not one metre long: the distance is the depth along the optical axis.
+        return rotation, rays, self._caster.cast(origins, rays)
+
+    def _depth(self, hits: Hits) -> np.ndarray:
+        in_range = (hits.distance >= self.camera.min_depth) & (hits.distance <= self.camera.max_depth)
+        depth = np.where(in_range, hits.distance, np.float32(0.0))
+        return depth.reshape(self.camera.height, self.camera.width)
 
 
 # By hand and not `rays @ rotation.T`: BLAS keeps its threads spinning for long after so small a product.

@@ -50,6 +50,14 @@ class MeshSimulator:
             )
         self._place = (x, z, yaw)
 
+    def prepare(self) -> None:
+        """Make now what is otherwise made on first use, such as before a simulator is copied.
+
+        Raises:
+            DeuxError: as `observe` and `free_space`.
+        """
+        _ = self._body, self._renderer
+
     def step(self, action: Action) -> bool:
         """Carry out one action; true if the robot touched something and moved less than it was told to."""
         x, z, yaw = self._standing
@@ -78,6 +86,10 @@ class MeshSimulator:
         pose = self.pose
         image = self._renderer.render(pose, labels)
         return Frame(image.rgb, image.depth, pose, image.labels)
+
+    def depth(self) -> np.ndarray:
+        """What `observe` would show as depth, H x W float32, without the cost of drawing colours."""
+        return self._renderer.depth(self.pose)
 
     def free_space(self) -> FreeSpace:
         """The true free floor that is connected to the robot's main floor. Privileged: no agent sees it unasked.

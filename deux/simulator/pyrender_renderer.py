@@ -55,6 +55,10 @@ class PyrenderRenderer:
         depth[(depth < self.camera.min_depth) | (depth > self.camera.max_depth)] = 0.0
         return RenderedImage(rgb, depth, self._draw_labels() if labels else None)
 
+    def depth(self, pose: np.ndarray) -> np.ndarray:
+        """The depth alone, H x W float32; OpenGL draws the colours all the same."""
+        return self.render(pose, labels=False).depth
+
     def _draw_labels(self) -> np.ndarray:
         """Draw the scene again, coloured by label, as the camera stands."""
         assert self._context is not None

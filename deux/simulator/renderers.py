@@ -36,6 +36,9 @@ class Renderer(Protocol):
     def render(self, pose: np.ndarray, labels: bool = True) -> RenderedImage:
         """Render from a 4 x 4 camera-to-world matrix (OpenCV camera axes, metres)."""
 
+    def depth(self, pose: np.ndarray) -> np.ndarray:
+        """The depth alone, H x W float32, as `render` gives it."""
+
 
 def make_renderer(name: str, scene: Scene, camera: Camera) -> Renderer:
     """Make a renderer by name ("embree" or "pyrender").

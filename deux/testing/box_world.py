@@ -122,6 +122,10 @@ class BoxWorld:
         depth = np.where(in_range, depth, 0.0).astype(np.float32)
         return Frame(rgb, depth, pose, ids if labels else None)
 
+    def depth(self) -> np.ndarray:
+        """The depth of `observe`."""
+        return self.observe().depth
+
     def free_space(self) -> FreeSpace:
         """The floor where the robot's centre can be, on a grid of 5 cm, connected to where the robot stands."""
         frame = GridFrame(0.0, 0.0, math.ceil(self.length / 0.05), math.ceil(self.width / 0.05))

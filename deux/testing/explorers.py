@@ -65,7 +65,8 @@ def run(explorer: Explorer, world: BoxWorld, steps: int, seed: int = 0, change: 
         The actions.
     """
     free_space = world.free_space() if Need.FREE_SPACE in explorer.needs else None
-    explorer.reset(Episode(seed, steps, world.camera, world.robot, free_space))
+    names = world.label_names if Need.LABELS in explorer.needs else ()
+    explorer.reset(Episode(seed, steps, world.camera, world.robot, free_space, names))
     actions: list[Action] = []
     collided = False
     for step in range(steps):

@@ -1,0 +1,133 @@
+"""The contract of a depth completion model."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from torch import Tensor, nn
+
+
+@dataclass
+class Prediction:
+    """What a depth model returns.
+
+    Args:
+        depth: N x 1 x H x W float32, metres.
+        extras: further N x C x H x W tensors for the model's own losses, by name (such as "prior").
+    """
+
+    depth: Tensor
+    extras: dict[str, Tensor] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """A model's published training augmentation.
+
+    Args:
+        drop_points: (least, most) fraction of the sparse points that is hidden from the network (never from the
+            loss), drawn anew for each sample; None hides none.
+        flip: probability that a sample is mirrored left to right (intrinsics and poses with it).
+    """
+
+    drop_points: tuple[float, float] | None = None
+    flip: float = 0.0
+
+
+@dataclass(frozen=True)
+class Foundation:
+    """A depth model inside another one: trained before it, and frozen while it trains.
+
+    Args:
+        name: the registered name under which it is made and trained by itself.
+        settings: the options that make it such that its weights fit the module.
+        module: where its weights go; part of the model that is built on it.
+    """
+
+    name: str
+    settings: Mapping[str, Any]
+    module: nn.Module
+
+
+LossSettings = Mapping[str, float | Mapping[str, Any]]
+"""Loss terms by registered name: a weight, or {"weight": w, **options of the term's constructor}."""
+
+
+class DepthModel(nn.Module, ABC):
+    """A depth completion network. All options are in the constructor, each with its published default."""
+
+    supervised: ClassVar[bool] = False
+    """Whether the objective may read ground truth. The data module loads it for supervised models only."""
+
+    objective: ClassVar[LossSettings] = {}
+    """The published loss terms and weights."""
+
+    augmentation: ClassVar[Augmentation] = Augmentation()
+    """The published augmentation."""
+
+    min_depth: float
+    """Nearest depth in metres that the model predicts."""
+
+    max_depth: float
+    """Farthest depth in metres that the model predicts."""
+
+    @abstractmethod
+    def forward(
+        self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
+    ) -> Prediction:
+        """Predict dense depth.
+
+        Args:
+            image: N x 3 x H x W in [0, 1].
+            sparse_depth: N x 1 x H x W metres, 0 = none, as sampled (outliers included).
+            validity: N x 1 x H x W, 1 where a sparse point survives outlier removal, else 0.
+            intrinsics: N x 3 x 3.
+            **prepared: what `prepare` returned, batched, N x C x H x W.
+        """
+
+    def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
+        """Further inputs computed on the CPU in the data workers, from H x W metres; each C x H x W float32."""
+        return {}
+
+    def pose_network(self) -> nn.Module | None:
+        """The model's published pose network, newly made, or None if the model has none.
+
+        Called as `network(target_image, source_image)`, each N x 3 x H x W, it returns N x 4 x 4: the matrix that
+        carries points of the target camera into the source camera.
+        """
+        return None
+
+    def foundation(self) -> Foundation | None:
+        """The depth model that this one is built on, or None if it stands alone.
+
+        Before this model is trained, the framework fills the foundation's module with trained weights
+        (`foundation.checkpoint`) or trains such a model first.
+        """
+        return None
+
+    def published_modules(self) -> dict[str, nn.Module]:
+        """The published checkpoint's sub-dictionaries and the modules whose state they hold, key by key."""
+        return {}
+
+    size_multiple: ClassVar[int] = 1
+    """`predict` pads images to a multiple of this many pixels and crops the result."""
+
+    def predict(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
+        """Predict dense depth from plain camera data; see `deux.training.prediction.predict`.
+
+        Args:
+            image: N x 3 x H x W in [0, 1].
+            sparse_depth: N x 1 x H x W metres, 0 = none.
+            intrinsics: N x 3 x 3.
+
+        Returns:
+            N x 1 x H x W float32 metres.
+        """
+        # The contracts compute nothing: this is the one door from them to the framework.
+        from deux.training.prediction import predict
+
+        return predict(self, image, sparse_depth, intrinsics)

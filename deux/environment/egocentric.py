@@ -1,0 +1,81 @@
+"""What a learned explorer sees of its own map: two crops around the robot, turned so that it looks up."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from deux.geometry.grid import GridFrame
+from deux.mapping.occupancy import FREE, OCCUPIED, UNKNOWN
+
+CHANNELS = ("free", "occupied", "unknown", "visited")
+"""The channels of a crop. Each pixel holds the share of its area, 0 to 255."""
+
+SAMPLES = 3
+"""Points along a pixel's edge at which the map is looked up."""
+
+
+@dataclass(frozen=True)
+class Crops:
+    """The size of the two crops.
+
+    Args:
+        near: edge of the near crop in metres; exploring_exploration's is 4.
+        far: edge of the far crop in metres; the published 20 is more than a flat.
+        pixels: edge of each crop in pixels.
+    """
+
+    near: float = 4.0
+    far: float = 16.0
+    pixels: int = 32
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Channels x rows x columns."""
+        return len(CHANNELS), self.pixels, self.pixels
+
+
+def egocentric_crop(
+    occupancy: np.ndarray, visited: np.ndarray, frame: GridFrame, pose: np.ndarray, edge: float, pixels: int
+) -> np.ndarray:
+    """Cut a square out of a map, with the robot in its middle and its heading up.
+
+    Args:
+        occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free. Outside the map everything is unknown.
+        visited: rows x columns bool, where the robot has been.
+        frame: where both lie.
+        pose: 4 x 4 camera-to-world.
+        edge: edge of the square in metres.
+        pixels: edge of the square in pixels.
+
+    Returns:
+        4 x pixels x pixels uint8: for each of `CHANNELS` the share of the pixel's area that it covers, times 255.
+    """
+    forward = pose[[0, 2], 2] / np.hypot(pose[0, 2], pose[2, 2])
+    lattice = (frame.origin_x, frame.origin_z, frame.resolution)
+    return _crop(occupancy, visited, lattice, (pose[0, 3], pose[2, 3]), (forward[0], forward[1]), edge, pixels)
+
+
+@njit(cache=True, nogil=True)
+def _crop(occupancy, visited, lattice, place, forward, edge, pixels):  # type: ignore[no-untyped-def]
+    origin_x, origin_z, resolution = lattice
+    rows, columns = occupancy.shape
+    step = edge / (pixels * SAMPLES)
+    counts = np.zeros((4, pixels, pixels), np.int32)
+    for v in range(pixels * SAMPLES):
+        ahead = edge / 2.0 - (v + 0.5) * step
+        for u in range(pixels * SAMPLES):
+            right = (u + 0.5) * step - edge / 2.0
+            # In the Y-up world, right of the heading (fx, fz) is (-fz, fx).
+            x = place[0] + ahead * forward[0] - right * forward[1]
+            z = place[1] + ahead * forward[1] + right * forward[0]
+            row = int(np.floor((z - origin_z) / resolution))
+            column = int(np.floor((x - origin_x) / resolution))
+            kind = UNKNOWN
+            if 0 <= row < rows and 0 <= column < columns:
+                kind = occupancy[row, column]
+                if visited[row, column]:
+                    counts[3, v // SAMPLES, u // SAMPLES] += 1
+            channel = 0 if kind == FREE else (1 if kind == OCCUPIED else 2)
+            counts[channel, v // SAMPLES, u // SAMPLES] += 1
+    return (counts * 255 // (SAMPLES * SAMPLES)).astype(np.uint8)

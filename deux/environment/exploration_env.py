@@ -1,0 +1,158 @@
+"""The simulator as a Gymnasium environment, for policies that learn to explore."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from deux.contracts import Episode, Experience, Frame, Need, Observation, Reward, Robot
+from deux.environment.egocentric import Crops
+from deux.environment.memory import MOVES, ExplorationMemory
+from deux.environment.scene_pool import ScenePool
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.registry import registry
+from deux.scenes.sources import SceneReference, scene_splits
+from deux.simulator.starts import random_starts
+
+Extra = Literal["depth", "rgb"]
+
+
+class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
+    """A robot explores scenes; `deux/Exploration-v0`.
+
+    Actions are `MOVES`: 0 forward, 1 left, 2 right. Observations are a dictionary: "near" and "far", crops of the map
+    that the robot made so far, its heading up (`deux.environment.egocentric`); "body", its last move and whether
+    something was in the way; and if they are asked for "depth", 1 x H x W uint8 (0 none, 255 the camera's greatest
+    depth), and "rgb", 3 x H x W uint8. Only what is asked for is rendered. `info` holds "area_seen" (square metres of
+    the map that are known), "collided" and "scene". An episode is truncated after its steps and never terminated.
+
+    Args:
+        scenes: where the episodes take place, drawn at random; or a number of generated flats of the training split.
+            `reset(options={"scene": i})` chooses one.
+        reward: a registered reward by name, or one made beforehand.
+        reward_options: options of the reward that is named.
+        extras: what the observation holds besides maps and body.
+        steps: actions in an episode.
+        camera: the robot's; 64 x 64 pixels are enough for a map with cells of 0.1 m.
+        robot: its body and motion.
+        crops: the size of the crops.
+        pool: scenes that are loaded already, to share with other environments of the process; it has the camera and
+            the robot.
+        render_mode: "rgb_array" makes `render` return what the robot's camera sees.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
+
+    def __init__(
+        self,
+        scenes: Sequence[SceneReference] | int = 16,
+        reward: str | Reward = "coverage",
+        reward_options: Mapping[str, Any] | None = None,
+        extras: Sequence[Extra] = (),
+        steps: int = 500,
+        camera: Camera | None = None,
+        robot: Robot | None = None,
+        crops: Crops | None = None,
+        pool: ScenePool | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if isinstance(scenes, int):
+            scenes = scene_splits({"source": "apartments", "train": scenes}, ["train"]).train
+        if unknown := set(extras) - {"depth", "rgb"}:
+            raise DeuxError(f"extras has {sorted(unknown)[0]!r} in it: it can hold depth and rgb.")
+        self.render_mode = render_mode
+        self.reward = registry().create("rewards", reward, reward_options or {}) if isinstance(reward, str) else reward
+        self._labels = Need.LABELS in self.reward.needs
+        self._scenes = scenes
+        self._extras = frozenset(extras)
+        self._steps = steps
+        self._crops = crops or Crops()
+        drawn = "rgb" in self._extras or self._labels or render_mode is not None
+        self._pool = pool or ScenePool(camera or Camera(64, 64), robot or Robot(), textured=drawn)
+        self.observation_space: spaces.Space[dict[str, np.ndarray]] = self._space()
+        self.action_space = spaces.Discrete(len(MOVES))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin an episode at a random place of some scene's floor.
+
+        Args:
+            seed: of this and the following episodes.
+            options: "scene", the number of the scene; "steps", the length of this episode.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        index = int(options.get("scene", self.np_random.integers(len(self._scenes))))
+        self._length = int(options.get("steps", self._steps))
+        self.simulator = self._pool.simulator(self._scenes[index])
+        self.simulator.reset(*random_starts(self.simulator.free_space(), 1, self.np_random)[0])
+        self.memory = ExplorationMemory(self._pool.camera, self._pool.robot, self._crops)
+        names = self.simulator.label_names if self._labels else ()
+        episode_seed = int(self.np_random.integers(2**31))
+        self.reward.reset(Episode(episode_seed, self._length, self._pool.camera, self._pool.robot, label_names=names))
+        self._step = 0
+        observation, _ = self._look(None, collided=False)
+        return observation, self._info(collided=False)
+
+    def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Carry out one of `MOVES`."""
+        move = MOVES[int(action)]
+        self.memory.acted(move)
+        collided = self.simulator.step(move)
+        self._step += 1
+        observation, reward = self._look(int(move), collided)
+        return observation, reward, False, self._step >= self._length, self._info(collided)
+
+    def reward_state(self) -> dict[str, np.ndarray]:
+        """What the reward learned so far (`Reward.state`)."""
+        return self.reward.state()
+
+    def load_reward_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Let the reward go on from an earlier `reward_state`."""
+        self.reward.load_state(state)
+
+    def render(self) -> np.ndarray | None:
+        """What the robot's camera sees, H x W x 3 uint8, if the render mode is "rgb_array"."""
+        return self.simulator.observe().rgb if self.render_mode == "rgb_array" else None
+
+    def _look(self, action: int | None, collided: bool) -> tuple[dict[str, np.ndarray], float]:
+        """Map what is seen and judge it."""
+        frame = self._frame()
+        self.memory.see(frame.depth, frame.pose, collided)
+        view = self.memory.view()
+        known = self.memory.occupancy
+        labels = frame.labels if self._labels else None
+        observation = Observation(self._step, frame.pose, collided, frame.rgb, frame.depth, labels=labels)
+        experience = Experience(observation, action, known.frame, known.cells, known.views, known.seen, view)
+        reward = float(self.reward(experience))
+        if "depth" in self._extras:
+            view["depth"] = (frame.depth * (255.0 / self._pool.camera.max_depth)).astype(np.uint8)[None]
+        if "rgb" in self._extras:
+            view["rgb"] = np.ascontiguousarray(np.moveaxis(frame.rgb, 2, 0))
+        return view, reward
+
+    def _frame(self) -> Frame:
+        if self._labels or "rgb" in self._extras:
+            return self.simulator.observe(labels=self._labels)
+        nothing = np.zeros((0, 0, 3), np.uint8)
+        return Frame(nothing, self.simulator.depth(), self.simulator.pose)
+
+    def _info(self, collided: bool) -> dict[str, Any]:
+        known = self.memory.occupancy
+        area = float(np.count_nonzero(known.cells)) * known.resolution**2
+        return {"area_seen": area, "collided": collided, "scene": self.simulator.scene.name}
+
+    def _space(self) -> spaces.Space[dict[str, np.ndarray]]:
+        camera = self._pool.camera
+        crop = spaces.Box(0, 255, self._crops.shape, np.uint8)
+        found: dict[str, spaces.Space[Any]] = {"near": crop, "far": crop}
+        found["body"] = spaces.Box(0.0, 1.0, (len(MOVES) + 1,), np.float32)
+        if "depth" in self._extras:
+            found["depth"] = spaces.Box(0, 255, (1, camera.height, camera.width), np.uint8)
+        if "rgb" in self._extras:
+            found["rgb"] = spaces.Box(0, 255, (3, camera.height, camera.width), np.uint8)
+        return spaces.Dict(found)  # type: ignore[return-value]

@@ -1,0 +1,66 @@
+"""What a learned explorer remembers of an episode, and how it sees that: the same in training and in collection."""
+
+import numpy as np
+
+from deux.contracts import Action, Robot
+from deux.environment.egocentric import Crops, egocentric_crop
+from deux.geometry.camera import Camera
+from deux.mapping.occupancy import OccupancyMap
+
+MOVES = (Action.FORWARD, Action.LEFT, Action.RIGHT)
+"""What a learned explorer chooses from; it never stops before its time."""
+
+
+class ExplorationMemory:
+    """The map and the last move of one episode.
+
+    Args:
+        camera: the camera that the depth images come from.
+        robot: its body.
+        crops: what is cut out of the map.
+        resolution: edge of a map cell in metres; 0.1 as in exploring_exploration.
+    """
+
+    def __init__(self, camera: Camera, robot: Robot, crops: Crops, resolution: float = 0.1) -> None:
+        self.crops = crops
+        self.occupancy = OccupancyMap(camera, robot, resolution)
+        self._least_move = 0.25 * robot.forward_step
+        self._pose: np.ndarray | None = None
+        self._collided = False
+        self._action: Action | None = None
+
+    def see(self, depth: np.ndarray, pose: np.ndarray, collided: bool) -> None:
+        """Enter a frame.
+
+        Args:
+            depth: H x W metres, 0 = none.
+            pose: 4 x 4 camera-to-world.
+            collided: whether the last action was cut short by an obstacle.
+        """
+        self.occupancy.update(depth, pose)
+        if self._action is Action.FORWARD and self._pose is not None:
+            moved = np.hypot(*(pose[[0, 2], 3] - self._pose[[0, 2], 3]))
+            if moved < self._least_move:
+                self.occupancy.mark_contact(pose)
+        self._pose, self._collided = pose, collided
+
+    def acted(self, action: Action) -> None:
+        """Remember what was done in answer to the last frame."""
+        self._action = action
+
+    def view(self) -> dict[str, np.ndarray]:
+        """What the policy sees.
+
+        Returns:
+            "near" and "far", the crops of the map, each 4 x pixels x pixels uint8; and "body", 4 float32: which of
+            `MOVES` was the last action, one-hot, and whether it was cut short.
+        """
+        assert self._pose is not None
+        known, crops = self.occupancy, self.crops
+        body = [*(float(self._action is move) for move in MOVES), float(self._collided)]
+        edges = {"near": crops.near, "far": crops.far}
+        view = {
+            name: egocentric_crop(known.cells, known.visited, known.frame, self._pose, edge, crops.pixels)
+            for name, edge in edges.items()
+        }
+        return {**view, "body": np.array(body, np.float32)}

@@ -1,0 +1,64 @@
+"""What the learned explorers have in common: a map, a trained policy, and the draw of an action."""
+
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import torch
+
+from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
+from deux.environment.memory import MOVES, ExplorationMemory
+from deux.policies.policy_files import TrainedPolicy, load_policy
+
+
+class LearnedExplorer(Explorer):
+    """Maps what the sensor sees, shows the map to a policy, and does what the policy says.
+
+    A subclass names the reward that its policy is trained for and the file with the weights that ship with it.
+
+    Args:
+        weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
+        greedy: whether the likeliest action is taken. Otherwise actions are drawn, as they were in training.
+    """
+
+    reward: ClassVar[str]
+    """Registered name of the reward that the policy is trained for."""
+
+    shipped_weights: ClassVar[Path]
+    """The policy file that is used unless another one is named."""
+
+    needs = frozenset({Need.SENSOR_DEPTH})
+
+    def __init__(self, weights: str | None = None, greedy: bool = False) -> None:
+        self._weights = Path(weights) if weights is not None else self.shipped_weights
+        self._greedy = greedy
+        self._policy: TrainedPolicy | None = None
+
+    def reset(self, episode: Episode) -> None:
+        """Begin an episode.
+
+        Raises:
+            DeuxError: there is no such policy file, or it is none.
+        """
+        if self._policy is None:
+            self._policy = load_policy(self._weights)
+        self._rng = np.random.default_rng(episode.seed)
+        self._memory = ExplorationMemory(episode.camera, episode.robot, self._policy.crops, self._policy.resolution)
+
+    @torch.inference_mode()
+    def act(self, observation: Observation) -> Action:
+        """Map the frame and ask the policy."""
+        assert self._policy is not None
+        assert observation.sensor_depth is not None
+        self._memory.see(observation.sensor_depth, observation.pose, observation.collided)
+        view = {name: torch.from_numpy(part)[None] for name, part in self._memory.view().items()}
+        view = {name: part / 255.0 if part.dtype == torch.uint8 else part for name, part in view.items()}
+        chances = self._policy.network(view)[0].softmax(dim=0).double().numpy()
+        index = int(chances.argmax()) if self._greedy else int(self._rng.choice(len(MOVES), p=chances / chances.sum()))
+        self._memory.acted(MOVES[index])
+        return MOVES[index]
+
+    def map(self) -> ExplorerMap | None:
+        """The map as it stands; None before the first step."""
+        known = self._memory.occupancy
+        return None if known.cells.size == 0 else ExplorerMap(known.frame, known.cells.copy())

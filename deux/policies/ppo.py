@@ -1,0 +1,231 @@
+"""Training a policy with stable-baselines3's PPO on the exploration environment."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor, VecNormalize
+from torch import Tensor
+
+from deux.data.progress import Progress, ignore_progress
+from deux.environment.exploration_env import ExplorationEnv
+from deux.errors import check_range
+from deux.policies.network import FEATURES, MapEncoder, PolicyNetwork
+from deux.policies.training_state import TrainingState, load_training_state, save_training_state
+
+
+@dataclass(frozen=True)
+class PPOSettings:
+    """How a policy is trained.
+
+    Args:
+        steps: steps of all environments together.
+        episode: steps in an episode.
+        environments: environments that run in lock-step.
+        parallel: whether each environment gets a process of its own; slower on few cores.
+        rollout: steps of each environment between two updates.
+        batch_size: of the gradient steps.
+        epochs: passes over each rollout.
+        learning_rate: of Adam at the beginning; it falls linearly to 0.
+        discount: gamma.
+        gae: lambda of the generalised advantage estimate.
+        clip: of the probability ratio.
+        entropy: weight of the entropy bonus.
+        checkpoint: updates between two checkpoints.
+    """
+
+    steps: int = 500_000
+    episode: int = 500
+    environments: int = 16
+    parallel: bool = False
+    rollout: int = 128
+    batch_size: int = 512
+    epochs: int = 4
+    learning_rate: float = 5.0e-4
+    discount: float = 0.99
+    gae: float = 0.95
+    clip: float = 0.2
+    entropy: float = 0.01
+    checkpoint: int = 10
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "episode", "environments", "rollout", "epochs", "checkpoint"):
+            check_range(f"explorer_training.{name}", getattr(self, name), 1)
+        check_range("explorer_training.batch_size", self.batch_size, 2, self.environments * self.rollout)
+
+
+@dataclass
+class LearningCurve:
+    """How training went, one entry for each update, each a mean over the latest episodes.
+
+    Args:
+        steps: steps of all environments so far.
+        reward: sum of an episode's rewards, as the reward gives them.
+        area: square metres of the map that an episode knew at its end.
+    """
+
+    steps: list[int] = field(default_factory=list)
+    reward: list[float] = field(default_factory=list)
+    area: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """What training leaves.
+
+    Args:
+        network: the policy.
+        reward_state: what the first environment's reward learned.
+        curve: the learning curve.
+    """
+
+    network: PolicyNetwork
+    reward_state: Mapping[str, np.ndarray]
+    curve: LearningCurve
+
+
+def train_policy(
+    settings: PPOSettings,
+    make_environment: Callable[[], ExplorationEnv],
+    seed: int,
+    folder: Path,
+    progress: Progress = ignore_progress,
+) -> TrainingResult:
+    """Train a policy, or go on with the training whose checkpoint is in the folder.
+
+    Args:
+        settings: how.
+        make_environment: makes one environment; picklable where they are parallel.
+        seed: of the first weights, the episodes and the actions.
+        folder: for `checkpoint.pt`, and in `logs` the TensorBoard and CSV logs.
+        progress: told the number of steps.
+
+    Raises:
+        DeuxError: the checkpoint is damaged or of another network; the disk is full.
+    """
+    environments = _vectorised(settings, make_environment)
+    pixels = environments.observation_space["near"].shape[-1]  # type: ignore[index]
+    environments.seed(seed)
+    # Episodes that all begin together would show PPO one phase of an episode at a time.
+    lengths = np.linspace(0, settings.episode, settings.environments + 1)[1:].astype(int)
+    environments.set_options([{"steps": int(length)} for length in lengths])
+    normalised = VecNormalize(environments, norm_obs=False, gamma=settings.discount)
+    learner = PPO(
+        "MultiInputPolicy",
+        normalised,
+        learning_rate=lambda remaining: settings.learning_rate * remaining,
+        n_steps=settings.rollout,
+        batch_size=settings.batch_size,
+        n_epochs=settings.epochs,
+        gamma=settings.discount,
+        gae_lambda=settings.gae,
+        clip_range=settings.clip,
+        ent_coef=settings.entropy,
+        policy_kwargs={
+            "features_extractor_class": _Extractor,
+            "features_extractor_kwargs": {"pixels": pixels},
+            "net_arch": [],
+        },
+        seed=seed,
+        device="cpu",  # the network is far too small for a graphics card to help
+    )
+    curve = LearningCurve()
+    checkpoint = folder / "checkpoint.pt"
+    if checkpoint.exists():
+        _resume(load_training_state(checkpoint), learner, normalised, curve)
+    learner.set_logger(configure(str(folder / "logs"), ["csv", "tensorboard"]))
+    left = settings.steps - learner.num_timesteps
+    if left > 0:
+        record = _Record(curve, settings, checkpoint, normalised, progress)
+        learner.learn(left, callback=record, reset_num_timesteps=False)
+    network = PolicyNetwork(pixels)
+    extractor = learner.policy.features_extractor
+    assert isinstance(extractor, _Extractor)
+    network.encoder.load_state_dict(extractor.encoder.state_dict())
+    network.action.load_state_dict(learner.policy.action_net.state_dict())
+    rewards = environments.env_method("reward_state")
+    environments.close()
+    return TrainingResult(network.eval(), rewards[0], curve)
+
+
+def _vectorised(settings: PPOSettings, make: Callable[[], ExplorationEnv]) -> VecEnv:
+    makers: list[Callable[[], gymnasium.Env[Any, Any]]] = [make] * settings.environments
+    vectorised = SubprocVecEnv(makers, "spawn") if settings.parallel else DummyVecEnv(makers)
+    return VecMonitor(vectorised, info_keywords=("area_seen",))
+
+
+def _resume(state: TrainingState, learner: PPO, normalised: VecNormalize, curve: LearningCurve) -> None:
+    learner.policy.load_state_dict(state.policy)
+    learner.policy.optimizer.load_state_dict(dict(state.optimiser))
+    learner.num_timesteps = state.steps
+    returns = normalised.ret_rms
+    returns.mean, returns.var, returns.count = np.array(state.returns[0]), np.array(state.returns[1]), state.returns[2]
+    for index, reward in enumerate(state.rewards):
+        normalised.env_method("load_reward_state", reward, indices=index)
+    curve.steps, curve.reward, curve.area = state.curve
+
+
+class _Record(BaseCallback):
+    """Writes down the learning curve and the checkpoints."""
+
+    def __init__(
+        self, curve: LearningCurve, settings: PPOSettings, checkpoint: Path, normalised: VecNormalize, report: Progress
+    ) -> None:
+        super().__init__()
+        self._curve, self._settings, self._checkpoint = curve, settings, checkpoint
+        self._normalised, self._report = normalised, report
+        self._updates = 0
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        """Every update but the last ends here; what it did is part of the checkpoint."""
+        if self._updates and self._updates % self._settings.checkpoint == 0:
+            self._save()
+
+    def _on_rollout_end(self) -> None:
+        self._updates += 1
+        episodes = self.model.ep_info_buffer
+        # The first episodes are cut short: their sums are smaller than they would be.
+        whole = [episode for episode in episodes or () if episode["l"] == self._settings.episode]
+        if whole:
+            self._curve.steps.append(self.num_timesteps)
+            self._curve.reward.append(float(np.mean([episode["r"] for episode in whole])))
+            self._curve.area.append(float(np.mean([episode["area_seen"] for episode in whole])))
+            self.logger.record("rollout/area_seen", self._curve.area[-1])
+        self._report("explorer training", min(self.num_timesteps, self._settings.steps), self._settings.steps)
+
+    def _on_training_end(self) -> None:
+        self._save()
+
+    def _save(self) -> None:
+        learner, returns = self.model, self._normalised.ret_rms
+        state = TrainingState(
+            policy=learner.policy.state_dict(),
+            optimiser=learner.policy.optimizer.state_dict(),
+            steps=self.num_timesteps,
+            returns=(float(returns.mean), float(returns.var), float(returns.count)),
+            rewards=self._normalised.env_method("reward_state"),
+            curve=(self._curve.steps, self._curve.reward, self._curve.area),
+        )
+        save_training_state(self._checkpoint, state)
+
+
+class _Extractor(BaseFeaturesExtractor):
+    """The encoder, as stable-baselines3 wants it."""
+
+    def __init__(self, observation_space: gymnasium.Space[Any], pixels: int) -> None:
+        super().__init__(observation_space, FEATURES)
+        self.encoder = MapEncoder(pixels)
+
+    def forward(self, observations: dict[str, Tensor]) -> Tensor:
+        features: Tensor = self.encoder(observations)
+        return features

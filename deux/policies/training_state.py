@@ -1,0 +1,58 @@
+"""A policy's training in a file, from which it goes on. Reading one executes no code."""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from pickle import UnpicklingError
+from typing import Any
+
+import numpy as np
+import torch
+
+from deux.data.atomic import read_bytes, write_atomically
+from deux.errors import DeuxError
+
+
+@dataclass(frozen=True)
+class TrainingState:
+    """All that training goes on with, but for the episodes that are under way: those begin anew.
+
+    Args:
+        policy: the policy's weights, as stable-baselines3 names them.
+        optimiser: Adam's state.
+        steps: steps of all environments so far.
+        returns: mean, variance and count of the discounted returns, by which rewards are normalised.
+        rewards: what each environment's reward learned.
+        curve: steps, rewards and areas of the learning curve.
+    """
+
+    policy: Mapping[str, Any]
+    optimiser: Mapping[str, Any]
+    steps: int
+    returns: tuple[float, float, float]
+    rewards: Sequence[Mapping[str, np.ndarray]]
+    curve: tuple[list[int], list[float], list[float]]
+
+
+def save_training_state(path: Path, state: TrainingState) -> None:
+    """Write a checkpoint, whole or not at all."""
+    content = {field.name: getattr(state, field.name) for field in fields(state)}
+    content["rewards"] = [{name: torch.tensor(value) for name, value in reward.items()} for reward in state.rewards]
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    write_atomically(path, buffer.getvalue())
+
+
+def load_training_state(path: Path) -> TrainingState:
+    """Read a checkpoint.
+
+    Raises:
+        DeuxError: it is damaged.
+    """
+    try:
+        content = torch.load(io.BytesIO(read_bytes(path)), map_location="cpu", weights_only=True)
+        content["rewards"] = [{name: value.numpy() for name, value in reward.items()} for reward in content["rewards"]]
+        return TrainingState(**content)
+    except (RuntimeError, UnpicklingError, EOFError, KeyError, TypeError, ValueError) as error:
+        raise DeuxError(f"{path} is damaged ({str(error).splitlines()[0]}): delete it to train from zero.") from error

@@ -40,6 +40,7 @@ TASKS = {
     "train": "train the depth model on the dataset, which is collected first if it is not there",
     "evaluate": "evaluate a trained model on the held-out scenes",
     "predict": "complete the depth of one frame, from files and to files",
+    "train_explorer": "train the policy of a learned explorer with PPO",
     "export": "write a trained model as model.onnx",
 }
 """What `task=` can be and what it does; each is the module of that name in `deux.tasks`."""
@@ -60,6 +61,7 @@ OPEN_NODES = (
     "verification",
     "training",
     "trainer",
+    "explorer_training",
 )
 """The nodes that become constructor arguments. Hydra takes any key there without a "+"; misspelt ones are caught by
 `deux.options.construct`, which knows the constructor."""
@@ -165,14 +167,19 @@ def user_path(path: str | Path) -> Path:
 
 
 def run_id(cfg: DictConfig) -> str:
-    """The name of a configuration's run folder, "<model>-<explore>-<hash>", or "<task>-<hash>" where a model is given.
+    """The name of a configuration's run folder: "<model>-<explore>-<hash>", or "<task>-<hash>" where a model is given.
 
     The hash is of everything but the paths and Hydra's own settings: the same command finds its folder again and
     goes on where it was.
     """
     content = {key: _plain(cfg[key]) for key in cfg if key not in ("hydra", "paths")}
-    name = cfg.task if cfg.task in GIVEN_MODEL_TASKS else f"{cfg.model.name}-{cfg.explore.name}"
-    return f"{name}-{_hash(content)}"
+    return f"{_run_name(cfg)}-{_hash(content)}"
+
+
+def _run_name(cfg: DictConfig) -> str:
+    if cfg.task in GIVEN_MODEL_TASKS:
+        return str(cfg.task)
+    return f"{cfg.task}-{cfg.explore.name}" if cfg.task == "train_explorer" else f"{cfg.model.name}-{cfg.explore.name}"
 
 
 def _plain(value: Any) -> Any:

@@ -101,6 +101,13 @@ class Explorer(ABC):
     def act(self, observation: Observation) -> Action:
         """Choose the next action. `Action.STOP` ends the episode before its time."""
 
+    def fingerprint(self) -> str | None:
+        """What besides the options decides how the explorer acts, such as the hash of a weights file; or None.
+
+        Frames that were collected with another fingerprint are not used again.
+        """
+        return None
+
     def map(self) -> ExplorerMap | None:
         """The map as it stands, for figures; None if the explorer keeps none."""
         return None

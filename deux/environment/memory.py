@@ -11,6 +11,10 @@ MOVES = (Action.FORWARD, Action.LEFT, Action.RIGHT)
 """What a learned explorer chooses from; it never stops before its time."""
 
 
+RESOLUTION = 0.1
+"""Edge of a map cell in metres; as in exploring_exploration."""
+
+
 class ExplorationMemory:
     """The map and the last move of one episode.
 
@@ -18,10 +22,10 @@ class ExplorationMemory:
         camera: the camera that the depth images come from.
         robot: its body.
         crops: what is cut out of the map.
-        resolution: edge of a map cell in metres; 0.1 as in exploring_exploration.
+        resolution: edge of a map cell in metres.
     """
 
-    def __init__(self, camera: Camera, robot: Robot, crops: Crops, resolution: float = 0.1) -> None:
+    def __init__(self, camera: Camera, robot: Robot, crops: Crops, resolution: float = RESOLUTION) -> None:
         self.crops = crops
         self.occupancy = OccupancyMap(camera, robot, resolution)
         self._least_move = 0.25 * robot.forward_step

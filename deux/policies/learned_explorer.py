@@ -8,7 +8,7 @@ import torch
 
 from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
 from deux.environment.memory import MOVES, ExplorationMemory
-from deux.policies.policy_files import TrainedPolicy, load_policy
+from deux.policies.policy_files import TrainedPolicy, load_policy, policy_identity
 
 
 class LearnedExplorer(Explorer):
@@ -33,6 +33,14 @@ class LearnedExplorer(Explorer):
         self._weights = Path(weights) if weights is not None else self.shipped_weights
         self._greedy = greedy
         self._policy: TrainedPolicy | None = None
+
+    def fingerprint(self) -> str:
+        """The hash of the policy file.
+
+        Raises:
+            DeuxError: there is no such file.
+        """
+        return policy_identity(self._weights)
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode.

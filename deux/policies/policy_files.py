@@ -1,5 +1,6 @@
 """Trained policies as files: safetensors, with what made them in the header. Reading one executes no code."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,6 +16,9 @@ from deux.data.atomic import write_atomically
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError
 from deux.policies.network import PolicyNetwork
+
+POLICY_FILE = "policy.safetensors"
+"""Its name in a run folder."""
 
 _POLICY, _REWARD = "policy.", "reward."
 
@@ -57,8 +61,7 @@ def load_policy(path: Path) -> TrainedPolicy:
     Raises:
         DeuxError: there is no such file, or it is no policy file.
     """
-    if not path.exists():
-        raise DeuxError(f"there is no policy file {path}: train one with task=train_explorer.")
+    _check_present(path)
     try:
         with safe_open(path, "np") as file:
             header = json.loads((file.metadata() or {})["deux_policy"])
@@ -72,6 +75,23 @@ def load_policy(path: Path) -> TrainedPolicy:
     except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
         cause = str(error).splitlines()[0]
         raise DeuxError(f"{path} is no policy file as task=train_explorer writes it ({cause}).") from error
+
+
+def policy_identity(path: Path) -> str:
+    """Sixteen hexadecimal digits that any change of a policy file changes.
+
+    Raises:
+        DeuxError: there is no such file.
+    """
+    _check_present(path)
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+
+
+def _check_present(path: Path) -> None:
+    if not path.is_file():
+        raise DeuxError(
+            f"there is no policy file {path}: task=train_explorer makes one, {POLICY_FILE} in its run folder."
+        )
 
 
 def _under(prefix: str, tensors: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

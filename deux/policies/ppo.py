@@ -16,49 +16,9 @@ from torch import Tensor
 
 from deux.data.progress import Progress, ignore_progress
 from deux.environment.exploration_env import ExplorationEnv
-from deux.errors import check_range
 from deux.policies.network import FEATURES, MapEncoder, PolicyNetwork
+from deux.policies.ppo_settings import PPOSettings
 from deux.policies.training_state import TrainingState, load_training_state, save_training_state
-
-
-@dataclass(frozen=True)
-class PPOSettings:
-    """How a policy is trained.
-
-    Args:
-        steps: steps of all environments together.
-        episode: steps in an episode.
-        environments: environments that run in lock-step.
-        parallel: whether each environment gets a process of its own; slower on few cores.
-        rollout: steps of each environment between two updates.
-        batch_size: of the gradient steps.
-        epochs: passes over each rollout.
-        learning_rate: of Adam at the beginning; it falls linearly to 0.
-        discount: gamma.
-        gae: lambda of the generalised advantage estimate.
-        clip: of the probability ratio.
-        entropy: weight of the entropy bonus.
-        checkpoint: updates between two checkpoints.
-    """
-
-    steps: int = 500_000
-    episode: int = 500
-    environments: int = 16
-    parallel: bool = False
-    rollout: int = 128
-    batch_size: int = 512
-    epochs: int = 4
-    learning_rate: float = 5.0e-4
-    discount: float = 0.99
-    gae: float = 0.95
-    clip: float = 0.2
-    entropy: float = 0.01
-    checkpoint: int = 10
-
-    def __post_init__(self) -> None:
-        for name in ("steps", "episode", "environments", "rollout", "epochs", "checkpoint"):
-            check_range(f"explorer_training.{name}", getattr(self, name), 1)
-        check_range("explorer_training.batch_size", self.batch_size, 2, self.environments * self.rollout)
 
 
 @dataclass
@@ -140,7 +100,8 @@ def train_policy(
     checkpoint = folder / "checkpoint.pt"
     if checkpoint.exists():
         _resume(load_training_state(checkpoint), learner, normalised, curve)
-    learner.set_logger(configure(str(folder / "logs"), ["csv", "tensorboard"]))
+    # A folder for each start: the library begins its CSV file anew.
+    learner.set_logger(configure(str(folder / "logs" / f"from_{learner.num_timesteps}"), ["csv", "tensorboard"]))
     left = settings.steps - learner.num_timesteps
     if left > 0:
         record = _Record(curve, settings, checkpoint, normalised, progress)

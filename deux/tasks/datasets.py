@@ -27,11 +27,12 @@ def explored_dataset(
         identity: what identifies that model's weights.
     """
     predictor = FastPredictor(model, settings.trainer.get("accelerator", "auto")) if model else None
+    fingerprint = explorer.create().fingerprint()
     spec = DatasetSpec(
         name=explorer.name,
         scenes=settings.splits.train,
         explorer=explorer.name,
-        explorer_settings=explorer.settings,
+        explorer_settings=explorer.settings if fingerprint is None else {**explorer.settings, "is": fingerprint},
         camera=settings.camera,
         robot=settings.robot,
         renderer=settings.run.renderer,

@@ -1,10 +1,12 @@
 """The sections of the configuration that belong to the tasks themselves, with the range of each value."""
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from deux.errors import check_range
 from deux.geometry.uncertainty import Metric
+from deux.policies.ppo_settings import PPOSettings
 from deux.training.pose_source import PoseKind
 
 FRAMES_OF_A_TRIPLET = 3
@@ -100,6 +102,24 @@ class FoundationSettings:
         check_range("foundation.viewpoints", self.viewpoints, 1)
         check_range("foundation.steps", self.steps, 1)
         check_range("foundation.batch_size", self.batch_size, 1)
+
+
+@dataclass(frozen=True)
+class ExplorerTrainingSettings(PPOSettings):
+    """How `task=train_explorer` trains a policy, and where.
+
+    Args:
+        flats: generated flats, none of them the experiment's own, in which it is trained; None for `scenes.train`.
+        reward_options: options of the reward's constructor.
+    """
+
+    flats: int | None = 48
+    reward_options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.flats is not None:
+            check_range("explorer_training.flats", self.flats, 1)
 
 
 @dataclass(frozen=True)

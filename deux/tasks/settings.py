@@ -19,6 +19,7 @@ from deux.scenes.sources import SceneSplits, scene_splits
 from deux.tasks.sections import (
     CollectSettings,
     EvaluationSettings,
+    ExplorerTrainingSettings,
     ExportSettings,
     FoundationSettings,
     PredictionSettings,
@@ -72,6 +73,7 @@ class Settings:
         self.verification = construct(VerificationSettings, cfg.verification, "verification")
         self.seed_model = construct(SeedSettings, cfg.seed, "seed")
         self.foundation = construct(FoundationSettings, cfg.foundation, "foundation")
+        self.explorer_training = construct(ExplorerTrainingSettings, cfg.explorer_training, "explorer_training")
         self.training = construct(TrainingSettings, cfg.training, "training")
         self.evaluation = construct(EvaluationSettings, cfg.evaluation, "evaluation")
         self.prediction = construct(PredictionSettings, {f.name: cfg[f.name] for f in fields(PredictionSettings)}, "")
@@ -119,6 +121,7 @@ class Settings:
             "evaluate": () if self.evaluation.data else ("test",),
             "predict": (),
             "export": (),
+            "train_explorer": ("train",) if self.explorer_training.flats is None else (),
         }
         return scene_splits(chosen, needed.get(self.run.task, ("train", "test")))
 

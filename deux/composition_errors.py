@@ -14,6 +14,7 @@ _NOUNS = {
     "model": "depth model",
     "explore": "explorer",
     "scenes": "kind of scenes",
+    "callbacks": "callback",
     "experiment": "experiment",
 }
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)

@@ -2,8 +2,9 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -24,11 +25,13 @@ class Results:
         model: name of the depth model.
         explore: name of the explorer that collected the training frames; None if the model was given.
         seed: the run's random seed.
-        frames: number of training frames; None if the model was given.
+        frames: number of training frames, those of all rounds included; None if the model was given.
         metrics: the trained model's four errors.
         baseline: the same for linear interpolation of the sparse points, on the same frames.
         constant: the same for the median of each frame's sparse points.
         seconds: time spent in each stage.
+        rounds: of active collection, each with round, step, frames, area, uncertainty and mae
+            (`deux.training.rounds.Round`); none without it.
     """
 
     model: str
@@ -39,6 +42,7 @@ class Results:
     baseline: dict[str, float]
     constant: dict[str, float]
     seconds: dict[str, float]
+    rounds: list[dict[str, Any]] = field(default_factory=list)
 
     def save(self, folder: Path) -> Path:
         """Write `results.json` into a run folder, whole or not at all."""

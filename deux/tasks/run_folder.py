@@ -12,16 +12,19 @@ from deux.data.atomic import make_folder, write_json
 from deux.errors import DeuxError
 from deux.evaluation.results import RESULTS_FILE
 from deux.training.model_files import MODEL_FILE
+from deux.training.ranks import leads
 
 _IDENTITY_FILE = "run.json"
 _SECONDS_FILE = "seconds.json"
 
-_WORK = ("checkpoints", MODEL_FILE, RESULTS_FILE)
+_WORK = ("checkpoints", "rounds", MODEL_FILE, RESULTS_FILE)
 """What a run leaves in its folder that another run must not go on from."""
 
 
 class RunFolder:
     """Where one run keeps what it leaves behind; the same command again finds it and goes on.
+
+    Where several processes train together, the leading one alone writes here.
 
     Args:
         path: the folder; made if it is absent.
@@ -33,6 +36,8 @@ class RunFolder:
 
     def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
         self.path = path
+        if not leads():
+            return
         make_folder(path)
         identity = path / _IDENTITY_FILE
         mine = json.loads(json.dumps(settings))
@@ -76,6 +81,8 @@ class RunFolder:
         self._count(name, time.perf_counter() - started)
 
     def _count(self, name: str, seconds: float) -> None:
+        if not leads():
+            return
         earlier = self.seconds
         write_json(self.path / _SECONDS_FILE, earlier | {name: round(earlier.get(name, 0.0) + seconds, 2)})
 

@@ -17,6 +17,7 @@ from deux.options import construct, full_settings, plain
 from deux.registry import registry
 from deux.scenes.sources import SceneSplits, scene_splits
 from deux.tasks.sections import (
+    ActiveCollectionSettings,
     CollectSettings,
     EvaluationSettings,
     ExplorerTrainingSettings,
@@ -75,6 +76,8 @@ class Settings:
         self.foundation = construct(FoundationSettings, cfg.foundation, "foundation")
         self.explorer_training = construct(ExplorerTrainingSettings, cfg.explorer_training, "explorer_training")
         self.training = construct(TrainingSettings, cfg.training, "training")
+        active = cfg.get("callbacks")  # there only if the group was chosen
+        self.active = construct(ActiveCollectionSettings, active, "callbacks") if active is not None else None
         self.evaluation = construct(EvaluationSettings, cfg.evaluation, "evaluation")
         self.prediction = construct(PredictionSettings, {f.name: cfg[f.name] for f in fields(PredictionSettings)}, "")
         self.export = construct(ExportSettings, cfg.export, "export")
@@ -117,7 +120,7 @@ class Settings:
             chosen |= {split: _user_paths(chosen.get(split)) for split in ("train", "validation", "test")}
         needed = {
             "collect": ("train",),
-            "train": () if self.run.training_data else ("train",),
+            "train": () if self.run.training_data and self.active is None else ("train",),
             "evaluate": () if self.evaluation.data else ("test",),
             "predict": (),
             "export": (),

@@ -63,8 +63,8 @@ class CuriosityReward(Reward):
         return float((self._model(asked) - now).square().sum())
 
     def state(self) -> dict[str, np.ndarray]:
-        """The forward model's weights."""
-        return {name: value.numpy() for name, value in self._model.state_dict().items()}
+        """The forward model's weights, as they are now."""
+        return {name: value.numpy().copy() for name, value in self._model.state_dict().items()}
 
     def load_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Take up the forward model's weights."""
@@ -78,7 +78,6 @@ class CuriosityReward(Reward):
         flat = torch.from_numpy(blocks.mean(axis=(2, 4), dtype=np.float32).ravel() / 255.0)
         if self._projection.shape != (self._features, len(flat)):
             self._projection = torch.randn(self._features, len(flat), generator=self._generator.manual_seed(0))
-
             self._projection /= len(flat) ** 0.5
         return (self._projection @ flat).relu()
 

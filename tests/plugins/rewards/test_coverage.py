@@ -1,7 +1,7 @@
 import pytest
 
 from deux.contracts import Reward
-from deux.testing.rewards import RewardSuite, judge, two_rooms
+from deux.testing.rewards import RewardSuite, judge, rooms
 from deux_plugins.rewards.coverage import CoverageReward
 
 
@@ -25,7 +25,7 @@ def test_is_the_growth_of_the_known_area_by_hand(make_experience, make_episode):
 
 def test_the_rewards_of_an_episode_add_up_to_what_is_known_at_its_end(make_experience, make_episode):
     reward = CoverageReward()
-    values = judge(reward, two_rooms(), 60)
+    values = judge(reward, rooms, 60)
     assert all(value >= 0.0 for value in values)
     assert sum(values[1:]) > 0.5, "square metres that were not in the first look"
     assert sum(values) < 7.0 * 5.0, "the rooms have 6 x 4 m"

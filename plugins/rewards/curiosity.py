@@ -40,15 +40,18 @@ class CuriosityReward(Reward):
                 nn.Linear(hidden, hidden), nn.LeakyReLU(0.2),
                 nn.Linear(hidden, features),
             )  # fmt: skip
-        self._optimiser = torch.optim.Adam(self._model.parameters(), learning_rate)
-
-    def reset(self, episode: Episode) -> None:
-        """Learn from the episode before, and begin another."""
-        if self._learn and getattr(self, "_inputs", None):
-            self._train(torch.stack(self._inputs), torch.stack(self._targets), episode.seed)
+        self._length = 0
         self._inputs: list[Tensor] = []
         self._targets: list[Tensor] = []
         self._before: Tensor | None = None
+        self._optimiser = torch.optim.Adam(self._model.parameters(), learning_rate)
+
+    def reset(self, episode: Episode) -> None:
+        """Learn from the episode before, and begin another; one that was broken off teaches nothing."""
+        if self._learn and self._inputs and len(self._inputs) == self._length:
+            self._train(torch.stack(self._inputs), torch.stack(self._targets), episode.seed)
+        self._length = episode.steps
+        self._inputs, self._targets, self._before = [], [], None
 
     @torch.no_grad()
     def __call__(self, experience: Experience) -> float:

@@ -42,4 +42,4 @@ def make_experience() -> Callable[..., Experience]:
 @pytest.fixture
 def make_episode() -> Callable[..., Episode]:
     """A function from label names to an episode with a camera of 4 x 4 pixels."""
-    return lambda *names: Episode(0, 10, CAMERA, Robot(), label_names=names)
+    return lambda *names, steps=10: Episode(0, steps, CAMERA, Robot(), label_names=names)

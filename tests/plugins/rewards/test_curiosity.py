@@ -40,7 +40,7 @@ def test_is_the_squared_error_of_the_forward_model_by_hand(make_experience, make
 def test_one_episode_moves_the_forward_model_by_one_step_of_adam_by_hand(make_experience, make_episode):
     reward = constant_model(learning_rate=0.5)
     for expected in (25.0, 2.5**2 + 3.5**2):  # Adam's first step is the learning rate, whatever the gradient is
-        reward.reset(make_episode())
+        reward.reset(make_episode(steps=1))
         reward(make_experience(action=None, view=NOTHING))
         assert reward(make_experience(action=0, view=NOTHING)) == pytest.approx(expected, rel=1e-5)
 
@@ -48,7 +48,16 @@ def test_one_episode_moves_the_forward_model_by_one_step_of_adam_by_hand(make_ex
 def test_nothing_is_learnt_if_it_must_not(make_experience, make_episode):
     reward = constant_model(learning_rate=0.5, learn=False)
     for _ in range(3):
-        reward.reset(make_episode())
+        reward.reset(make_episode(steps=1))
+        reward(make_experience(action=None, view=NOTHING))
+        assert reward(make_experience(action=0, view=NOTHING)) == 25.0
+
+
+def test_an_episode_that_was_broken_off_teaches_nothing(make_experience, make_episode):
+    """So that an environment that is reset with a seed, wherever it stood, does the same again."""
+    reward = constant_model(learning_rate=0.5)
+    for _ in range(3):
+        reward.reset(make_episode(steps=2))
         reward(make_experience(action=None, view=NOTHING))
         assert reward(make_experience(action=0, view=NOTHING)) == 25.0
 

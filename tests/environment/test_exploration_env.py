@@ -107,8 +107,7 @@ def test_scenes_are_drawn_at_random_or_chosen(flats, references):
 
 def test_extras_are_what_the_camera_sees(make):
     environment = make(extras=("depth", "rgb"))
-    for observation, *_ in play(environment, 2):
-        pass
+    observation = play(environment, 2)[-1][0]
     seen = environment.simulator.observe()
     np.testing.assert_array_equal(observation["rgb"], seen.rgb.transpose(2, 0, 1))
     metres = observation["depth"][0] * (10.0 / 255.0)

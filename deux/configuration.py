@@ -147,8 +147,10 @@ def check_plugins(cfg: DictConfig) -> None:
     """
     for group, kind in PLUGIN_GROUPS.items():
         registry().find(kind, str(cfg[group].get("name")))
-    for name in (cfg.seed.explore, *(cfg.compare.explorers or ())):
-        registry().find("explorers", str(name))
+    compared = cfg.compare.explorers if OmegaConf.is_list(cfg.compare.explorers) else ()
+    for name in (cfg.seed.explore, cfg.compare.baseline, *compared):
+        if name is not None:
+            registry().find("explorers", str(name))
     for term in cfg.objective:
         registry().find("losses", str(term))
 

@@ -4,13 +4,12 @@ import csv
 import io
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
-from deux.evaluation.exploration import REWARD, Exploration
+from deux.evaluation.exploration import MEASURES, REWARD, Exploration
 from deux.evaluation.intervals import Estimate, estimate
-from deux.evaluation.sheet import Cell, Sheet
 
 
 @dataclass(frozen=True)
@@ -36,34 +35,6 @@ class ExplorationEpisode:
     seconds: float
 
 
-class Measure(NamedTuple):
-    """A column of the table.
-
-    Args:
-        title: its heading, with the unit.
-        digits: after the decimal point.
-        factor: what the number is multiplied by.
-        best: whether the highest or the lowest mean stands out.
-    """
-
-    title: str
-    digits: int = 1
-    factor: float = 1.0
-    best: Literal["highest", "lowest"] | None = "highest"
-
-
-MEASURES = {
-    "area_seen": Measure("area seen [m²]"),
-    "floor_covered": Measure("free floor covered [%]", factor=100.0),
-    "objects_seen": Measure("objects seen"),
-    "collisions": Measure("collisions", best="lowest"),
-    "path_length": Measure("path length [m]", best=None),
-}
-"""The table's columns, by the name of the number in `Exploration`."""
-
-INTERVAL = "mean ± half the 95 % t interval over the scenes"
-
-
 class Comparison:
     """The episodes of several explorers in the same scenes.
 
@@ -77,53 +48,47 @@ class Comparison:
 
     def __init__(self, episodes: Sequence[ExplorationEpisode], own_rewards: Mapping[str, str]) -> None:
         self.episodes = episodes
+        self.own_rewards = own_rewards
         self.explorers = tuple(dict.fromkeys(episode.explorer for episode in episodes))
         self.rewards = tuple(dict.fromkeys(name for episode in episodes for name in episode.exploration.rewards))
-        self._own_rewards = own_rewards
+        self.names = (*MEASURES, *(REWARD + reward for reward in self.rewards))
+        """The numbers that are compared, as in `Exploration.values`."""
 
-    def sample(self, explorer: str, name: str) -> list[float]:
-        """One number of an explorer's (see `Exploration.values`) in each scene that has it."""
+    def sample(self, explorer: str, name: str) -> dict[str, float]:
+        """One of an explorer's numbers in each scene that has it, by the scene's name."""
         found = defaultdict(list)
         for episode in self.episodes:
             value = episode.exploration.values().get(name)
             if episode.explorer == explorer and value is not None:
                 found[episode.scene].append(value)
-        return [sum(values) / len(values) for values in found.values()]
+        return {scene: sum(values) / len(values) for scene, values in found.items()}
 
-    def estimates(self, explorer: str) -> dict[str, Estimate]:
-        """All of an explorer's numbers."""
-        names = [*MEASURES, *(REWARD + reward for reward in self.rewards)]
-        return {name: estimate(self.sample(explorer, name)) for name in names}
+    def estimate(self, explorer: str, name: str) -> Estimate:
+        """One of an explorer's numbers over all scenes."""
+        return estimate(list(self.sample(explorer, name).values()))
 
-    def sheets(self) -> tuple[Sheet, Sheet]:
-        """The table of the explorers, the best of each column in bold, and the table of their rewards, own in bold."""
-        found = {explorer: self.estimates(explorer) for explorer in self.explorers}
-        best = {name: _best(measure, [found[e][name].mean for e in found]) for name, measure in MEASURES.items()}
-        rows = [
-            (Cell(e), *(_cell(values[name], m, values[name].mean == best[name]) for name, m in MEASURES.items()))
-            for e, values in found.items()
-        ]
-        measured = Sheet(f"What the explorers saw, {INTERVAL}", _header(m.title for m in MEASURES.values()), (*rows,))
-        rows = [
-            (Cell(e), *(_cell(values[REWARD + r], Measure(r, 2), self._own_rewards.get(e) == r) for r in self.rewards))
-            for e, values in found.items()
-        ]
-        return measured, Sheet(f"The rewards of an episode, {INTERVAL}", _header(self.rewards), (*rows,))
+    def gain(self, explorer: str, baseline: str, name: str) -> Estimate:
+        """How much higher an explorer's number is than another's: the difference in each scene, over all scenes.
+
+        Both begin at the same places, so what makes one scene richer than another cancels out.
+        """
+        mine, theirs = self.sample(explorer, name), self.sample(baseline, name)
+        return estimate([mine[scene] - theirs[scene] for scene in mine if scene in theirs])
 
     def summary(self) -> dict[str, dict[str, dict[str, float | None]]]:
         """Each explorer's numbers as JSON values: their means, and half the width of their intervals."""
         return {
-            explorer: {name: {key: _known(x) for key, x in value._asdict().items()} for name, value in found.items()}
+            explorer: {name: _values(self.estimate(explorer, name)) for name in self.names}
             for explorer in self.explorers
-            for found in [self.estimates(explorer)]
         }
 
     def table_csv(self) -> str:
         """One row an explorer: each number's mean, and the ends of its interval."""
         rows = []
         for explorer in self.explorers:
-            row: dict[str, object] = {"explorer": explorer}
-            for name, (mean, half_width) in self.estimates(explorer).items():
+            row: dict[str, Any] = {"explorer": explorer}
+            for name in self.names:
+                mean, half_width = self.estimate(explorer, name)
                 row |= {name: mean, f"{name}_low": mean - half_width, f"{name}_high": mean + half_width}
             rows.append(row)
         return _csv(rows)
@@ -132,32 +97,17 @@ class Comparison:
         """One row an episode."""
         rows = []
         for episode in self.episodes:
-            numbers = dict.fromkeys([*MEASURES, *(REWARD + reward for reward in self.rewards)])
-            about = {"explorer": episode.explorer, "scene": episode.scene, "episode": episode.episode}
-            frames = len(episode.trajectory)
-            rows.append({**about, "seed": episode.seed, "frames": frames, **numbers, **episode.exploration.values()})
+            row = {name: getattr(episode, name) for name in ("explorer", "scene", "episode", "seed")}
+            row |= {"frames": len(episode.trajectory), **dict.fromkeys(self.names), **episode.exploration.values()}
+            rows.append(row)
         return _csv(rows)
 
 
-def _header(titles: Iterable[str]) -> tuple[str, ...]:
-    return ("explorer", *titles)
+def _values(value: Estimate) -> dict[str, float | None]:
+    return {"mean": _known(value.mean), "half_width": _known(value.half_width)}
 
 
-def _best(measure: Measure, means: Sequence[float]) -> float:
-    known = [mean for mean in means if math.isfinite(mean)]
-    if not known or measure.best is None:
-        return math.nan
-    return max(known) if measure.best == "highest" else min(known)
-
-
-def _cell(value: Estimate, measure: Measure, bold: bool) -> Cell:
-    if math.isnan(value.mean):
-        return Cell("-")
-    mean, half_width = (f"{number * measure.factor:.{measure.digits}f}" for number in value)
-    return Cell(mean if math.isnan(value.half_width) else f"{mean} ± {half_width}", bold)
-
-
-def _csv(rows: Sequence[Mapping[str, object]]) -> str:
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()

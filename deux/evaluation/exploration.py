@@ -15,6 +15,8 @@ from deux.mapping.occupancy import FREE, OccupancyMap
 
 SEEN_PIXELS = 10
 """Pixels, of the 64 x 64 of a frame, in which an object has to appear to count as seen: a quarter of a percent."""
+MEASURES = ("area_seen", "floor_covered", "objects_seen", "collisions", "path_length")
+"""An episode's numbers but for the rewards."""
 
 REWARD = "reward_"
 """Prefix of the rewards among an episode's numbers."""
@@ -26,8 +28,7 @@ class Exploration:
 
     Args:
         area_seen: square metres of the floor plan that the map knows, as free or as occupied.
-        floor_covered: share of the floor that the robot could reach which the map knows as free, 0 to 1. A cell with
-            an obstacle in it is occupied as a whole, so somewhat less than 1 is all that can be covered.
+        floor_covered: share of the floor on which the robot's centre could be that the map knows as free, 0 to 1.
         objects_seen: number of objects that filled at least `SEEN_PIXELS` pixels of some frame, counting only what
             lies within 3 m along the floor; None where nothing is labelled.
         collisions: number of actions that an obstacle cut short.

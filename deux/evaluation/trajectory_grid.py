@@ -60,12 +60,12 @@ def draw_trajectory_grid(plan: FreeSpace, trajectories: Sequence[Trajectory]) ->
 
 
 def explored_plan(plan: FreeSpace, trajectory: Trajectory) -> np.ndarray:
-    """The floor plan, rows x columns int8: occupied where something stands, free where the episode saw the floor."""
+    """The floor plan, rows x columns int8: occupied where something stands, free where the map knows the floor."""
     frame = plan.frame
     x = frame.origin_x + (np.arange(frame.columns) + 0.5) * frame.resolution
     z = frame.origin_z + (np.arange(frame.rows) + 0.5) * frame.resolution
     rows, columns = trajectory.frame.cells(*np.meshgrid(x, z))
     inside = trajectory.frame.contains(rows, columns)
     seen = np.zeros(frame.shape, bool)
-    seen[inside] = trajectory.cells[rows[inside], columns[inside]] == FREE
+    seen[inside] = trajectory.cells[rows[inside], columns[inside]] != UNKNOWN
     return np.where(plan.clearance <= 0.0, OCCUPIED, np.where(seen, FREE, UNKNOWN)).astype(np.int8)

@@ -13,6 +13,7 @@ from deux.data.perception import perceive
 from deux.environment.memory import RESOLUTION
 from deux.errors import DeuxError
 from deux.evaluation.comparison import Comparison, ExplorationEpisode
+from deux.evaluation.comparison_sheets import gains_sheet, measures_sheet, rewards_sheet
 from deux.evaluation.drawing import save_figure
 from deux.evaluation.eye import SceneEye
 from deux.evaluation.results import RESULTS_FILE
@@ -108,7 +109,10 @@ def _write(
 ) -> None:
     """Write the tables, results.json last, and print them."""
     amount = f"{len(scenes)} scenes, {settings.compare.seeds} x {settings.compare.steps} steps in each"
-    sheets = comparison.sheets()
+    sheets = [measures_sheet(comparison), rewards_sheet(comparison)]
+    baseline = settings.compare.baseline
+    if baseline in comparison.explorers and len(comparison.explorers) > 1:
+        sheets.append(gains_sheet(comparison, baseline))
     left_out = "".join(f"\nWithout {name}: {reason}\n" for name, reason in contenders.left_out.items())
     page = "\n".join([f"# Explorers compared: {amount}", "", *(sheet.markdown() for sheet in sheets)]) + left_out
     write_atomically(run.path / "table.md", page.encode())

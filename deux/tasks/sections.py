@@ -131,6 +131,7 @@ class CompareSettings:
         flats: number of test scenes; of generated flats there are as many as are asked for.
         steps: actions in an episode.
         seeds: episodes in each scene.
+        baseline: the explorer that the others are measured against, scene by scene; None for none.
         figure_scene: number, from 0, of the scene that the trajectories are drawn in.
     """
 
@@ -138,6 +139,7 @@ class CompareSettings:
     flats: int
     steps: int
     seeds: int
+    baseline: str | None
     figure_scene: int
 
     def __post_init__(self) -> None:

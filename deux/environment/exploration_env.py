@@ -11,7 +11,7 @@ from deux.contracts import Episode, Frame, Need, Reward, Robot
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
 from deux.environment.scene_pool import ScenePool
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.geometry.camera import Camera
 from deux.registry import registry
 from deux.scenes.sources import SceneReference, scene_splits
@@ -63,6 +63,9 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             scenes = scene_splits({"source": "apartments", "train": scenes}, ["train"]).train
         if unknown := set(extras) - {"depth", "rgb"}:
             raise DeuxError(f"extras has {sorted(unknown)[0]!r} in it: it can hold depth and rgb.")
+        if not scenes:
+            raise DeuxError("the environment has no scene to explore: at least one is needed.")
+        check_range("steps", steps, 1)
         self.render_mode = render_mode
         self.reward = registry().create("rewards", reward, reward_options or {}) if isinstance(reward, str) else reward
         self._labels = Need.LABELS in self.reward.needs
@@ -72,6 +75,8 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._crops = crops or Crops()
         drawn = "rgb" in self._extras or self._labels or render_mode is not None
         self._pool = pool or ScenePool(camera or Camera(64, 64), robot or Robot(), textured=drawn)
+        if ("rgb" in self._extras or render_mode is not None) and not self._pool.textured:
+            raise DeuxError("the pool's scenes are without textures: colours need ScenePool(..., textured=True).")
         self.observation_space: spaces.Space[dict[str, np.ndarray]] = self._space()
         self.action_space = spaces.Discrete(len(MOVES))
 
@@ -83,10 +88,15 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         Args:
             seed: of this and the following episodes.
             options: "scene", the number of the scene; "steps", the length of this episode.
+
+        Raises:
+            DeuxError: there is no such scene, or it has not what the reward needs.
         """
         super().reset(seed=seed)
         options = options or {}
         index = int(options.get("scene", self.np_random.integers(len(self._scenes))))
+        if not 0 <= index < len(self._scenes):
+            raise DeuxError(f"there is no scene {index}: the environment has {len(self._scenes)}, from 0.")
         self._length = int(options.get("steps", self._steps))
         self.simulator = self._pool.simulator(self._scenes[index])
         self.simulator.reset(*random_starts(self.simulator.free_space(), 1, self.np_random)[0])

@@ -113,3 +113,21 @@ def test_faces_are_those_that_the_labels_belong_to(box: Scene) -> None:
     assert (depth == 0.0).any()  # the far wall is out of range
     np.testing.assert_array_equal(face, np.where(depth > 0.0, face, -1))
     np.testing.assert_array_equal(face[depth > 0.0] // 2, image.labels[depth > 0.0])  # side i is faces 2i and 2i + 1
+
+
+def test_depth_alone_is_that_of_the_image_and_needs_no_textures(
+    box: Scene, flat: Scene, flat_poses: list[np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deux.simulator.embree_renderer.prepare_surfaces", lambda mesh: pytest.fail("shading"))
+    alone = [
+        [(renderer, pose, renderer.depth(pose)) for pose in poses]
+        for renderer, poses in (
+            (EmbreeRenderer(box, Camera(33, 40, 90.0, min_depth=1.2, max_depth=2.0)), poses_in(box)),
+            (EmbreeRenderer(flat, Camera(48, 32)), flat_poses),
+        )
+    ]
+    monkeypatch.undo()
+    for renderer, pose, depth in (part for parts in alone for part in parts):
+        assert depth.dtype == np.float32
+        np.testing.assert_array_equal(depth, renderer.render(pose).depth)
+        assert (depth > 0).any()

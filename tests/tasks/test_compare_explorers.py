@@ -8,11 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import torch
 
 from deux.environment.egocentric import Crops
-from deux.policies.network import PolicyNetwork
-from deux.policies.policy_files import TrainedPolicy, save_policy
+from deux.policies.policy_files import save_policy
+from deux.testing.learned_explorers import untrained_policy
 
 SMALL = ["task=compare_explorers", "compare.flats=2", "compare.steps=6"]
 
@@ -97,10 +96,7 @@ def test_processes_change_nothing(compare, finished, tmp_path):
 
 def test_guided_and_learned_explorers_take_part(compare, model_file, tmp_path):
     policy = tmp_path / "policy.safetensors"
-    with torch.random.fork_rng():
-        torch.manual_seed(0)
-        network = PolicyNetwork(Crops().pixels)
-    save_policy(policy, TrainedPolicy(network, Crops(), 0.1, {}, {}))
+    save_policy(policy, untrained_policy(Crops()))
     chosen = ["compare.explorers=[deux,coverage]", "explore=coverage", f"explore.weights={policy}", "compare.seeds=2"]
     outcome = compare(tmp_path / "run", *chosen, "compare.flats=1", f"seed.checkpoint={model_file('kbnet')}")
     assert (outcome.code, outcome.err) == (0, "")

@@ -1,8 +1,8 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from deux.configuration import compose
 from deux.contracts import Episode, Experience, Observation
@@ -11,22 +11,19 @@ from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
 from deux.geometry.robot import Robot
-from deux.policies.network import PolicyNetwork
-from deux.policies.policy_files import TrainedPolicy, save_policy
+from deux.policies.policy_files import save_policy
 from deux.registry import registry
 from deux.tasks.contenders import Contenders, find_contenders, make_rewards
 from deux.tasks.settings import Settings
+from deux.testing.learned_explorers import untrained_policy
 
 
 @pytest.fixture
 def policy(tmp_path) -> Path:
     """An untrained policy, whose curiosity has learned to foresee nothing but zeros."""
     foreseen = {name: 0.0 * value for name, value in registry().create("rewards", "curiosity", {}).state().items()}
-    with torch.random.fork_rng():
-        torch.manual_seed(0)
-        network = PolicyNetwork(Crops().pixels)
     path = tmp_path / "policy.safetensors"
-    save_policy(path, TrainedPolicy(network, Crops(), 0.1, foreseen, {}))
+    save_policy(path, replace(untrained_policy(Crops()), reward_state=foreseen))
     return path
 
 

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from deux.contracts import Episode, Experience, Frame, Need, Observation, Reward, Robot
+from deux.contracts import Episode, Frame, Need, Reward, Robot
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
 from deux.environment.scene_pool import ScenePool
@@ -105,7 +105,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         episode_seed = int(self.np_random.integers(2**31))
         self.reward.reset(Episode(episode_seed, self._length, self._pool.camera, self._pool.robot, label_names=names))
         self._step = 0
-        observation, _ = self._look(None, collided=False)
+        observation, _ = self._look(collided=False)
         return observation, self._info(collided=False)
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -114,7 +114,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.memory.acted(move)
         collided = self.simulator.step(move)
         self._step += 1
-        observation, reward = self._look(int(move), collided)
+        observation, reward = self._look(collided)
         return observation, reward, False, self._step >= self._length, self._info(collided)
 
     def reward_state(self) -> dict[str, np.ndarray]:
@@ -129,15 +129,11 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """What the robot's camera sees, H x W x 3 uint8, if the render mode is "rgb_array"."""
         return self.simulator.observe().rgb if self.render_mode == "rgb_array" else None
 
-    def _look(self, action: int | None, collided: bool) -> tuple[dict[str, np.ndarray], float]:
+    def _look(self, collided: bool) -> tuple[dict[str, np.ndarray], float]:
         """Map what is seen and judge it."""
         frame = self._frame()
-        self.memory.see(frame.depth, frame.pose, collided)
-        view = self.memory.view()
-        known = self.memory.occupancy
-        labels = frame.labels if self._labels else None
-        observation = Observation(self._step, frame.pose, collided, frame.rgb, frame.depth, labels=labels)
-        experience = Experience(observation, action, known.frame, known.cells, known.views, known.seen, view)
+        experience = self.memory.experience(frame, collided)
+        view = dict(experience.view)
         reward = float(self.reward(experience))
         if "depth" in self._extras:
             view["depth"] = (frame.depth * (255.0 / self._pool.camera.max_depth)).astype(np.uint8)[None]
@@ -152,9 +148,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return Frame(nothing, self.simulator.depth(), self.simulator.pose)
 
     def _info(self, collided: bool) -> dict[str, Any]:
-        known = self.memory.occupancy
-        area = float(np.count_nonzero(known.cells)) * known.resolution**2
-        return {"area_seen": area, "collided": collided, "scene": self.simulator.scene.name}
+        return {"area_seen": self.memory.area, "collided": collided, "scene": self.simulator.scene.name}
 
     def _space(self) -> spaces.Space[dict[str, np.ndarray]]:
         camera = self._pool.camera

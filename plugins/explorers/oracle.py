@@ -23,8 +23,8 @@ class OracleExplorer(Explorer):
     show what its frames saw, not the whole floor that it was given.
 
     Args:
-        targets: number of targets. In generated flats the robot sees most of a flat within 250 steps with 8 of them, and
-            within 500 steps with 12.
+        targets: number of targets. In generated flats the robot sees most of a flat within 250 steps with 8 of them,
+            and within 500 steps with 12.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius, where there is room for it.
     """
 

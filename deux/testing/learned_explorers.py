@@ -9,16 +9,19 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pytest
 import torch
 
 from deux.contracts import Action, Explorer, Need
 from deux.environment.egocentric import Crops
 from deux.environment.memory import RESOLUTION
+from deux.geometry.camera import Camera
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.policies.network import PolicyNetwork
 from deux.policies.policy_files import TrainedPolicy, load_policy, save_policy
 from deux.registry import registry
+from deux.testing.box_world import Box, BoxWorld
 from deux.testing.explorers import ExplorerSuite, run, two_rooms
 
 
@@ -66,6 +69,16 @@ class LearnedExplorerSuite(ExplorerSuite):
         assert policy.made_by["reward"] == self.explorer_class.reward
         assert policy.made_by["curve"]["steps"]
 
+    def test_the_shipped_policy_gets_about(self, tmp_path: Path) -> None:
+        """Its map of three rooms becomes half as large again as an untrained policy's, at least."""
+        untrained = tmp_path / "untrained.safetensors"
+        save_policy(untrained, untrained_policy())
+        areas = {
+            path: sum(_area_seen(self.explorer_class(str(path)), seed) for seed in range(2))
+            for path in (self.shipped_policy(), untrained)
+        }
+        assert areas[self.shipped_policy()] > 1.5 * areas[untrained], "the area seen, in square metres"
+
     def test_another_policy_is_used_if_it_is_named(self, tmp_path: Path) -> None:
         """An untrained one, here: its moves are drawn by the episode's seed, greedy ones are not."""
         path = tmp_path / "policy.safetensors"
@@ -75,3 +88,14 @@ class LearnedExplorerSuite(ExplorerSuite):
         assert run(self.explorer_class(str(path)), two_rooms(), self.steps, seed=2) != actions
         greedy = [run(self.explorer_class(str(path), greedy=True), two_rooms(), self.steps, seed=s) for s in (1, 2)]
         assert greedy[0] == greedy[1]
+
+
+def _area_seen(explorer: Explorer, seed: int) -> float:
+    """Square metres of three rooms in a row that are known after sixty steps."""
+    walls = [Box(x, z0, x + 0.1, z1) for x, z in ((2.95, 1.0), (5.95, 2.5)) for z0, z1 in ((0.0, z), (z + 0.9, 4.5))]
+    world = BoxWorld(9.0, 4.5, tuple(walls), Camera(32, 32))
+    world.reset(1.5, 2.0, 0.0)
+    run(explorer, world, 60, seed)
+    known = explorer.map()
+    assert known is not None
+    return float(np.count_nonzero(known.occupancy)) * known.frame.resolution**2

@@ -14,7 +14,7 @@ from deux.data.verification import VerificationSettings
 from deux.geometry.camera import Camera
 from deux.geometry.uncertainty import Metric
 
-DATASET_VERSION = 1
+DATASET_VERSION = 2
 """Raised by every change of the code that changes the datasets it makes."""
 
 VIEWPOINTS = "viewpoints"
@@ -88,4 +88,9 @@ class DatasetSpec:
 
     def episode_seed(self, scene: SceneLike, episode: int) -> int:
         """Seed of one episode. It depends on nothing but seed, scene and number: all explorers start alike."""
-        return zlib.crc32(f"{self.seed}/{scene.identity}/{episode}".encode())
+        return episode_seed(self.seed, scene, episode)
+
+
+def episode_seed(seed: int, scene: SceneLike, episode: int) -> int:
+    """Seed of one episode. It depends on nothing but a run's seed, the scene and the episode's number there."""
+    return zlib.crc32(f"{seed}/{scene.identity}/{episode}".encode())

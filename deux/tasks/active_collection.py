@@ -21,15 +21,12 @@ from deux.evaluation.round_curve import draw_rounds
 from deux.tasks.console import say, stop_bars
 from deux.tasks.datasets import round_dataset
 from deux.tasks.given import weights_identity
-from deux.tasks.run_folder import RunFolder
+from deux.tasks.run_folder import ROUNDS, RunFolder
 from deux.tasks.sections import ActiveCollectionSettings
 from deux.tasks.settings import PluginChoice, Settings
 from deux.training.active_collection import ActiveCollection
 from deux.training.model_files import load_model, save_model
 from deux.training.rounds import Round, RoundRequest, Share
-
-ROUNDS_FOLDER = "rounds"
-"""In a run folder: the rounds' datasets, and the weights that explored in each."""
 
 _ROUNDS_FILE = "rounds.json"
 
@@ -131,7 +128,7 @@ def active_collection(
         validation: datasets on which the exploring model is judged; may be none.
         bars: the training's progress bars, which give way to those of the exploration.
     """
-    folder = run.path / ROUNDS_FOLDER
+    folder = run.path / ROUNDS
     make_folder(folder)
     collector = RoundCollector(settings, chosen, model, folder, validation)
 
@@ -162,7 +159,7 @@ def show_rounds(run: RunFolder, chosen: ActiveCollectionSettings) -> None:
 
 def read_rounds(run: RunFolder) -> list[Round]:
     """The rounds of a run; none if it has none."""
-    file = run.path / ROUNDS_FOLDER / _ROUNDS_FILE
+    file = run.path / ROUNDS / _ROUNDS_FILE
     return [Round(**one) for one in json.loads(file.read_text())] if file.exists() else []
 
 

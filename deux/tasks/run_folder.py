@@ -17,7 +17,13 @@ from deux.training.ranks import leads
 _IDENTITY_FILE = "run.json"
 _SECONDS_FILE = "seconds.json"
 
-_WORK = ("checkpoints", "rounds", MODEL_FILE, RESULTS_FILE)
+EPISODES = "episodes"
+"""The folder of the episodes that a comparison has finished."""
+
+ROUNDS = "rounds"
+"""The folder of what a training with active collection has explored, and of the weights that explored."""
+
+_WORK = ("checkpoints", EPISODES, ROUNDS, MODEL_FILE, RESULTS_FILE)
 """What a run leaves in its folder that another run must not go on from."""
 
 

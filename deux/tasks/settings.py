@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
-from deux.configuration import user_path
+from deux.configuration import in_sweep, user_path
 from deux.contracts import Robot
 from deux.data.sparse import SparseSettings
 from deux.data.verification import VerificationSettings
@@ -19,6 +19,7 @@ from deux.scenes.sources import SceneSplits, scene_splits
 from deux.tasks.sections import (
     ActiveCollectionSettings,
     CollectSettings,
+    CompareSettings,
     EvaluationSettings,
     ExplorerTrainingSettings,
     ExportSettings,
@@ -31,6 +32,7 @@ from deux.training.fit import TrainingSettings, make_trainer
 from deux.training.model_files import weights_file
 from deux.training.objective import make_objective
 from deux.training.pose_source import make_pose_source
+from deux.training.ranks import starts_the_command_again
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,7 @@ class Settings:
         self.seed_model = construct(SeedSettings, cfg.seed, "seed")
         self.foundation = construct(FoundationSettings, cfg.foundation, "foundation")
         self.explorer_training = construct(ExplorerTrainingSettings, cfg.explorer_training, "explorer_training")
+        self.compare = construct(CompareSettings, cfg.compare, "compare")
         self.training = construct(TrainingSettings, cfg.training, "training")
         active = cfg.get("callbacks")  # there only if the group was chosen
         self.active = construct(ActiveCollectionSettings, active, "callbacks") if active is not None else None
@@ -118,12 +121,15 @@ class Settings:
         chosen = plain(self.cfg.scenes, "scenes")
         if chosen.get("source") == "files":
             chosen |= {split: _user_paths(chosen.get(split)) for split in ("train", "validation", "test")}
+        if self.run.task == "compare_explorers" and type(chosen.get("test")) is int:
+            chosen["test"] = self.compare.flats
         needed = {
             "collect": ("train",),
             "train": () if self.run.training_data and self.active is None else ("train",),
             "evaluate": () if self.evaluation.data else ("test",),
             "predict": (),
             "export": (),
+            "compare_explorers": ("test",),
             "train_explorer": ("train",) if self.explorer_training.flats is None else (),
         }
         return scene_splits(chosen, needed.get(self.run.task, ("train", "test")))
@@ -137,7 +143,12 @@ class Settings:
             make_pose_source(self.run.pose, model)
         if model.foundation() is not None and self.foundation.checkpoint is not None:
             weights_file(user_path(self.foundation.checkpoint))
-        make_trainer({"logger": False, "enable_checkpointing": False, **self.trainer})
+        trainer = make_trainer({"logger": False, "enable_checkpointing": False, **self.trainer})
+        if in_sweep() and starts_the_command_again(trainer):
+            raise DeuxError(
+                f"a sweep (-m) with trainer.devices={trainer.num_devices} would start the whole sweep again in every "
+                "process: give each job one device, or run the jobs one by one without -m."
+            )
 
 
 def plugin_choice(kind: str, chosen: Any, where: str) -> PluginChoice:

@@ -4,6 +4,8 @@ All of them run the whole command; what they compute alone is the same in each, 
 """
 
 import torch
+from lightning.fabric.plugins.environments import LightningEnvironment
+from lightning.pytorch import Trainer
 from lightning.pytorch.utilities import rank_zero_only
 
 
@@ -16,3 +18,13 @@ def wait_for_all() -> None:
     """Wait until every process of the training has come here; nothing to wait for without several."""
     if torch.distributed.is_available() and torch.distributed.is_initialized():
         torch.distributed.barrier()
+
+
+def starts_the_command_again(trainer: Trainer) -> bool:
+    """Whether the trainer will start this process's command once more for each further process, as `ddp` does here.
+
+    On a cluster, or under torchrun, they have all been started from outside.
+    """
+    environment = getattr(trainer.strategy, "cluster_environment", None)
+    here = isinstance(environment, LightningEnvironment) and not environment.creates_processes_externally
+    return here and trainer.world_size > 1

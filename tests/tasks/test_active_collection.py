@@ -149,6 +149,7 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
     ("overrides", "sentence"),
     [
         (["callbacks=activ_collection"], "there is no callback called 'activ_collection': did you mean active_collec"),
+        (["callbacks.every=2"], "callbacks has no options before one is chosen: add callbacks=active_collection."),
         (["callbacks=active_collection", "callbacks.mode=ad"], "callbacks.mode cannot be 'ad': did you mean add?"),
         (["callbacks=active_collection", "callbacks.evry=2"], "there is no option callbacks.evry: did you mean every?"),
         (["callbacks=active_collection", "callbacks.steps=2"], "callbacks.steps is 2: it must be at least 3."),
@@ -156,6 +157,12 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
 )
 def test_mistakes_are_told_in_one_sentence(tiny, tmp_path, overrides, sentence):
     assert tiny(tmp_path, "explore=random", *overrides).sentence.startswith(sentence)
+
+
+def test_a_sweep_does_not_start_itself_again(tiny, tmp_path):
+    outcome = tiny(tmp_path, "explore=random", "random_seed=0,1", "trainer.strategy=ddp", "trainer.devices=2", "-m")
+    assert outcome.code == 1
+    assert "a sweep (-m) with trainer.devices=2 would start the whole sweep again" in outcome.err
 
 
 @pytest.mark.slow

@@ -34,8 +34,7 @@ def draw_rounds(rounds: Sequence[Round], logs: Path) -> Figure:
         axes.plot(*zip(*known, strict=True) if known else ([], []), "o-", linewidth=1.4, label="exploring model")
         axes.set_title(_PANELS[name], fontsize=10)
         axes.set_xlabel("step")
-        axes.margins(y=0.15)
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.1 * axes.dataLim.y1 if axes.dataLim.y1 > 0 else 1)
         axes.grid(alpha=0.3)
     panels["mae"].legend(fontsize=8)
     return figure

@@ -11,6 +11,8 @@ from typing import Any
 from deux.data.atomic import make_folder, write_json
 from deux.errors import DeuxError
 from deux.evaluation.results import RESULTS_FILE
+from deux.policies.policy_files import POLICY_FILE
+from deux.policies.training_state import CHECKPOINT_FILE
 from deux.training.model_files import MODEL_FILE
 
 _IDENTITY_FILE = "run.json"
@@ -19,7 +21,7 @@ _SECONDS_FILE = "seconds.json"
 EPISODES = "episodes"
 """The folder of the episodes that a comparison has finished."""
 
-_WORK = ("checkpoints", EPISODES, MODEL_FILE, RESULTS_FILE)
+_WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, MODEL_FILE, POLICY_FILE, RESULTS_FILE)
 """What a run leaves in its folder that another run must not go on from."""
 
 

@@ -36,7 +36,7 @@ def run(cfg: DictConfig) -> None:
     write(contents, pictures, folder)
     say(f"{contents.finished} finished runs, {contents.missing} missing")
     for section in contents.sections:
-        say(f"{section.title}: {len(section.comparison.finished)} runs")
+        say(f"{section.title}: {section.state}")
         for line in section.missing[:MOST_MISSING]:
             say(f"  missing: {line}")
         if len(section.missing) > MOST_MISSING:
@@ -53,7 +53,7 @@ def draw(contents: Contents, names: Names, folder: Path) -> dict[str, list[Pictu
     for section in trained:
         table = section.table.name
         pictures[table] = draw_comparison(section.comparison, names, folder, table)
-        alike = [other for other in trained if other.comparison.testing == section.comparison.testing]
+        alike = [s for s in trained if s.comparison.but_for_amount == section.comparison.but_for_amount]
         if section is alike[0]:
             figure = draw_error_against_frames([s.comparison for s in alike], names, section.dataset)
             file = save_figure(figure, folder / f"{table}_error_against_frames.png")

@@ -17,6 +17,10 @@ _SAME_FRAMES = 1e-3
 """Relative difference of the baselines from which on the test frames are not the same."""
 
 
+_AMOUNT = ("scenes.train", "collect.steps", "collect.episodes")
+"""What decides on the number of training frames."""
+
+
 @dataclass(frozen=True)
 class Missing:
     """A run that is not finished.
@@ -69,6 +73,11 @@ class Comparison:
     def budget(self) -> Facts:
         """The part of the training that does not depend on the scenes."""
         return (*self.finished, *self.begun)[0].conditions.budget
+
+    @property
+    def but_for_amount(self) -> tuple[Facts, Facts]:
+        """The training and the test frames without how much was explored: what a line against frames holds fixed."""
+        return tuple(fact for fact in self.training if fact[0] not in _AMOUNT), self.testing
 
     @property
     def transferred(self) -> bool:

@@ -1,5 +1,6 @@
 """All that a report says: tables, what is missing, and how the runs were made."""
 
+import itertools
 import shlex
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -9,7 +10,7 @@ from pathlib import Path
 from deux.evaluation.report.comparison import Comparison, Missing, comparisons, lone_sweeps
 from deux.evaluation.report.conditions import differences
 from deux.evaluation.report.datasets import Datasets
-from deux.evaluation.report.names import Names
+from deux.evaluation.report.names import Key, Names
 from deux.evaluation.report.paper_tables import table_one, table_three, table_two
 from deux.evaluation.report.runs import find_runs
 from deux.evaluation.report.sweeps import find_sweeps
@@ -35,6 +36,12 @@ class Section:
     table: Table
     missing: tuple[str, ...]
     commands: tuple[str, ...]
+
+    @property
+    def state(self) -> str:
+        """How many runs are there and how many are missing."""
+        finished, missing = len(self.comparison.finished), len(self.comparison.missing)
+        return f"{finished} run{'s' * (finished != 1)}{f', {missing} missing' if missing else ''}"
 
 
 @dataclass(frozen=True)
@@ -87,16 +94,23 @@ def read_contents(folder: Path, names: Names, first: str | None = None, starred:
 
 
 def missing_text(missing: Iterable[Missing], names: Names) -> tuple[str, ...]:
-    """What is missing, a line for each explorer and model: "DEUX, KBNet: seeds 1, 2 (2 begun)"."""
-    cells: dict[tuple[str, str], list[Missing]] = defaultdict(list)
+    """What is missing, a line for each explorer and model: "DEUX, KBNet: seeds 1, 2 (begun: 2)"."""
+    cells: dict[tuple[Key, Key], list[Missing]] = defaultdict(list)
     for run in missing:
-        cells[names.explorer(run.explorer), names.model(run.model)].append(run)
-    lines = []
-    for (explorer, model), runs in cells.items():
-        begun = [str(run.seed) for run in runs if run.begun]
-        seeds = f"seed{'s' * (len(runs) > 1)} {', '.join(str(run.seed) for run in runs)}"
-        lines.append(f"{explorer}, {model}: {seeds}{f' (begun: {chr(44).join(begun)})' if begun else ''}")
-    return tuple(lines)
+        cells[run.explorer, run.model].append(run)
+    explorers = names.ordered_explorers({explorer for explorer, _ in cells})
+    models = names.ordered_models({model for _, model in cells})
+    return tuple(
+        f"{names.explorer(explorer)}, {names.model(model)}: {_seeds(cells[explorer, model])}"
+        for explorer, model in itertools.product(explorers, models)
+        if (explorer, model) in cells
+    )
+
+
+def _seeds(runs: Sequence[Missing]) -> str:
+    begun = ", ".join(str(run.seed) for run in runs if run.begun)
+    seeds = f"seed{'s' * (len(runs) > 1)} {', '.join(str(run.seed) for run in runs)}"
+    return f"{seeds} (begun: {begun})" if begun else seeds
 
 
 def _table(

@@ -2,12 +2,14 @@
 
 import io
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from deux.data.atomic import make_folder, write_atomically
@@ -19,6 +21,9 @@ from deux.evaluation.report.summary import summary
 
 _WIDEST = 1400
 """Pixels of a run's picture in the report."""
+
+_WIDEST_ROW = 4.4
+"""Of pictures side by side, in heights of one."""
 
 _MARKERS = "osD^vP*Xhd"
 
@@ -66,7 +71,7 @@ def draw_error_against_frames(compared: Sequence[Comparison], names: Names, data
     """The MAE on the same test frames against the number of training frames, a panel for each model.
 
     Args:
-        compared: comparisons that differ in their budgets or training scenes alone.
+        compared: comparisons that differ in how much was explored alone.
         names: of explorers and models.
         dataset: what the test frames are called.
     """
@@ -84,6 +89,7 @@ def draw_error_against_frames(compared: Sequence[Comparison], names: Names, data
         panel.axhline(compared[0].baseline[0].mean, color="0.4", linestyle="--", linewidth=1, label="Interpolation")
         panel.set_title(names.model(model), fontsize=10)
         panel.set_xlabel("training frames")
+        panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         panel.grid(alpha=0.3)
     panels[0].set_ylabel(f"MAE on the {dataset} test set [mm]")
     panels[-1].legend(fontsize=7)
@@ -139,18 +145,27 @@ def _read(path: Path) -> Image.Image | None:
         return None
 
 
-def _side_by_side(images: dict[str, Image.Image]) -> Figure:
-    ratio = float(np.mean([image.width / image.height for image in images.values()]))
-    columns = min(len(images), 2 if ratio > 1.4 else 3)
-    rows = -(-len(images) // columns)
-    width = 12.0 / columns
-    figure = new_figure(width * columns, rows * (width / ratio + 0.3))
-    for index, (title, image) in enumerate(images.items()):
-        panel = figure.add_subplot(rows, columns, index + 1)
-        panel.imshow(np.asarray(image))
-        panel.set_title(title, fontsize=10)
-        hide_ticks(panel)
-        panel.set_frame_on(False)
+def _side_by_side(images: Mapping[str, Image.Image]) -> Figure:
+    """The pictures in rows, all equally high."""
+    rows: list[list[str]] = [[]]
+    widths = {title: image.width / image.height for title, image in images.items()}
+    for title, width in widths.items():
+        if rows[-1] and sum(widths[other] for other in rows[-1]) + width > _WIDEST_ROW:
+            rows.append([])
+        rows[-1].append(title)
+    full = max(sum(widths[title] for title in row) for row in rows)
+    height = min(3.2, 13.0 / full)
+    figure = new_figure(full * height, len(rows) * (height + 0.3))
+    for row, band in zip(rows, figure.subfigures(len(rows), 1, squeeze=False)[:, 0], strict=True):
+        ratios = [widths[title] for title in row]
+        rest = full - sum(ratios)
+        panels = band.subplots(1, len(row) + (rest > 0.01), width_ratios=ratios + [rest] * (rest > 0.01), squeeze=False)
+        for panel, title in zip_longest(panels[0], row):
+            hide_ticks(panel)
+            panel.set_frame_on(False)
+            if title is not None:
+                panel.imshow(np.asarray(images[title]))
+                panel.set_title(title, fontsize=10)
     return figure
 
 

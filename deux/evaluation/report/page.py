@@ -42,7 +42,7 @@ def html_page(contents: Contents, pictures: Mapping[str, Sequence[Picture]]) -> 
         "<h1>Report</h1>",
         _paragraph(f"{state}, below {contents.folder}."),
         "<ul>",
-        *(f'<li><a href="#{s.table.name}">{escape(s.title)}</a>: {_count(s)}</li>' for s in contents.sections),
+        *(f'<li><a href="#{s.table.name}">{escape(s.title)}</a>: {s.state}</li>' for s in contents.sections),
         "</ul>",
         *(_paragraph(note, "note") for note in contents.notes),
     ]
@@ -98,11 +98,6 @@ def _table(table: Table) -> list[str]:
 
 def _facts(what: str, facts: Facts) -> list[str]:
     return [_paragraph(f"{what}: {', '.join(f'{key}={value}' for key, value in facts)}", "note")]
-
-
-def _count(section: Section) -> str:
-    finished, missing = len(section.comparison.finished), len(section.comparison.missing)
-    return f"{finished} run{'s' * (finished != 1)}{f', {missing} missing' if missing else ''}"
 
 
 def _paragraph(text: str, kind: str = "") -> str:

@@ -124,5 +124,5 @@ def _noted(table: Table, shown: Iterable[Comparison], notes: Sequence[str] = ())
         if not comparison.same_frames:
             general.append("Interpolation does not err alike in all runs: they were not tested on the same frames.")
         if comparison.repeated:
-            general.append(f"{comparison.repeated} results are of runs done twice; the newest counts.")
+            general.append(f"Runs that were done twice: {comparison.repeated}; the newest counts.")
     return replace(table, notes=(*notes, *general))

@@ -41,6 +41,7 @@ TASKS = {
     "evaluate": "evaluate a trained model on the held-out scenes",
     "predict": "complete the depth of one frame, from files and to files",
     "train_explorer": "train the policy of a learned explorer with PPO",
+    "compare_explorers": "measure what the explorers see, in flats that none of them knows",
     "export": "write a trained model as model.onnx",
     "report": "turn finished runs into the paper's tables and figures",
 }
@@ -151,7 +152,10 @@ def check_plugins(cfg: DictConfig) -> None:
     """
     for group, kind in PLUGIN_GROUPS.items():
         registry().find(kind, str(cfg[group].get("name")))
-    registry().find("explorers", str(cfg.seed.explore))
+    compared = cfg.compare.explorers if OmegaConf.is_list(cfg.compare.explorers) else ()
+    for name in (cfg.seed.explore, cfg.compare.baseline, *compared):
+        if name is not None:
+            registry().find("explorers", str(name))
     for term in cfg.objective:
         registry().find("losses", str(term))
 
@@ -172,7 +176,7 @@ def user_path(path: str | Path) -> Path:
 
 
 def run_id(cfg: DictConfig) -> str:
-    """The name of a configuration's run folder: "<model>-<explore>-<hash>", or "<task>-<hash>" where a model is given.
+    """The name of a configuration's run folder: "<model>-<explore>-<hash>", or with the task where that says more.
 
     The hash is of everything that makes the run what it is: the same command finds its folder again and goes on where
     it was.
@@ -183,7 +187,7 @@ def run_id(cfg: DictConfig) -> str:
 
 
 def _run_name(cfg: DictConfig) -> str:
-    if cfg.task in GIVEN_MODEL_TASKS:
+    if cfg.task in (*GIVEN_MODEL_TASKS, "compare_explorers"):
         return str(cfg.task)
     return f"{cfg.task}-{cfg.explore.name}" if cfg.task == "train_explorer" else f"{cfg.model.name}-{cfg.explore.name}"
 
@@ -211,7 +215,7 @@ def _names(kind: str) -> str:
 
 
 def _task_list() -> str:
-    return "\n".join(f"  {name:<12} {purpose}" for name, purpose in TASKS.items())
+    return "\n".join(f"  {name:<17} {purpose}" for name, purpose in TASKS.items())
 
 
 # At import, not in register_configuration: launchers that start other processes import this module there and no more.

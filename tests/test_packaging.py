@@ -57,16 +57,20 @@ def test_every_entry_point_leads_to_a_file() -> None:
             )
 
 
-def test_the_wheel_holds_the_code_the_configuration_and_the_marker_of_types(wheel: Path) -> None:
+def test_the_wheel_holds_the_code_the_configuration_the_weights_and_the_marker_of_types(wheel: Path) -> None:
     held = set(zipfile.ZipFile(wheel).namelist())
     code = {
         "/".join([*package_name(path.parent).split("."), path.name])
         for top in ("deux", "plugins")
         for path in (ROOT / top).rglob("*.py")
     }
+    weights = {
+        f"deux_plugins/{path.relative_to(ROOT / 'plugins')}" for path in (ROOT / "plugins").rglob("*.safetensors")
+    }
     yaml = {f"deux/conf/{path.relative_to(ROOT / 'conf').as_posix()}" for path in (ROOT / "conf").rglob("*.yaml")}
     assert code <= held
     assert yaml <= held
+    assert weights <= held
     assert {"deux/py.typed", "deux/conf/__init__.py"} <= held
     assert not {name for name in held if name.startswith(("tests/", "conf/", "plugins/"))}
 

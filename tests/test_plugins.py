@@ -21,6 +21,7 @@ def test_the_listing_has_one_line_for_each_plugin(capsys: pytest.CaptureFixture[
     rows = [line.split("\t") for line in capsys.readouterr().out.splitlines()]
     assert rows[0] == ["kind", "name", "package", "version", "state"]
     assert ["explorer", "random", "deux", "0.1.0"] in rows
+    assert ["reward", "coverage", "deux", "0.1.0"] in rows
     assert len(rows) == 1 + sum(len(Registry().plugins(kind)) for kind in plugins.KINDS)
 
 
@@ -46,3 +47,13 @@ def test_one_plugin_is_explained_with_the_options_of_its_constructor(
 def test_an_unknown_name_is_answered_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert plugins.main(["kbnt"]) == 1
     assert capsys.readouterr().err.startswith("deux: there is no plugin called 'kbnt': did you mean kbnet?")
+
+
+def test_a_name_of_two_kinds_is_explained_for_each(capsys: pytest.CaptureFixture[str]) -> None:
+    """An explorer and the reward that it is trained for."""
+    assert plugins.main(["novelty"]) == 0
+    explorer, reward = capsys.readouterr().out.split("\n\nreward ")
+    assert explorer.startswith("explorer novelty, from deux 0.1.0 (deux_plugins.explorers.novelty:NoveltyExplorer)\n")
+    assert "\n  explore.weights: " in explorer
+    assert reward.startswith("novelty, from deux 0.1.0 (deux_plugins.rewards.novelty:NoveltyReward)\n")
+    assert "\n  explorer_training.reward_options.cell: a number, default 0.5" in reward

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+from deux.contracts import Batch, LossTerm, Prediction, Reconstructions, Reward
 from deux.errors import DeuxError
 from deux.registry import KINDS, Registry, registry
 
@@ -24,6 +24,21 @@ class Unfinished(LossTerm):
 
 class Stranger:
     pass
+"""
+
+
+REWARD = """
+from deux.contracts import Reward
+
+class Steps(Reward):
+    def __init__(self, worth: float = 1.0) -> None:
+        self.worth = worth
+
+    def reset(self, episode):
+        pass
+
+    def __call__(self, experience):
+        return self.worth
 """
 
 
@@ -126,6 +141,25 @@ def test_a_package_that_cannot_be_imported_fails_only_when_it_is_chosen(install:
     assert message.startswith("the loss term 'broken' of broken-term 0.7 (broken_term:Term) cannot be imported: ")
     assert cause in message
     assert "\n" not in message
+
+
+def test_a_reward_comes_in_a_package_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = tmp_path / "foreign"
+    metadata = site / "foreign_reward-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (site / "foreign_reward.py").write_text(REWARD)
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: foreign-reward\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[deux.rewards]\nsteps = foreign_reward:Steps\n")
+    monkeypatch.syspath_prepend(str(site))
+    found = Registry()
+    assert found.find("rewards", "steps").package == "foreign-reward"
+    reward = found.create("rewards", "steps", {"worth": 2})
+    assert isinstance(reward, Reward)
+    assert (reward(None), reward.needs, reward.state()) == (2.0, frozenset(), {})
+    with pytest.raises(DeuxError, match=r"^explorer_training\.reward_options\.worht is not an option of Steps"):
+        found.create("rewards", "steps", {"worht": 2})
+    with pytest.raises(DeuxError, match="there is no reward called 'step': did you mean steps"):
+        found.find("rewards", "step")
 
 
 def test_what_does_not_fulfil_the_contract_is_refused(install: Any) -> None:

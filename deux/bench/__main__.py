@@ -1,4 +1,4 @@
-"""The benchmarks from the command line: `python -m deux.bench [render|explore|models|all] [--quick] [--json PATH]`."""
+"""The benchmarks from the command line: `python -m deux.bench [BENCHMARK] [--quick] [--json PATH]`."""
 
 import argparse
 import sys
@@ -11,7 +11,7 @@ from deux.errors import DeuxError
 if TYPE_CHECKING:
     from deux.bench.report import Table
 
-BENCHMARKS = ("render", "explore", "models")
+BENCHMARKS = ("render", "explore", "environment", "models")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -83,6 +83,11 @@ def _tables(name: str, options: argparse.Namespace) -> "Iterator[Table]":
 
         settings = explore.QUICK if options.quick else explore.ExploreSettings()
         return explore.measure_exploration(settings, options.model)
+    if name == "environment":
+        from deux.bench import environment
+
+        chosen = environment.QUICK if options.quick else environment.EnvironmentSettings()
+        return environment.measure_environment(chosen)
     from deux.bench import models
 
     return models.measure_models(models.QUICK if options.quick else models.ModelSettings())

@@ -8,14 +8,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from deux.contracts import Action, Episode, Explorer, Frame, Need, Observation, Simulator
+from deux.contracts import Explorer, Frame, Simulator
 from deux.data.atomic import write_atomically, write_json
 from deux.data.frames import FrameWriter, prepare_folders, read_frame
-from deux.data.images import quantise_depth
 from deux.data.layout import SequencePaths
 from deux.data.perception import SOURCES, Percept
+from deux.data.walk import Walk
 from deux.errors import DeuxError
-from deux.simulator.starts import random_starts
 
 
 class SceneLike(Protocol):
@@ -75,27 +74,22 @@ class EpisodeRun:
     def __init__(self, plan: EpisodePlan, simulator: Simulator, explorer: Explorer, writer: FrameWriter) -> None:
         self.plan = plan
         self.simulator = simulator
-        self.explorer = explorer
-        self.over = False
         self.history: list[Frame] = []
         """The latest frames, newest first."""
+        self._walk = Walk(simulator, explorer, plan.seed, plan.steps)
         self._writer = writer
-        self._labels = Need.LABELS in explorer.needs
-        self._collided = False
-        self._actions: list[Action] = []
         self._uncertainty: list[float] = []
-        free_space = simulator.free_space()
-        self._start = random_starts(free_space, 1, np.random.default_rng(plan.seed))[0]
-        prepare_folders(plan.paths, simulator.camera.intrinsics, self._labels)
-        simulator.reset(*self._start)
-        shown = free_space if Need.FREE_SPACE in explorer.needs else None
-        names = simulator.label_names if self._labels else ()
-        explorer.reset(Episode(plan.seed, plan.steps, simulator.camera, simulator.robot, shown, names))
+        prepare_folders(plan.paths, simulator.camera.intrinsics, self._walk.labels)
 
     @property
     def step(self) -> int:
         """Number of actions taken so far."""
-        return len(self._actions)
+        return self._walk.step
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has come to its end."""
+        return self._walk.over
 
     def observe(self) -> None:
         """Take the next frame, from disk if it is there.
@@ -103,11 +97,9 @@ class EpisodeRun:
         Raises:
             DeuxError: the frame on disk was taken from another pose than the robot's.
         """
-        frame = read_frame(self.plan.paths, self.step, self._labels)
+        frame = read_frame(self.plan.paths, self.step, self._walk.labels)
         if frame is None:
-            seen = self.simulator.observe(labels=self._labels)
-            labels = seen.labels if self._labels else None
-            frame = Frame(seen.rgb.copy(), quantise_depth(seen.depth), seen.pose.copy(), labels)
+            frame = self._walk.frame()
             self._writer.put(self.plan.paths, self.step, frame)
         elif not np.array_equal(frame.pose, self.simulator.pose):
             raise DeuxError(
@@ -124,12 +116,7 @@ class EpisodeRun:
         """
         if percept is not None:
             self._uncertainty.append(percept.uncertainty)
-        action = self.explorer.act(self._observation(percept))
-        self._actions.append(action)
-        if action == Action.STOP or self.step == self.plan.steps:
-            self.over = True
-        else:
-            self._collided = self.simulator.step(action)
+        self._walk.act(self.history[0], percept)
 
     def finish(self) -> None:
         """Write what is known only at the end, the record last."""
@@ -141,30 +128,13 @@ class EpisodeRun:
         record = {
             "scene": self.plan.scene.name,
             "seed": self.plan.seed,
-            "start": [float(value) for value in self._start],
-            "actions": [int(action) for action in self._actions],
+            "start": [float(value) for value in self._walk.start],
+            "actions": [int(action) for action in self._walk.actions],
         }
         write_json(self.plan.record, record)
 
-    def _observation(self, percept: Percept | None) -> Observation:
-        """Exactly what the explorer declared, in arrays of its own."""
-        needs, frame = self.explorer.needs, self.history[0]
-        predicted = percept if Need.PREDICTED_DEPTH in needs else None
-        judged = percept if Need.RESIDUAL in needs else None
-        return Observation(
-            step=self.step,
-            pose=frame.pose.copy(),
-            collided=self._collided,
-            rgb=frame.rgb.copy(),
-            sensor_depth=frame.depth.copy() if Need.SENSOR_DEPTH in needs else None,
-            predicted_depth=predicted.predicted_depth if predicted else None,
-            residual=judged.residual if judged else None,
-            uncertainty=judged.uncertainty if judged else None,
-            labels=frame.labels.copy() if frame.labels is not None else None,
-        )
-
     def _write_map(self) -> None:
-        known = self.explorer.map()
+        known = self._walk.explorer.map()
         if known is None:
             return
         frame = known.frame

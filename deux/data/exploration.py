@@ -1,19 +1,13 @@
 """Stage 1: robots explore several scenes at the same time, in lock-step, and their frames are stored."""
 
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from functools import partial
-from multiprocessing.connection import Connection, wait
 
 from deux.contracts import Need
 from deux.data.episodes import EpisodePlan, EpisodeRun, MakeExplorer, MakeSimulator
 from deux.data.frames import FrameWriter
 from deux.data.perception import DepthPredictor, Percept, perceive
+from deux.data.processes import in_processes
 from deux.data.progress import Progress, ignore_progress
 from deux.data.sparse import SparseSettings
 from deux.errors import DeuxError
@@ -121,47 +115,12 @@ def _explore_in_processes(
     processes: int,
     count: _Count,
 ) -> None:
-    """Run each episode by itself, several processes at a time. Spawned: a forked child would hang in EGL and OpenMP."""
-    context = multiprocessing.get_context("spawn")
-    stopped, stop = context.Pipe(duplex=False)
-    with ProcessPoolExecutor(processes, context, initializer=_end_when, initargs=(stopped,)) as pool:
-        with _interrupts_held():
-            tasks = {pool.submit(_explore_alone, plan, make_simulator, make_explorer): plan for plan in plans}
-        try:
-            for task in as_completed(tasks):
-                task.result()
-                count.add(tasks[task].steps)
-        except BaseException:
-            stop.close()  # the pool itself would wait for the end of the episodes that are under way
-            raise
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C waiting. Processes that start meanwhile never get it: they end with this one, in silence."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    """Run each episode by itself, several processes at a time."""
+    work = partial(_explore_alone, make_simulator=make_simulator, make_explorer=make_explorer)
+    in_processes(work, plans, processes, lambda plan: count.add(plan.steps))
 
 
 def _explore_alone(plan: EpisodePlan, make_simulator: MakeSimulator, make_explorer: MakeExplorer) -> None:
     """One episode of an explorer that needs no model, in a process of its own."""
     count = _Count(ignore_progress, 0, plan.steps)
     _explore_together([plan], make_simulator, make_explorer, None, count)
-
-
-def _end_when(stopped: Connection) -> None:
-    """Let this process end at once when the other end of the connection is closed, or when its parent dies.
-
-    A killed run's children would otherwise write on beside its successor.
-    """
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        wait([parent.sentinel, stopped])
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()

@@ -88,4 +88,9 @@ class DatasetSpec:
 
     def episode_seed(self, scene: SceneLike, episode: int) -> int:
         """Seed of one episode. It depends on nothing but seed, scene and number: all explorers start alike."""
-        return zlib.crc32(f"{self.seed}/{scene.identity}/{episode}".encode())
+        return episode_seed(self.seed, scene, episode)
+
+
+def episode_seed(seed: int, scene: SceneLike, episode: int) -> int:
+    """Seed of one episode. It depends on nothing but a run's seed, the scene and the episode's number there."""
+    return zlib.crc32(f"{seed}/{scene.identity}/{episode}".encode())

@@ -15,6 +15,7 @@ from deux.data.layout import SequencePaths, frame_name
 from deux.data.progress import Progress, ignore_progress
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace
+from deux.geometry.stratify import stratify
 
 MOTIONS = (
     (Action.FORWARD, Action.FORWARD),
@@ -78,30 +79,6 @@ def collect_viewpoints(
                     writer.put(paths, number, frame)
                 done += 1
                 progress("viewpoints", done, total)
-
-
-def stratify(free: np.ndarray, count: int) -> list[np.ndarray]:
-    """Divide the free cells into parts of equal area, by halving them again and again across their longer side.
-
-    Args:
-        free: rows x columns bool.
-        count: number of parts.
-
-    Returns:
-        `count` arrays of (row, column) pairs; their sizes differ by one cell at most while there are enough cells.
-    """
-    cells = np.argwhere(free)
-
-    def divide(part: np.ndarray, pieces: int) -> list[np.ndarray]:
-        if pieces == 1 or len(part) < 2:
-            return [part] * pieces
-        axis = int(np.argmax(np.ptp(part, axis=0)))
-        part = part[np.argsort(part[:, axis], kind="stable")]
-        first = pieces // 2
-        middle = round(len(part) * first / pieces)
-        return divide(part[:middle], first) + divide(part[middle:], pieces - first)
-
-    return divide(cells, count)
 
 
 def _finished(paths: SequencePaths) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from deux.errors import DeuxError, check_range
 from deux.geometry.grid import GridFrame
 from deux.mapping.occupancy import FREE, OCCUPIED, UNKNOWN
 
@@ -22,12 +23,21 @@ class Crops:
     Args:
         near: edge of the near crop in metres; exploring_exploration's is 4.
         far: edge of the far crop in metres; the published 20 is more than a flat.
-        pixels: edge of each crop in pixels.
+        pixels: edge of each crop in pixels, a multiple of 8.
+
+    Raises:
+        DeuxError: a value is out of its range.
     """
 
     near: float = 4.0
     far: float = 16.0
     pixels: int = 32
+
+    def __post_init__(self) -> None:
+        check_range("crops.near", self.near, 0.0, ends=False)
+        check_range("crops.far", self.far, 0.0, ends=False)
+        if self.pixels < 8 or self.pixels % 8:
+            raise DeuxError(f"crops.pixels is {self.pixels}: it must be a multiple of 8, as the network halves it.")
 
     @property
     def shape(self) -> tuple[int, int, int]:

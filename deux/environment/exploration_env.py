@@ -7,11 +7,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from deux.contracts import Episode, Experience, Frame, Need, Observation, Reward, Robot
+from deux.contracts import Episode, Frame, Need, Reward, Robot
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
 from deux.environment.scene_pool import ScenePool
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.geometry.camera import Camera
 from deux.registry import registry
 from deux.scenes.sources import SceneReference, scene_splits
@@ -63,6 +63,9 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             scenes = scene_splits({"source": "apartments", "train": scenes}, ["train"]).train
         if unknown := set(extras) - {"depth", "rgb"}:
             raise DeuxError(f"extras has {sorted(unknown)[0]!r} in it: it can hold depth and rgb.")
+        if not scenes:
+            raise DeuxError("the environment has no scene to explore: at least one is needed.")
+        check_range("steps", steps, 1)
         self.render_mode = render_mode
         self.reward = registry().create("rewards", reward, reward_options or {}) if isinstance(reward, str) else reward
         self._labels = Need.LABELS in self.reward.needs
@@ -72,6 +75,8 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._crops = crops or Crops()
         drawn = "rgb" in self._extras or self._labels or render_mode is not None
         self._pool = pool or ScenePool(camera or Camera(64, 64), robot or Robot(), textured=drawn)
+        if ("rgb" in self._extras or render_mode is not None) and not self._pool.textured:
+            raise DeuxError("the pool's scenes are without textures: colours need ScenePool(..., textured=True).")
         self.observation_space: spaces.Space[dict[str, np.ndarray]] = self._space()
         self.action_space = spaces.Discrete(len(MOVES))
 
@@ -83,10 +88,15 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         Args:
             seed: of this and the following episodes.
             options: "scene", the number of the scene; "steps", the length of this episode.
+
+        Raises:
+            DeuxError: there is no such scene, or it has not what the reward needs.
         """
         super().reset(seed=seed)
         options = options or {}
         index = int(options.get("scene", self.np_random.integers(len(self._scenes))))
+        if not 0 <= index < len(self._scenes):
+            raise DeuxError(f"there is no scene {index}: the environment has {len(self._scenes)}, from 0.")
         self._length = int(options.get("steps", self._steps))
         self.simulator = self._pool.simulator(self._scenes[index])
         self.simulator.reset(*random_starts(self.simulator.free_space(), 1, self.np_random)[0])
@@ -95,7 +105,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         episode_seed = int(self.np_random.integers(2**31))
         self.reward.reset(Episode(episode_seed, self._length, self._pool.camera, self._pool.robot, label_names=names))
         self._step = 0
-        observation, _ = self._look(None, collided=False)
+        observation, _ = self._look(collided=False)
         return observation, self._info(collided=False)
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
@@ -104,7 +114,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.memory.acted(move)
         collided = self.simulator.step(move)
         self._step += 1
-        observation, reward = self._look(int(move), collided)
+        observation, reward = self._look(collided)
         return observation, reward, False, self._step >= self._length, self._info(collided)
 
     def reward_state(self) -> dict[str, np.ndarray]:
@@ -119,15 +129,11 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         """What the robot's camera sees, H x W x 3 uint8, if the render mode is "rgb_array"."""
         return self.simulator.observe().rgb if self.render_mode == "rgb_array" else None
 
-    def _look(self, action: int | None, collided: bool) -> tuple[dict[str, np.ndarray], float]:
+    def _look(self, collided: bool) -> tuple[dict[str, np.ndarray], float]:
         """Map what is seen and judge it."""
         frame = self._frame()
-        self.memory.see(frame.depth, frame.pose, collided)
-        view = self.memory.view()
-        known = self.memory.occupancy
-        labels = frame.labels if self._labels else None
-        observation = Observation(self._step, frame.pose, collided, frame.rgb, frame.depth, labels=labels)
-        experience = Experience(observation, action, known.frame, known.cells, known.views, known.seen, view)
+        experience = self.memory.experience(frame, collided)
+        view = dict(experience.view)
         reward = float(self.reward(experience))
         if "depth" in self._extras:
             view["depth"] = (frame.depth * (255.0 / self._pool.camera.max_depth)).astype(np.uint8)[None]
@@ -142,9 +148,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return Frame(nothing, self.simulator.depth(), self.simulator.pose)
 
     def _info(self, collided: bool) -> dict[str, Any]:
-        known = self.memory.occupancy
-        area = float(np.count_nonzero(known.cells)) * known.resolution**2
-        return {"area_seen": area, "collided": collided, "scene": self.simulator.scene.name}
+        return {"area_seen": self.memory.area, "collided": collided, "scene": self.simulator.scene.name}
 
     def _space(self) -> spaces.Space[dict[str, np.ndarray]]:
         camera = self._pool.camera

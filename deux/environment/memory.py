@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deux.contracts import Action, Robot
+from deux.contracts import Action, Experience, Frame, Observation, Robot
 from deux.environment.egocentric import Crops, egocentric_crop
 from deux.geometry.camera import Camera
 from deux.mapping.occupancy import OccupancyMap
@@ -32,6 +32,27 @@ class ExplorationMemory:
         self._pose: np.ndarray | None = None
         self._collided = False
         self._action: Action | None = None
+        self._steps = 0
+
+    def experience(self, frame: Frame, collided: bool) -> Experience:
+        """Enter a frame and return what a reward judges.
+
+        Args:
+            frame: what the robot sees, with labels if the reward needs them.
+            collided: whether the last action was cut short by an obstacle.
+        """
+        self.see(frame.depth, frame.pose, collided)
+        observation = Observation(
+            self._steps, frame.pose, collided, frame.rgb, sensor_depth=frame.depth, labels=frame.labels
+        )
+        action = None if self._action is None else int(self._action)
+        known = self.occupancy
+        return Experience(observation, action, known.frame, known.cells, known.views, known.seen, self.view())
+
+    @property
+    def area(self) -> float:
+        """Square metres of the map that are known, free or occupied."""
+        return float(np.count_nonzero(self.occupancy.cells)) * self.occupancy.resolution**2
 
     def see(self, depth: np.ndarray, pose: np.ndarray, collided: bool) -> None:
         """Enter a frame.
@@ -51,6 +72,7 @@ class ExplorationMemory:
     def acted(self, action: Action) -> None:
         """Remember what was done in answer to the last frame."""
         self._action = action
+        self._steps += 1
 
     def view(self) -> dict[str, np.ndarray]:
         """What the policy sees.

@@ -28,7 +28,7 @@ class ScenePool:
     ) -> None:
         self.camera = camera
         self.robot = robot
-        self._textured = textured
+        self.textured = textured
         self._most = most
         self._renderer = renderer
         self._loaded: OrderedDict[SceneReference, MeshSimulator] = OrderedDict()
@@ -41,7 +41,7 @@ class ScenePool:
         """
         if reference not in self._loaded:
             scene = reference.load()
-            scene = scene if self._textured else _untextured(scene)
+            scene = scene if self.textured else _untextured(scene)
             simulator = MeshSimulator(scene, self.camera, self.robot, self._renderer)
             simulator.prepare()
             self._loaded[reference] = simulator

@@ -8,9 +8,11 @@ from matplotlib.figure import Figure
 
 from deux.contracts import ExplorerMap
 from deux.evaluation.drawing import TIME_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
+from deux.geometry.grid import GridFrame
 
-# unknown, occupied, free: black is unexplored and green explored, as in the paper's Figure 3.
-_OCCUPANCY_COLORS = ListedColormap(["#101014", "#8a8f98", "#7fb98a"])
+OCCUPANCY_COLORS = ListedColormap(["#101014", "#8a8f98", "#7fb98a"])
+"""Unknown, occupied, free: black is unexplored and green explored, as in the paper's Figure 3."""
+
 _MARGIN = 0.5
 
 
@@ -28,27 +30,22 @@ def draw_trajectory(explored: ExplorerMap, poses: np.ndarray, title: str = "") -
     figure = new_figure(6.6 * (2 if with_field else 1), height + 0.6)
     panels = figure.subplots(1, 2 if with_field else 1, squeeze=False)[0]
     for panel in panels:
-        panel.imshow(explored.occupancy, cmap=_OCCUPANCY_COLORS, vmin=0, vmax=2, extent=_extent(explored))
+        panel.imshow(explored.occupancy, cmap=OCCUPANCY_COLORS, vmin=0, vmax=2, extent=extent(explored.frame))
         panel.set(xlim=(left, right), ylim=(bottom, top))
-        panel.set_facecolor(_OCCUPANCY_COLORS(0))
+        panel.set_facecolor(OCCUPANCY_COLORS(0))
         hide_ticks(panel)
-        _draw_scale_bar(panel)
-    _draw_path(figure, panels[0], poses)
+        draw_scale_bar(panel)
+    path = draw_path(panels[0], poses[:, [0, 2], 3])
+    panels[0].legend(loc="upper right", fontsize=8, framealpha=0.85)
+    figure.colorbar(path, ax=panels[0], fraction=0.046, pad=0.02).set_label("step")
     panels[0].set_title(title, fontsize=11)
     if explored.uncertainty is not None:
-        field = panels[1].imshow(explored.uncertainty, cmap=UNCERTAINTY_COLORS, extent=_extent(explored))
+        field = panels[1].imshow(explored.uncertainty, cmap=UNCERTAINTY_COLORS, extent=extent(explored.frame))
         bar = figure.colorbar(field, ax=panels[1], fraction=0.046, pad=0.02)
         bar.set_label("uncertainty field")
         panels[1].plot(poses[:, 0, 3], poses[:, 2, 3], color="white", linewidth=0.7, alpha=0.7)
         panels[1].set_title("where the depth model is unsure", fontsize=11)
     return figure
-
-
-def _extent(explored: ExplorerMap) -> tuple[float, float, float, float]:
-    frame = explored.frame
-    right = frame.origin_x + frame.columns * frame.resolution
-    bottom = frame.origin_z + frame.rows * frame.resolution
-    return frame.origin_x, right, bottom, frame.origin_z
 
 
 def _drawn_part(explored: ExplorerMap, poses: np.ndarray) -> tuple[float, float, float, float]:
@@ -60,18 +57,25 @@ def _drawn_part(explored: ExplorerMap, poses: np.ndarray) -> tuple[float, float,
     return xs.min() - _MARGIN, xs.max() + _MARGIN, zs.min() - _MARGIN, zs.max() + _MARGIN
 
 
-def _draw_path(figure: Figure, panel: Axes, poses: np.ndarray) -> None:
-    points = poses[:, [0, 2], 3]
+def extent(frame: GridFrame) -> tuple[float, float, float, float]:
+    """Where a grid's picture lies in metres, as matplotlib's `imshow` wants it: left, right, bottom, top."""
+    right = frame.origin_x + frame.columns * frame.resolution
+    bottom = frame.origin_z + frame.rows * frame.resolution
+    return frame.origin_x, right, bottom, frame.origin_z
+
+
+def draw_path(panel: Axes, points: np.ndarray) -> LineCollection:
+    """Draw a path, N x 2 world (x, z), coloured by its steps, with its start and its end."""
     path = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap=TIME_COLORS, linewidths=2.0)
     path.set_array(np.arange(len(points) - 1))
     panel.add_collection(path, autolim=False)
     panel.plot(*points[0], "o", color="white", markeredgecolor="black", markersize=8, label="start")
     panel.plot(*points[-1], "s", color="white", markeredgecolor="black", markersize=8, label="end")
-    panel.legend(loc="upper right", fontsize=8, framealpha=0.85)
-    figure.colorbar(path, ax=panel, fraction=0.046, pad=0.02).set_label("step")
+    return path
 
 
-def _draw_scale_bar(panel: Axes) -> None:
+def draw_scale_bar(panel: Axes) -> None:
+    """Draw a line of one metre into the lower left corner of a panel whose limits are set."""
     left, right = panel.get_xlim()
     bottom, top = panel.get_ylim()
     x, z = left + 0.04 * (right - left), bottom + 0.05 * (top - bottom)

@@ -7,7 +7,7 @@ import numpy as np
 from deux.geometry.grid import GridFrame
 from deux.mapping.frontiers import find_frontiers
 from deux.mapping.occupancy import OCCUPIED
-from deux.mapping.pursuit import Point, Target
+from deux.mapping.pursuit import Target
 from deux.mapping.traversable import approaches, unknown_beside
 
 
@@ -43,7 +43,7 @@ def frontier_candidates(
     distance: np.ndarray,
     min_size: int,
     reach: float,
-    finished: list[Point],
+    finished: np.ndarray | None = None,
 ) -> FrontierCandidates:
     """All frontier cells that can be reached.
 
@@ -53,16 +53,13 @@ def frontier_candidates(
         distance: rows x columns path lengths from the robot in cells, inf where it cannot go.
         min_size: frontiers of fewer cells are left out.
         reach: metres from a frontier cell within which the robot may stand.
-        finished: world points (x, z); frontier cells within `reach` of one are left out.
+        finished: rows x columns bool, frontier cells that are left out.
     """
-    clusters = find_frontiers(occupancy, min_size)
+    clusters = find_frontiers(occupancy, min_size, finished)
     cells = np.concatenate([np.zeros((0, 2), np.int64), *clusters])
     frontier = np.repeat(np.arange(len(clusters)), [len(cluster) for cluster in clusters])
     places, lengths = approaches(occupancy != OCCUPIED, distance, cells, round(reach / frame.resolution))
     keep = np.isfinite(lengths)
-    if finished:
-        apart = cell_centres(frame, cells)[:, None] - np.array(finished)[None]
-        keep &= (np.hypot(apart[..., 0], apart[..., 1]) > reach).all(axis=1)
     return FrontierCandidates(cells[keep], places[keep], lengths[keep], frontier[keep])
 
 

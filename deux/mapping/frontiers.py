@@ -24,17 +24,21 @@ def frontier_mask(cells: np.ndarray) -> np.ndarray:
     return beside_unknown & (cells == FREE)
 
 
-def find_frontiers(cells: np.ndarray, min_size: int = 1) -> list[np.ndarray]:
+def find_frontiers(cells: np.ndarray, min_size: int = 1, without: np.ndarray | None = None) -> list[np.ndarray]:
     """The frontiers of an occupancy grid: 8-connected clusters of frontier cells.
 
     Args:
         cells: rows x columns int8: 0 unknown, 1 occupied, 2 free.
         min_size: clusters of fewer cells are left out.
+        without: rows x columns bool, cells that do not count as frontier cells.
 
     Returns:
         One N x 2 int64 array of (row, column) for each cluster, the largest first; equal sizes in scan order.
     """
-    rows, columns = np.nonzero(frontier_mask(cells))
+    frontier = frontier_mask(cells)
+    if without is not None:
+        frontier &= ~without
+    rows, columns = np.nonzero(frontier)
     if len(rows) == 0:
         return []
     # Only the part of the grid that holds frontiers is labelled; the arrays are mostly unknown margin.

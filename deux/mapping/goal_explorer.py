@@ -6,8 +6,9 @@ from abc import abstractmethod
 import numpy as np
 
 from deux.contracts import Action, Episode, Explorer, ExplorerMap, Observation
+from deux.mapping.finished_frontiers import FinishedFrontiers
 from deux.mapping.frontier_targets import FrontierCandidates, frontier_candidates, frontier_target
-from deux.mapping.navigation import EscapeMoves
+from deux.mapping.navigation import EscapeMoves, ForwardCheck
 from deux.mapping.occupancy import EXACT, DepthErrors, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Point, Pursuit, Target
@@ -39,6 +40,9 @@ class GoalExplorer(Explorer):
 
     It is about the blind zone around a robot whose depth makes obstacles of all the floor that its camera sees.
     """
+
+    most_targets_a_step = 10
+    """Targets that may turn out to be reached already, or out of reach, before a step of the robot's."""
 
     escape_distance = 1.0
     """Metres that the robot tries to go straight on where the map walls it in."""
@@ -83,18 +87,22 @@ class GoalExplorer(Explorer):
         self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, self._errors)
         self._escape = EscapeMoves(episode.robot, self.rng)
         self._pursuit: Pursuit | None = None
-        self._last_pose: np.ndarray | None = None
-        self._last_action: Action | None = None
-        self._steps_stuck = 0
+        self._forward = ForwardCheck(episode.robot)
         self.frontier: Point | None = None
-        self._finished: list[Point] = []
+        field_of_view = math.radians(episode.camera.hfov)
+        self.finished = FinishedFrontiers(self.frontier_reach, field_of_view)
+        self._clearance = self._clearances()[0]
 
     def act(self, observation: Observation) -> Action:
         """Map what is seen, then go on towards the target."""
         self.occupancy.update(self.map_depth(observation), observation.pose)
-        self._notice_contact(observation.pose)
+        failures = self._forward.failures(observation.pose)
+        if failures >= 1:
+            self.occupancy.mark_contact(observation.pose)
+        if failures >= 2:
+            self._escape.start()
         action = self._escape.next() if self._escape.active else self._go_on(observation.pose)
-        self._last_pose, self._last_action = observation.pose, action
+        self._forward.note(observation.pose, action)
         return action
 
     def map(self) -> ExplorerMap | None:
@@ -104,19 +112,10 @@ class GoalExplorer(Explorer):
         return ExplorerMap(self.occupancy.frame, self.occupancy.cells.copy())
 
     def frontiers(self, distance: np.ndarray) -> FrontierCandidates:
-        """The frontier cells that can be reached, without those that were targets before.
-
-        What is still a frontier after the robot went there, or failed to, cannot be resolved: without this it would
-        be chosen for ever.
-        """
-        return frontier_candidates(
-            self.occupancy.cells,
-            self.occupancy.frame,
-            distance,
-            self.min_frontier,
-            self.frontier_reach,
-            self._finished,
-        )
+        """The frontier cells that can be reached and are not finished."""
+        cells, frame = self.occupancy.cells, self.occupancy.frame
+        finished = self.finished.mask(frame)
+        return frontier_candidates(cells, frame, distance, self.min_frontier, self.frontier_reach, finished)
 
     def frontier_target(self, candidates: FrontierCandidates, index: int) -> Target:
         """The target for one of the candidates; remembers its frontier cell as `self.frontier`."""
@@ -129,59 +128,70 @@ class GoalExplorer(Explorer):
         reachable = np.argwhere(np.isfinite(distance))
         return self.rng.choice(reachable, min(count, len(reachable)), replace=False)
 
-    def _notice_contact(self, pose: np.ndarray) -> None:
-        """Map what stopped the robot; start to free it after two forward actions in a row that moved nothing.
-
-        Sliding along a wall is progress. The pose tells it, not `collided`, which is true for both.
-        """
-        if self._last_action is not Action.FORWARD or self._last_pose is None:
-            return
-        moved = float(np.hypot(*(pose[[0, 2], 3] - self._last_pose[[0, 2], 3])))
-        if moved > 0.25 * self.robot.forward_step:
-            self._steps_stuck = 0
-            return
-        self.occupancy.mark_contact(pose)
-        self._steps_stuck += 1
-        if self._steps_stuck >= 2:
-            self._steps_stuck = 0
-            self._escape.start()
-
     def _go_on(self, pose: np.ndarray) -> Action:
         """The next action towards the present target or, where that has ended, a new one; random if none leads on."""
-        frame = self.occupancy.frame
-        here = frame.cell(pose[0, 3], pose[2, 3])
-        traversable = self._traversable(here)
-        distance: np.ndarray | None = None
-        for _ in range(3):
-            if self._pursuit is None or self.target_is_stale(self._pursuit.target):
-                distance = distance_field(traversable, here) if distance is None else distance
-                self.frontier = None
-                target = self._next_target(pose, distance)
+        here = self.occupancy.frame.cell(pose[0, 3], pose[2, 3])
+        for _ in range(self.most_targets_a_step):
+            if self._pursuit is not None and self.target_is_stale(self._pursuit.target):
+                self._end(self._pursuit, pose)
+            if self._pursuit is None:
+                target = self._next_target(pose, here)
                 if target is None:
                     break
                 self._pursuit = Pursuit(target, self.robot)
-            action = self._pursuit.act(pose, traversable, frame)
+            action = self._pursuit.act(pose, self._traversable(here, self._clearance), self.occupancy.frame)
             if action is not None:
                 return action
-            if self.frontier is not None:
-                self._finished.append(self.frontier)
-            self._pursuit = None
+            self._end(self._pursuit, pose)
         return self._escape.next()
 
-    def _next_target(self, pose: np.ndarray, distance: np.ndarray) -> Target | None:
+    def _end(self, pursuit: Pursuit, pose: np.ndarray) -> None:
+        """Forget a target; what it leaves of its frontier is not to be chosen again."""
+        if self.frontier is not None:
+            seen_from = pose if pursuit.reached else None
+            self.finished.finish(self.occupancy.cells, self.occupancy.frame, self.frontier, seen_from)
+        self.frontier = self._pursuit = None
+
+    def _next_target(self, pose: np.ndarray, here: tuple[int, int]) -> Target | None:
         """The subclass's choice; None where the map walls the robot in, which then starts random moves.
 
         Among the few places that such a map leaves the robot would wander for ever. Random moves, "unstuck" in
         Algorithm 1, test the map: floor driven over is free whatever the depth said, and only what the body meets
         stays an obstacle.
         """
-        candidates = self.frontiers(distance)
-        reachable = np.count_nonzero(np.isfinite(distance)) * self._resolution**2
-        if len(candidates) == 0 and reachable < self.least_area:
+        reach = self._reach(here)
+        if reach is None:
             self._escape.start(steps=math.ceil(self.escape_distance / self.robot.forward_step))
             return None
+        self._clearance, distance, candidates = reach
         return self.choose_target(pose, candidates, distance)
 
-    def _traversable(self, here: tuple[int, int]) -> np.ndarray:
-        clearance = (self.robot.radius + self._safety_margin) / self._resolution
+    def _reach(self, here: tuple[int, int]) -> tuple[float, np.ndarray, FrontierCandidates] | None:
+        """With which clearance to plan, how far it then is to where (`choose_target`), and to which frontiers.
+
+        It is the greatest clearance with which there is a frontier to go to; a robot that keeps its margins would not
+        get through every passage that it fits through. Where no frontier is left at all, it is the greatest one that
+        does not confine the robot to `least_area`; None if each does.
+        """
+        best = None
+        for clearance in self._clearances():
+            distance = distance_field(self._traversable(here, clearance), here)
+            candidates = self.frontiers(distance)
+            if len(candidates) > 0:
+                return clearance, distance, candidates
+            area = np.count_nonzero(np.isfinite(distance)) * self._resolution**2
+            if best is None and area >= self.least_area:
+                best = clearance, distance, candidates
+        return best
+
+    def _clearances(self) -> tuple[float, float]:
+        """Cells by which obstacles are grown: for comfort, and for passages that the robot only just fits through.
+
+        The second is a cell less than the robot's radius: an obstacle fills every cell that it touches, so on the map
+        passages are up to two cells narrower than they are.
+        """
+        radius = self.robot.radius / self._resolution
+        return radius + self._safety_margin / self._resolution, max(0.0, radius - 1.0)
+
+    def _traversable(self, here: tuple[int, int], clearance: float) -> np.ndarray:
         return process_map(self.occupancy.cells, clearance, [here], self._unknown_traversable)

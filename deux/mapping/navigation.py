@@ -72,6 +72,37 @@ class PathFollower:
         return path[min(1, len(path) - 1)]
 
 
+class ForwardCheck:
+    """Tells from a robot's poses whether going forward still moves it.
+
+    Sliding along a wall is progress. The pose tells it, not `collided`, which is true for both.
+
+    Args:
+        robot: its step.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._least_move = 0.25 * robot.forward_step
+        self._before: np.ndarray | None = None
+        self._in_a_row = 0
+
+    def failures(self, pose: np.ndarray) -> int:
+        """How many forward actions in a row moved nothing, turns left out; 0 if the last action was none of them.
+
+        Args:
+            pose: 4 x 4 camera-to-world, after the last action.
+        """
+        if self._before is None:
+            return 0
+        moved = float(np.hypot(*(pose[[0, 2], 3] - self._before[[0, 2], 3])))
+        self._in_a_row = 0 if moved > self._least_move else self._in_a_row + 1
+        return self._in_a_row
+
+    def note(self, pose: np.ndarray, action: Action) -> None:
+        """Take down what the robot does next, and from where."""
+        self._before = pose if action is Action.FORWARD else None
+
+
 class EscapeMoves:
     """Random moves that free a stuck robot: a turn by 30 to 180 degrees to either side, then a step forward.
 

@@ -1,5 +1,6 @@
 """What the learned explorers have in common: a map, a trained policy, and the draw of an action."""
 
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
@@ -32,7 +33,15 @@ class LearnedExplorer(Explorer):
     def __init__(self, weights: str | None = None, greedy: bool = False) -> None:
         self._weights = Path(weights) if weights is not None else self.shipped_weights
         self._greedy = greedy
-        self._policy: TrainedPolicy | None = None
+
+    @cached_property
+    def policy(self) -> TrainedPolicy:
+        """The trained policy, read when it is first asked for.
+
+        Raises:
+            DeuxError: there is no such policy file, or it is none.
+        """
+        return load_policy(self._weights)
 
     def fingerprint(self) -> str:
         """The hash of the policy file.
@@ -43,25 +52,18 @@ class LearnedExplorer(Explorer):
         return policy_identity(self._weights)
 
     def reset(self, episode: Episode) -> None:
-        """Begin an episode.
-
-        Raises:
-            DeuxError: there is no such policy file, or it is none.
-        """
-        if self._policy is None:
-            self._policy = load_policy(self._weights)
+        """Begin an episode; raises DeuxError as `policy` does."""
         self._rng = np.random.default_rng(episode.seed)
-        self._memory = ExplorationMemory(episode.camera, episode.robot, self._policy.crops, self._policy.resolution)
+        self._memory = ExplorationMemory(episode.camera, episode.robot, self.policy.crops, self.policy.resolution)
 
     @torch.inference_mode()
     def act(self, observation: Observation) -> Action:
         """Map the frame and ask the policy."""
-        assert self._policy is not None
         assert observation.sensor_depth is not None
         self._memory.see(observation.sensor_depth, observation.pose, observation.collided)
         view = {name: torch.from_numpy(part)[None] for name, part in self._memory.view().items()}
         view = {name: part / 255.0 if part.dtype == torch.uint8 else part for name, part in view.items()}
-        chances = self._policy.network(view)[0].softmax(dim=0).double().numpy()
+        chances = self.policy.network(view)[0].softmax(dim=0).double().numpy()
         index = int(chances.argmax()) if self._greedy else int(self._rng.choice(len(MOVES), p=chances / chances.sum()))
         self._memory.acted(MOVES[index])
         return MOVES[index]

@@ -14,7 +14,7 @@ from safetensors.numpy import save
 
 from deux.data.atomic import write_atomically
 from deux.environment.egocentric import Crops
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.policies.network import PolicyNetwork
 
 POLICY_FILE = "policy.safetensors"
@@ -66,14 +66,15 @@ def load_policy(path: Path) -> TrainedPolicy:
         with safe_open(path, "np") as file:
             header = json.loads((file.metadata() or {})["deux_policy"])
             tensors = {name: file.get_tensor(name).astype(np.float32) for name in file.keys()}  # noqa: SIM118
+        check_range("resolution", header["resolution"], 0.0, ends=False)
         crops = Crops(**header["crops"])
         network = PolicyNetwork(crops.pixels)
         network.load_state_dict({name: torch.from_numpy(value) for name, value in _under(_POLICY, tensors).items()})
         return TrainedPolicy(
             network.eval(), crops, float(header["resolution"]), _under(_REWARD, tensors), header["made_by"]
         )
-    except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        cause = str(error).splitlines()[0]
+    except (SafetensorError, DeuxError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        cause = " ".join(str(error).split()).rstrip(".")
         raise DeuxError(f"{path} is no policy file as task=train_explorer writes it ({cause}).") from error
 
 

@@ -1,6 +1,7 @@
 """Training a policy with stable-baselines3's PPO on the exploration environment."""
 
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from torch import Tensor
 
 from deux.data.progress import Progress, ignore_progress
 from deux.environment.exploration_env import ExplorationEnv
+from deux.errors import DeuxError
 from deux.policies.network import FEATURES, MapEncoder, PolicyNetwork
 from deux.policies.ppo_settings import PPOSettings
 from deux.policies.training_state import TrainingState, load_training_state, save_training_state
@@ -71,15 +73,43 @@ def train_policy(
         DeuxError: the checkpoint is damaged or of another network; the disk is full.
     """
     environments = _vectorised(settings, make_environment)
-    pixels = environments.observation_space["near"].shape[-1]  # type: ignore[index]
+    try:
+        return _train(settings, environments, seed, folder, progress)
+    finally:
+        environments.close()
+
+
+def _train(settings: PPOSettings, environments: VecEnv, seed: int, folder: Path, progress: Progress) -> TrainingResult:
     environments.seed(seed)
     # Episodes that all begin together would show PPO one phase of an episode at a time.
     lengths = np.linspace(0, settings.episode, settings.environments + 1)[1:].astype(int)
     environments.set_options([{"steps": int(length)} for length in lengths])
     normalised = VecNormalize(environments, norm_obs=False, gamma=settings.discount)
-    learner = PPO(
+    learner = _learner(settings, normalised, seed)
+    curve = LearningCurve()
+    checkpoint = folder / "checkpoint.pt"
+    if checkpoint.exists():
+        _resume(checkpoint, learner, normalised, curve)
+    left = settings.steps - learner.num_timesteps
+    if left > 0:
+        record = _Record(curve, settings, checkpoint, normalised, progress)
+        # A folder for each start: the library begins its CSV file anew.
+        logs = folder / "logs" / f"from_{learner.num_timesteps}"
+        with closing(configure(str(logs), ["csv", "tensorboard"])) as logger:
+            learner.set_logger(logger)
+            learner.learn(left, callback=record, reset_num_timesteps=False)
+    extractor = learner.policy.features_extractor
+    assert isinstance(extractor, _Extractor)
+    network = PolicyNetwork(_pixels(environments))
+    network.encoder.load_state_dict(extractor.encoder.state_dict())
+    network.action.load_state_dict(learner.policy.action_net.state_dict())
+    return TrainingResult(network.eval(), environments.env_method("reward_state")[0], curve)
+
+
+def _learner(settings: PPOSettings, environments: VecEnv, seed: int) -> PPO:
+    return PPO(
         "MultiInputPolicy",
-        normalised,
+        environments,
         learning_rate=lambda remaining: settings.learning_rate * remaining,
         n_steps=settings.rollout,
         batch_size=settings.batch_size,
@@ -90,30 +120,17 @@ def train_policy(
         ent_coef=settings.entropy,
         policy_kwargs={
             "features_extractor_class": _Extractor,
-            "features_extractor_kwargs": {"pixels": pixels},
+            "features_extractor_kwargs": {"pixels": _pixels(environments)},
             "net_arch": [],
         },
         seed=seed,
         device="cpu",  # the network is far too small for a graphics card to help
     )
-    curve = LearningCurve()
-    checkpoint = folder / "checkpoint.pt"
-    if checkpoint.exists():
-        _resume(load_training_state(checkpoint), learner, normalised, curve)
-    # A folder for each start: the library begins its CSV file anew.
-    learner.set_logger(configure(str(folder / "logs" / f"from_{learner.num_timesteps}"), ["csv", "tensorboard"]))
-    left = settings.steps - learner.num_timesteps
-    if left > 0:
-        record = _Record(curve, settings, checkpoint, normalised, progress)
-        learner.learn(left, callback=record, reset_num_timesteps=False)
-    network = PolicyNetwork(pixels)
-    extractor = learner.policy.features_extractor
-    assert isinstance(extractor, _Extractor)
-    network.encoder.load_state_dict(extractor.encoder.state_dict())
-    network.action.load_state_dict(learner.policy.action_net.state_dict())
-    rewards = environments.env_method("reward_state")
-    environments.close()
-    return TrainingResult(network.eval(), rewards[0], curve)
+
+
+def _pixels(environments: VecEnv) -> int:
+    pixels: int = environments.observation_space["near"].shape[-1]  # type: ignore[index]
+    return pixels
 
 
 def _vectorised(settings: PPOSettings, make: Callable[[], ExplorationEnv]) -> VecEnv:
@@ -122,14 +139,21 @@ def _vectorised(settings: PPOSettings, make: Callable[[], ExplorationEnv]) -> Ve
     return VecMonitor(vectorised, info_keywords=("area_seen",))
 
 
-def _resume(state: TrainingState, learner: PPO, normalised: VecNormalize, curve: LearningCurve) -> None:
-    learner.policy.load_state_dict(state.policy)
-    learner.policy.optimizer.load_state_dict(dict(state.optimiser))
+def _resume(checkpoint: Path, learner: PPO, normalised: VecNormalize, curve: LearningCurve) -> None:
+    state = load_training_state(checkpoint)
+    try:
+        learner.policy.load_state_dict(state.policy)
+        learner.policy.optimizer.load_state_dict(dict(state.optimiser))
+        for index, reward in zip(range(normalised.num_envs), state.rewards, strict=True):
+            normalised.env_method("load_reward_state", reward, indices=index)
+    except (RuntimeError, ValueError, KeyError) as error:
+        cause = " ".join(str(error).split())
+        raise DeuxError(f"{checkpoint} is of another training ({cause}): delete it to train from zero.") from error
     learner.num_timesteps = state.steps
+    assert learner.seed is not None
+    learner.set_random_seed(learner.seed + state.steps)  # not the episodes again that training began with
     returns = normalised.ret_rms
     returns.mean, returns.var, returns.count = np.array(state.returns[0]), np.array(state.returns[1]), state.returns[2]
-    for index, reward in enumerate(state.rewards):
-        normalised.env_method("load_reward_state", reward, indices=index)
     curve.steps, curve.reward, curve.area = state.curve
 
 

@@ -54,5 +54,6 @@ def load_training_state(path: Path) -> TrainingState:
         content = torch.load(io.BytesIO(read_bytes(path)), map_location="cpu", weights_only=True)
         content["rewards"] = [{name: value.numpy() for name, value in reward.items()} for reward in content["rewards"]]
         return TrainingState(**content)
-    except (RuntimeError, UnpicklingError, EOFError, KeyError, TypeError, ValueError) as error:
-        raise DeuxError(f"{path} is damaged ({str(error).splitlines()[0]}): delete it to train from zero.") from error
+    except (RuntimeError, UnpicklingError, EOFError, AttributeError, LookupError, TypeError, ValueError) as error:
+        cause = " ".join(str(error).split()[:20]) or type(error).__name__
+        raise DeuxError(f"{path} is damaged ({cause}): delete it to train from zero.") from error

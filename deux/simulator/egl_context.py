@@ -2,6 +2,7 @@
 
 import os
 import weakref
+from contextlib import suppress
 from types import ModuleType
 from typing import Any
 from unittest.mock import patch
@@ -22,6 +23,10 @@ def load_pyrender() -> ModuleType:
         DeuxError: the system's OpenGL libraries are missing.
     """
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    # torch loads this compiler with its first optimizer. It has an LLVM of its own, as Mesa has, and loading it after
+    # Mesa's crashes the process.
+    with suppress(ImportError):
+        import triton._C.libtriton  # noqa: F401
     # pyrender imports its viewer too, and that needs a library of X11 unless pyglet is told that there is no screen.
     os.environ.setdefault("PYGLET_HEADLESS", "true")
     try:

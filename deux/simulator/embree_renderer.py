@@ -41,6 +41,12 @@ class EmbreeRenderer:
         """The depth alone, H x W float32, as `render` gives it; the textures are not touched."""
         return self._depth(self._cast(pose)[2])
 
+    def faces(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The depth, and the mesh's face that each pixel shows: H x W int32, -1 where there is none in range."""
+        hits = self._cast(pose)[2]
+        depth = self._depth(hits)
+        return depth, np.where(depth > 0.0, hits.face.reshape(depth.shape), -1)
+
     @cached_property
     def _surfaces(self) -> Surfaces:
         return prepare_surfaces(self._mesh)

@@ -15,7 +15,10 @@ from deux.training.model_files import MODEL_FILE
 
 _SECONDS_FILE = "seconds.json"
 
-_WORK = ("checkpoints", MODEL_FILE, RESULTS_FILE)
+EPISODES = "episodes"
+"""The folder of the episodes that a comparison has finished."""
+
+_WORK = ("checkpoints", EPISODES, MODEL_FILE, RESULTS_FILE)
 """What a run leaves in its folder that another run must not go on from."""
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from deux.errors import check_range
+from deux.errors import DeuxError, check_range
 from deux.geometry.uncertainty import Metric
 from deux.policies.ppo_settings import PPOSettings
 from deux.training.pose_source import PoseKind
@@ -120,6 +120,35 @@ class ExplorerTrainingSettings(PPOSettings):
         super().__post_init__()
         if self.flats is not None:
             check_range("explorer_training.flats", self.flats, 1)
+
+
+@dataclass(frozen=True)
+class CompareSettings:
+    """What `task=compare_explorers` compares, and where.
+
+    Args:
+        explorers: their registered names; None for all that are installed.
+        flats: number of test scenes; of generated flats there are as many as are asked for.
+        steps: actions in an episode.
+        seeds: episodes in each scene.
+        baseline: the explorer that the others are measured against, scene by scene; None for none.
+        figure_scene: number, from 0, of the scene that the trajectories are drawn in.
+    """
+
+    explorers: list[str] | None
+    flats: int
+    steps: int
+    seeds: int
+    baseline: str | None
+    figure_scene: int
+
+    def __post_init__(self) -> None:
+        if self.explorers is not None and not self.explorers:
+            raise DeuxError("compare.explorers is empty: name some, or null for all that are installed.")
+        check_range("compare.flats", self.flats, 1)
+        check_range("compare.steps", self.steps, 2)
+        check_range("compare.seeds", self.seeds, 1)
+        check_range("compare.figure_scene", self.figure_scene, 0, self.flats - 1)
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from deux.registry import registry
 from deux.scenes.sources import SceneSplits, scene_splits
 from deux.tasks.sections import (
     CollectSettings,
+    CompareSettings,
     EvaluationSettings,
     ExplorerTrainingSettings,
     ExportSettings,
@@ -74,6 +75,7 @@ class Settings:
         self.seed_model = construct(SeedSettings, cfg.seed, "seed")
         self.foundation = construct(FoundationSettings, cfg.foundation, "foundation")
         self.explorer_training = construct(ExplorerTrainingSettings, cfg.explorer_training, "explorer_training")
+        self.compare = construct(CompareSettings, cfg.compare, "compare")
         self.training = construct(TrainingSettings, cfg.training, "training")
         self.evaluation = construct(EvaluationSettings, cfg.evaluation, "evaluation")
         self.prediction = construct(PredictionSettings, {f.name: cfg[f.name] for f in fields(PredictionSettings)}, "")
@@ -115,12 +117,15 @@ class Settings:
         chosen = plain(self.cfg.scenes, "scenes")
         if chosen.get("source") == "files":
             chosen |= {split: _user_paths(chosen.get(split)) for split in ("train", "validation", "test")}
+        if self.run.task == "compare_explorers" and type(chosen.get("test")) is int:
+            chosen["test"] = self.compare.flats
         needed = {
             "collect": ("train",),
             "train": () if self.run.training_data else ("train",),
             "evaluate": () if self.evaluation.data else ("test",),
             "predict": (),
             "export": (),
+            "compare_explorers": ("test",),
             "train_explorer": ("train",) if self.explorer_training.flats is None else (),
         }
         return scene_splits(chosen, needed.get(self.run.task, ("train", "test")))

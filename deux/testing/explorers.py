@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
+from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation, Simulator
 from deux.testing.box_world import Box, BoxWorld
 
 Change = Callable[[Observation], Observation]
@@ -28,7 +28,7 @@ def unchanged(observation: Observation) -> Observation:
     return observation
 
 
-def observe(world: BoxWorld, needs: frozenset[Need], step: int, collided: bool) -> Observation:
+def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool) -> Observation:
     """What an explorer with these needs sees, and nothing else.
 
     The residual is 0.1 on boxes and 0.02 elsewhere; before the third frame it is NaN, as in the collector.
@@ -51,7 +51,7 @@ def observe(world: BoxWorld, needs: frozenset[Need], step: int, collided: bool) 
     )
 
 
-def run(explorer: Explorer, world: BoxWorld, steps: int, seed: int = 0, change: Change = unchanged) -> list[Action]:
+def run(explorer: Explorer, world: Simulator, steps: int, seed: int = 0, change: Change = unchanged) -> list[Action]:
     """Let an explorer act in a world from where the world's robot stands, as the collector would.
 
     Args:
@@ -65,6 +65,8 @@ def run(explorer: Explorer, world: BoxWorld, steps: int, seed: int = 0, change: 
         The actions.
     """
     free_space = world.free_space() if Need.FREE_SPACE in explorer.needs else None
+    if free_space is not None:  # the robot's body moves by the same arrays: an explorer must not write to them
+        free_space.free.flags.writeable = free_space.clearance.flags.writeable = False
     names = world.label_names if Need.LABELS in explorer.needs else ()
     explorer.reset(Episode(seed, steps, world.camera, world.robot, free_space, names))
     actions: list[Action] = []
@@ -186,7 +188,15 @@ class ExplorerSuite:
         )  # fmt: skip
         self.run_legally(BoxWorld(4.0, 4.0, fence), self.steps)
 
-    def test_survives_having_seen_everything(self) -> None:
+    def test_survives_a_cell_of_its_own(self) -> None:
+        """Walls up to the ceiling all around the robot: it sees nothing but them."""
+        walls = (
+            Box(1.5, 1.5, 2.5, 1.8), Box(1.5, 2.2, 2.5, 2.5),
+            Box(1.5, 1.8, 1.8, 2.2), Box(2.2, 1.8, 2.5, 2.2),
+        )  # fmt: skip
+        self.run_legally(BoxWorld(4.0, 4.0, walls), self.steps)
+
+    def test_survives_a_map_without_frontiers(self) -> None:
         """A room so small that no frontier is left soon; acting goes on."""
         self.run_legally(BoxWorld(1.5, 1.5), 2 * self.steps)
 

@@ -1,6 +1,5 @@
 """The frontier explorer (Yamauchi 1997) with A*: the classic way to see all of a place."""
 
-import math
 from typing import Literal
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 from deux.contracts import Observation
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
-from deux.mapping.frontiers import frontier_mask
 from deux.mapping.goal_explorer import GoalExplorer
 from deux.mapping.navigation import heading_error
 from deux.mapping.pursuit import Target
@@ -73,7 +71,4 @@ class FrontierExplorer(GoalExplorer):
         """Whether no frontier cell is left around the one that was chosen."""
         if self.frontier is None:
             return False
-        row, column = self.occupancy.frame.cell(*self.frontier)
-        reach = math.ceil(self.frontier_reach / self.occupancy.resolution)
-        window = np.s_[max(0, row - reach - 1) : row + reach + 2, max(0, column - reach - 1) : column + reach + 2]
-        return not frontier_mask(self.occupancy.cells[window])[1:-1, 1:-1].any()
+        return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)

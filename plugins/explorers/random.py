@@ -5,14 +5,16 @@ import numpy as np
 from deux.contracts import Action, Episode, Explorer, Observation
 from deux.errors import DeuxError
 from deux.mapping.navigation import EscapeMoves
+from deux.mapping.way_out import WayOut
 
 
 class RandomExplorer(Explorer):
     """Draws forward, left and right at random; frees itself after a collision (Sec. IV.A of the paper).
 
-    After a collision it turns by a random amount, 30 to 180 degrees, to one side and takes a step. Turns are drawn
-    left and right with equal probability, so with the published uniform draw two thirds of the actions turn on the
-    spot and the frames cover little; a higher `forward_probability` gives frames with more parallax.
+    After a collision it turns by a random amount, 30 to 180 degrees, to one side and takes a step; where that does not
+    get it away from a place in 40 steps, it searches the place for a way out (`WayOut`). Turns are drawn left and right
+    with equal probability, so with the published uniform draw two thirds of the actions turn on the spot and the frames
+    cover little; a higher `forward_probability` gives frames with more parallax.
 
     Args:
         forward_probability: probability of going forward; 1/3 is uniform over the three moves.
@@ -29,9 +31,13 @@ class RandomExplorer(Explorer):
         """Begin an episode."""
         self._rng = np.random.default_rng(episode.seed)
         self._escape = EscapeMoves(episode.robot, self._rng)
+        self._way_out = WayOut(episode.robot)
 
     def act(self, observation: Observation) -> Action:
-        """Draw the next action."""
+        """Draw the next action, unless the robot is held and there is a way out to be found."""
+        searching = self._way_out.action(observation.pose, observation.collided)
+        if searching is not None:
+            return searching
         if observation.collided:
             self._escape.start()
         if self._escape.active:

@@ -40,15 +40,18 @@ class CuriosityReward(Reward):
                 nn.Linear(hidden, hidden), nn.LeakyReLU(0.2),
                 nn.Linear(hidden, features),
             )  # fmt: skip
-        self._optimiser = torch.optim.Adam(self._model.parameters(), learning_rate)
-
-    def reset(self, episode: Episode) -> None:
-        """Learn from the episode before, and begin another."""
-        if self._learn and getattr(self, "_inputs", None):
-            self._train(torch.stack(self._inputs), torch.stack(self._targets), episode.seed)
+        self._length = 0
         self._inputs: list[Tensor] = []
         self._targets: list[Tensor] = []
         self._before: Tensor | None = None
+        self._optimiser = torch.optim.Adam(self._model.parameters(), learning_rate)
+
+    def reset(self, episode: Episode) -> None:
+        """Learn from the episode before, and begin another; one that was broken off teaches nothing."""
+        if self._learn and self._inputs and len(self._inputs) == self._length:
+            self._train(torch.stack(self._inputs), torch.stack(self._targets), episode.seed)
+        self._length = episode.steps
+        self._inputs, self._targets, self._before = [], [], None
 
     @torch.no_grad()
     def __call__(self, experience: Experience) -> float:
@@ -63,8 +66,8 @@ class CuriosityReward(Reward):
         return float((self._model(asked) - now).square().sum())
 
     def state(self) -> dict[str, np.ndarray]:
-        """The forward model's weights."""
-        return {name: value.numpy() for name, value in self._model.state_dict().items()}
+        """The forward model's weights, as they are now."""
+        return {name: value.numpy().copy() for name, value in self._model.state_dict().items()}
 
     def load_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Take up the forward model's weights."""
@@ -78,7 +81,6 @@ class CuriosityReward(Reward):
         flat = torch.from_numpy(blocks.mean(axis=(2, 4), dtype=np.float32).ravel() / 255.0)
         if self._projection.shape != (self._features, len(flat)):
             self._projection = torch.randn(self._features, len(flat), generator=self._generator.manual_seed(0))
-
             self._projection /= len(flat) ** 0.5
         return (self._projection @ flat).relu()
 

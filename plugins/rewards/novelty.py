@@ -15,7 +15,7 @@ class NoveltyReward(Reward):
     """
 
     def __init__(self, cell: float = 0.5) -> None:
-        if cell <= 0.0:
+        if not cell > 0.0:
             raise DeuxError(f"novelty's cell is {cell}: an edge in metres, more than 0, is right.")
         self._cell = cell
 

@@ -33,7 +33,7 @@ class SemanticReconstructionReward(Reward):
 
     def __init__(self, cell: float = 0.5, full_view: float = 0.01, max_range: float = 3.0) -> None:
         for name, value in (("cell", cell), ("full_view", full_view), ("max_range", max_range)):
-            if value <= 0.0:
+            if not value > 0.0:
                 raise DeuxError(f"semantic_reconstruction's {name} is {value}: more than 0 is right.")
         self._cell = cell
         self._full_view = full_view

@@ -8,7 +8,7 @@ from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
 
 from deux.contracts import Action
 from deux.data.calibration import read_pose
-from deux.data.viewpoints import MOTIONS, ViewpointsPlan, collect_viewpoints, poses_before, stratify
+from deux.data.viewpoints import MOTIONS, ViewpointsPlan, collect_viewpoints, poses_before
 from deux.errors import DeuxError
 from deux.geometry.poses import motion, yaw_of
 
@@ -17,22 +17,6 @@ def poses(dataset: Path) -> np.ndarray:
     """Viewpoints x 3 frames x 4 x 4."""
     folders = sorted((dataset / "data").iterdir())
     return np.array([[read_pose(folder / f"absolute_pose/00000{i}.txt") for i in range(3)] for folder in folders])
-
-
-def test_parts_of_the_floor_are_equal_and_cover_it() -> None:
-    free = np.random.default_rng(0).random((31, 47)) < 0.7
-    parts = stratify(free, 13)
-    sizes = [len(part) for part in parts]
-    assert max(sizes) - min(sizes) <= 1
-    covered = np.zeros_like(free, dtype=int)
-    np.add.at(covered, tuple(np.concatenate(parts).T), 1)
-    np.testing.assert_array_equal(covered, free)
-
-
-def test_more_parts_than_cells_still_has_a_cell_in_each() -> None:
-    free = np.zeros((4, 4), bool)
-    free[1, 1:3] = True
-    assert all(len(part) == 1 for part in stratify(free, 7))
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

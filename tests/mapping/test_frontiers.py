@@ -49,3 +49,11 @@ def test_a_fully_known_map_has_no_frontier():
     cells = np.full((5, 6), 2, np.int8)
     cells[2, 2] = 1
     assert find_frontiers(cells) == []
+
+
+def test_cells_that_do_not_count_divide_a_frontier():
+    cells = np.full((9, 4), 2, np.int8)
+    cells[:, 0] = 0
+    without = np.zeros(cells.shape, bool)
+    without[3, 1] = without[3, 2] = True
+    assert [len(cluster) for cluster in find_frontiers(cells, 1, without)] == [5, 3]

@@ -6,7 +6,7 @@ import pytest
 from deux.contracts import Action, Robot
 from deux.geometry.grid import GridFrame
 from deux.geometry.poses import camera_pose
-from deux.mapping.navigation import EscapeMoves, PathFollower, heading_error
+from deux.mapping.navigation import EscapeMoves, ForwardCheck, PathFollower, heading_error
 
 OPEN = np.ones((100, 100), bool)
 FRAME = GridFrame(-2.5, -2.5, 100, 100)
@@ -86,3 +86,20 @@ def test_escape_goes_on_as_far_as_it_is_told():
         moves.append(escape.next())
     assert moves[-5:].count(Action.FORWARD) == 4
     assert moves.count(Action.FORWARD) == 4
+
+
+def test_forward_actions_that_move_nothing_are_counted_and_slides_are_not():
+    check = ForwardCheck(Robot(forward_step=0.25))
+    steps = [
+        (0.0, Action.FORWARD, 0),
+        (0.25, Action.FORWARD, 0),
+        (0.26, Action.LEFT, 1),
+        (0.26, Action.FORWARD, 0),
+        (0.27, Action.FORWARD, 2),
+        (0.40, Action.FORWARD, 0),
+        (0.40, Action.FORWARD, 1),
+    ]
+    for x, action, expected in steps:
+        pose = camera_pose(x, 1.25, 0.0, 0.7)
+        assert check.failures(pose) == expected
+        check.note(pose, action)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.contracts import Robot
+from deux.contracts import Action, Robot
 from deux.geometry.camera import Camera
 from deux.mapping.occupancy import EXACT, FREE, OCCUPIED, UNKNOWN, DepthErrors, OccupancyMap
 from deux.mapping.planning import distance_field
@@ -195,3 +195,85 @@ def test_one_look_outweighs_many_wrong_ones_from_afar_if_depth_is_inexact(errors
     assert state(occupancy, 3.0, 2.5 - 1e-3) == OCCUPIED
     occupancy.update(depth, world.pose)
     assert state(occupancy, 3.0, 2.5 - 1e-3) == expected
+
+
+def test_each_frame_counts_once_for_each_cell_that_it_shows():
+    """Known cells change with the frame that shows them, and with no other; the footprint alone needs no look."""
+    world = BoxWorld(5.0, 4.0, (TABLE,), Camera(64, 64))
+    world.reset(2.0, 2.0, 0.3)
+    occupancy = OccupancyMap(world.camera, world.robot, resolution=0.1)
+    counted = {}
+    for step in range(40):
+        occupancy.update(world.observe().depth, world.pose)
+        for row, column in np.argwhere(occupancy.seen):
+            cell = tuple(np.round(occupancy.frame.centre(row, column), 3))
+            counted[cell] = counted.get(cell, 0) + 1
+        world.step(Action(step % 2))
+    assert occupancy.views.dtype == np.int32
+    assert occupancy.seen.dtype == occupancy.visited.dtype == np.bool_
+    rows, columns = np.nonzero(occupancy.views)
+    views = {
+        tuple(np.round(occupancy.frame.centre(row, column), 3)): occupancy.views[row, column]
+        for row, column in zip(rows, columns, strict=True)
+    }
+    assert views == counted, "the counts moved with the grid as it grew"
+    assert max(counted.values()) > 5
+    known = occupancy.cells != UNKNOWN
+    assert not (occupancy.views[~known] > 0).any()
+    assert (known & (occupancy.views == 0) <= occupancy.visited).all()
+
+
+def test_what_the_last_frame_shows_lies_in_its_field_of_view():
+    world = BoxWorld(8.0, 8.0, camera=Camera(64, 64))
+    occupancy = OccupancyMap(world.camera, world.robot, resolution=0.1)
+    for yaw in (0.0, 1.0, -2.5):
+        world.reset(4.0, 4.0, yaw)
+        occupancy.update(world.observe().depth, world.pose)
+        rows, columns = np.nonzero(occupancy.seen)
+        assert len(rows) > 200
+        x = occupancy.frame.origin_x + (columns + 0.5) * 0.1 - 4.0
+        z = occupancy.frame.origin_z + (rows + 0.5) * 0.1 - 4.0
+        ahead, right = -np.sin(yaw) * x - np.cos(yaw) * z, np.cos(yaw) * x - np.sin(yaw) * z
+        # 90 degrees of view and a cell's half diagonal; 3 m of range.
+        assert (np.abs(right) <= ahead + 0.15).all()
+        assert np.hypot(ahead, right).max() <= 3.0 + 0.1
+    occupancy.update(np.zeros((64, 64), np.float32), world.pose)
+    assert not occupancy.seen.any(), "a frame without depth tells nothing"
+
+
+def test_where_the_body_has_been_is_visited():
+    world = BoxWorld(8.0, 8.0, camera=Camera(16, 16))
+    occupancy = OccupancyMap(world.camera, world.robot)
+    places = []
+    for yaw in (0.0, 0.0, 0.0, np.pi / 2.0, np.pi / 2.0):
+        world.reset(*world.pose[[0, 2], 3], yaw)
+        occupancy.update(world.observe().depth, world.pose)
+        places.append(world.pose[[0, 2], 3])
+        world.step(Action.FORWARD)
+    rows, columns = np.mgrid[: occupancy.frame.rows, : occupancy.frame.columns]
+    x = occupancy.frame.origin_x + (columns + 0.5) * 0.05
+    z = occupancy.frame.origin_z + (rows + 0.5) * 0.05
+    nearest = np.min([np.hypot(x - px, z - pz) for px, pz in places], axis=0)
+    assert occupancy.visited[nearest <= world.robot.radius - 1e-6].all()
+    assert not occupancy.visited[nearest > world.robot.radius + 0.05].any()
+    assert (occupancy.cells[occupancy.visited] == FREE).all()
+    before = occupancy.visited.copy()
+    occupancy.mark_contact(world.pose)
+    np.testing.assert_array_equal(occupancy.visited, before)
+
+
+def test_looks_at_what_the_body_met_are_not_counted():
+    """Such a cell stays as it is whatever a frame shows in its place."""
+    world = BoxWorld(6.0, 6.0, camera=Camera(64, 64))
+    world.reset(3.0, 3.0, 0.0)
+    occupancy = OccupancyMap(world.camera, world.robot)
+    occupancy.update(world.observe().depth, world.pose)
+    occupancy.mark_contact(world.pose)
+    before = occupancy.views.copy()
+    cell = tuple(int(index) for index in occupancy.frame.cells(3.0, 2.84))
+    assert state(occupancy, 3.0, 2.84) == OCCUPIED
+    world.reset(3.0, 4.0, 0.0)
+    occupancy.update(world.observe().depth, world.pose)
+    assert state(occupancy, 3.0, 2.84) == OCCUPIED
+    assert not occupancy.seen[cell]
+    assert (occupancy.views - before)[occupancy.seen].min() == 1

@@ -101,3 +101,33 @@ def test_small_house_looks_as_in_habitat(small_house: Scene, habitat_views: list
         color_difference = np.abs(image.rgb.astype(int) - view.rgb)
         assert color_difference.mean() < 1.0  # grey levels; measured: 0.01 to 0.56
         assert np.percentile(color_difference, 99) <= 10
+
+
+def test_faces_are_those_that_the_labels_belong_to(box: Scene) -> None:
+    camera = Camera(40, 30, max_depth=2.5)
+    renderer = EmbreeRenderer(box, camera)
+    pose = camera_pose(1.0, 1.2, 2.7, 0.4)
+    depth, face = renderer.faces(pose)
+    image = renderer.render(pose)
+    np.testing.assert_array_equal(depth, image.depth)
+    assert (depth == 0.0).any()  # the far wall is out of range
+    np.testing.assert_array_equal(face, np.where(depth > 0.0, face, -1))
+    np.testing.assert_array_equal(face[depth > 0.0] // 2, image.labels[depth > 0.0])  # side i is faces 2i and 2i + 1
+
+
+def test_depth_alone_is_that_of_the_image_and_needs_no_textures(
+    box: Scene, flat: Scene, flat_poses: list[np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("deux.simulator.embree_renderer.prepare_surfaces", lambda mesh: pytest.fail("shading"))
+    alone = [
+        [(renderer, pose, renderer.depth(pose)) for pose in poses]
+        for renderer, poses in (
+            (EmbreeRenderer(box, Camera(33, 40, 90.0, min_depth=1.2, max_depth=2.0)), poses_in(box)),
+            (EmbreeRenderer(flat, Camera(48, 32)), flat_poses),
+        )
+    ]
+    monkeypatch.undo()
+    for renderer, pose, depth in (part for parts in alone for part in parts):
+        assert depth.dtype == np.float32
+        np.testing.assert_array_equal(depth, renderer.render(pose).depth)
+        assert (depth > 0).any()

@@ -1,3 +1,4 @@
+import copy
 import math
 from dataclasses import replace
 
@@ -36,6 +37,28 @@ def test_it_walks_turns_and_sees(box: Scene) -> None:
     labelled = simulator.observe(labels=True)
     assert labelled.labels is not None
     assert simulator.label_names[labelled.labels[16, 16]] == "quad 4"  # low end of z
+
+
+def test_depth_alone_is_that_of_the_frame(box: Scene) -> None:
+    simulator = MeshSimulator(box, CAMERA, Robot())
+    simulator.reset(2.0, 2.0, 0.3)
+    for action in (Action.FORWARD, Action.LEFT, Action.FORWARD):
+        simulator.step(action)
+        np.testing.assert_array_equal(simulator.depth(), simulator.observe().depth)
+
+
+def test_what_is_prepared_is_shared_by_copies_that_move_on_their_own(box: Scene) -> None:
+    simulator = MeshSimulator(box, CAMERA, Robot())
+    simulator.prepare()
+    first, second = copy.copy(simulator), copy.copy(simulator)
+    assert first._renderer is second._renderer is simulator._renderer
+    assert first.free_space() is second.free_space()
+    first.reset(2.0, 2.0, 0.0)
+    second.reset(1.0, 1.0, 0.0)
+    first.step(Action.FORWARD)
+    np.testing.assert_allclose(second.pose, camera_pose(1.0, 1.25, 1.0, 0.0))
+    with pytest.raises(DeuxError, match="call reset"):
+        simulator.depth()
 
 
 def test_turns_add_up_exactly(box: Scene) -> None:

@@ -1,4 +1,6 @@
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -41,6 +43,14 @@ def test_agrees_with_embree_on_a_generated_flat(flat: Scene, flat_poses: list[np
 
 def test_agrees_with_embree_on_small_house(small_house: Scene, habitat_views: list) -> None:
     assert_agree(small_house, [view.pose for view in habitat_views[:6]], color=1.0)
+
+
+def test_depth_alone_is_that_of_the_image(flat: Scene, flat_poses: list[np.ndarray]) -> None:
+    renderer = PyrenderRenderer(flat, Camera(48, 32))
+    for pose in flat_poses[:3]:
+        depth = renderer.depth(pose)
+        assert depth.dtype == np.float32
+        np.testing.assert_array_equal(depth, renderer.render(pose).depth)
 
 
 def test_colours_are_the_albedo(make_quads: Callable[..., Scene]) -> None:
@@ -90,3 +100,14 @@ def test_a_forked_process_is_told_instead_of_hanging(box: Scene, monkeypatch: py
     monkeypatch.setattr("deux.simulator.egl_context._creator", os.getpid() + 1)
     with pytest.raises(DeuxError, match="before this process was forked: start worker processes by spawn"):
         PyrenderRenderer(box, Camera(8, 8)).render(np.eye(4))
+
+
+def test_a_model_can_be_trained_after_something_was_drawn() -> None:
+    """Mesa and torch's compiler each bring an LLVM: in the wrong order the process crashes."""
+    program = (
+        "from deux.simulator.egl_context import EGLContext\n"
+        "context = EGLContext(8, 8)\n"
+        "import torch\n"
+        "torch.optim.Adam(torch.nn.Linear(2, 2).parameters())"
+    )
+    subprocess.run([sys.executable, "-c", program], timeout=120, check=True)

@@ -54,3 +54,9 @@ def test_free_space_is_what_the_robot_can_reach():
     space = world.free_space()
     assert space.area == pytest.approx((1.9 - 0.2) * (2.0 - 0.2), rel=0.06)
     assert not space.free[:, 40:].any()
+
+
+def test_depth_alone_is_that_of_the_frame():
+    world = BoxWorld(5.0, 4.0, (Box(2.0, 0.5, 3.0, 1.5, 0.9),))
+    world.reset(2.3, 3.0, 0.2)
+    np.testing.assert_array_equal(world.depth(), world.observe(labels=True).depth)

@@ -63,6 +63,35 @@ class DividesByDepth(Sound):
         return Action.FORWARD if nearest > 0.5 else Action.LEFT
 
 
+class WritesToTheFloor(Sound):
+    needs = frozenset({Need.FREE_SPACE})
+
+    def reset(self, episode):
+        super().reset(episode)
+        episode.free_space.free[:] = True
+
+
+class StandsOnTheFloor(Sound):
+    needs = frozenset({Need.FREE_SPACE})
+
+    def reset(self, episode):
+        super().reset(episode)
+        self.floor = episode.free_space
+
+    def act(self, observation):
+        row, column = self.floor.frame.cell(*observation.pose[[0, 2], 3])
+        assert self.floor.free[row - 1 : row + 2, column - 1 : column + 2].all(), "there is no room to stand"
+        return super().act(observation)
+
+
+class GivesUpWhenWalledIn(Sound):
+    needs = frozenset({Need.SENSOR_DEPTH})
+
+    def act(self, observation):
+        assert observation.sensor_depth.max() > 0.6, "nothing is far away"
+        return super().act(observation)
+
+
 class CrookedMap(Sound):
     def map(self):
         return ExplorerMap(GridFrame(0.0, 0.0, 4, 5), np.zeros((5, 4), np.int8))
@@ -100,6 +129,9 @@ def test_a_sound_explorer_passes():
         (TrustsResiduals, "test_survives_missing_residuals"),
         (DividesByDepth, "test_survives_empty_depth"),
         (CrookedMap, "test_map_is_consistent"),
+        (WritesToTheFloor, "test_acts_legally"),
+        (StandsOnTheFloor, "test_survives_a_scene_of_one_cell"),
+        (GivesUpWhenWalledIn, "test_survives_a_cell_of_its_own"),
     ],
 )
 def test_each_fault_is_caught(faulty, caught_by):

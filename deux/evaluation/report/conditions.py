@@ -30,6 +30,7 @@ _NO_CONDITION = (
     "ground_truth",
     "export",
     "explorer_training",
+    "compare",
     "collect.processes",
     "training.num_workers",
     "training.validations",

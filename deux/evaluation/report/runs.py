@@ -19,7 +19,7 @@ _CONFIG_FILE = Path(".hydra", "config.yaml")
 _OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
 
 _MEASURING = ("experiment", "evaluate")
-"""The tasks that end with results."""
+"""The tasks whose results belong into the tables."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,8 @@ def find_runs(folder: Path) -> FoundRuns:
     finished, begun, left_out = [], [], []
     for path in run_folders(folder):
         identity = read_identity(path)
+        if identity is not None and identity.get("task") not in _MEASURING:
+            continue
         if (path / RESULTS_FILE).exists():
             run = _finished(path, identity)
             if isinstance(run, str):
@@ -112,8 +114,6 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
     if identity is None:
         named = {"model": {"name": results.model}, "explore": {"name": results.explore}, "random_seed": results.seed}
         identity = {"task": "experiment" if results.explore else "evaluate", **named}
-    if identity.get("task") not in _MEASURING:
-        return f"task={identity.get('task')} measures nothing that belongs into a table"
     tested = conditions(identity)
     trained_by = identity if identity["task"] == "experiment" else (results.trained or {}).get("settings")
     if not isinstance(trained_by, Mapping):

@@ -12,6 +12,8 @@ def test_runs_are_found_wherever_they_lie(write_run, outputs):
     write_run("random", "kbnet", 0, 20.0, folder="runs")
     (outputs / "datasets" / "random-1").mkdir(parents=True)
     (outputs / "datasets" / "random-1" / "manifest.json").write_text("{}")
+    other = write_run("deux", "kbnet", 7, 1.0, folder="runs", task="compare_explorers")
+    (other / "results.json").write_text('{"explorers": 3}')
     (outputs / "seed_models" / "kbnet-1").mkdir(parents=True)
     (outputs / "seed_models" / "kbnet-1" / "run.json").write_text('{"dataset": "random-1"}')
     found = find_runs(outputs)

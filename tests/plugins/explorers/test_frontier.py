@@ -1,9 +1,16 @@
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
-from deux.contracts import Action, Need
+from deux.bench.scenes import flat
+from deux.contracts import Action, Need, Robot
 from deux.errors import DeuxError
+from deux.geometry.camera import Camera
 from deux.geometry.poses import yaw_of
+from deux.simulator.mesh_simulator import MeshSimulator
+from deux.simulator.starts import random_starts
 from deux.testing.box_world import Box, BoxWorld
 from deux.testing.explorers import ExplorerSuite, run
 from deux_plugins.explorers.frontier import FrontierExplorer
@@ -36,8 +43,8 @@ def covered(explorer, world):
     """Share of the floor that can be reached which the explorer's map knows to be free."""
     space = world.free_space()
     rows, columns = np.nonzero(space.free)
-    x = (columns + 0.5) * space.frame.resolution
-    z = (rows + 0.5) * space.frame.resolution
+    x = space.frame.origin_x + (columns + 0.5) * space.frame.resolution
+    z = space.frame.origin_z + (rows + 0.5) * space.frame.resolution
     known = explorer.map()
     rows, columns = known.frame.cells(x, z)
     inside = known.frame.contains(rows, columns)
@@ -49,6 +56,62 @@ def test_sees_at_least_95_percent_of_four_rooms(choose, steps):
     explorer, world = FrontierExplorer(choose=choose), four_rooms()
     run(explorer, world, steps)
     assert covered(explorer, world) >= 0.95
+
+
+@pytest.mark.parametrize(("seed", "steps"), [(200187, 300), (200015, 600), (200024, 750)])
+def test_sees_at_least_95_percent_of_a_generated_flat(seed, steps):
+    """The first start lies at the end of a frontier, which is a trap; the third flat is large, 49 square metres."""
+    simulator = MeshSimulator(flat(seed).load(), Camera(64, 64), Robot())
+    simulator.reset(*random_starts(simulator.free_space(), 1, np.random.default_rng(seed))[0])
+    explorer = FrontierExplorer()
+    run(explorer, simulator, steps, seed)
+    assert covered(explorer, simulator) >= 0.95
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_passes_where_the_robot_fits_without_its_margin(side):
+    """A passage of 0.27 m for a robot of 0.2 m; the frontier in the other room is out of sight from the first."""
+    walls = (Box(2.45, 0.0, 2.55, 2.0), Box(2.45, 2.27, 2.55, 4.0))
+    world = BoxWorld(5.0, 4.0, walls)
+    world.reset(2.5 + side, 1.0, 0.0)
+    explorer = FrontierExplorer()
+    run(explorer, world, 250)
+    assert covered(explorer, world) >= 0.95
+
+
+def targets(explorer, world, steps, change=lambda observation: observation):
+    """The frontier cells that are targets, world (x, z), in order of time."""
+    chosen = []
+
+    def note(observation):
+        if explorer.frontier is not None and (not chosen or chosen[-1] != explorer.frontier):
+            chosen.append(explorer.frontier)
+        return change(observation)
+
+    run(explorer, world, steps, change=note)
+    return np.array(chosen)
+
+
+def depth_errors(seed):
+    """Smooth errors of 15 %, new ones in each frame: they make frontiers come and go."""
+    rng = np.random.default_rng(seed)
+
+    def change(observation):
+        depth = observation.predicted_depth
+        factor = cv2.resize(1.0 + 0.15 * rng.standard_normal((5, 5)), depth.shape[::-1])
+        return replace(observation, predicted_depth=(depth * factor.clip(0.5, 1.5)).astype(np.float32))
+
+    return change
+
+
+@pytest.mark.parametrize("options", [{}, {"choose": "largest"}, {"depth": "predicted"}])
+def test_never_goes_to_and_fro_between_two_targets(options):
+    change = {"change": depth_errors(0)} if options.get("depth") == "predicted" else {}
+    chosen = targets(FrontierExplorer(**options), four_rooms(), 500, **change)
+    assert len(chosen) > 15
+    assert len(np.unique(chosen, axis=0)) == len(chosen), "a frontier cell was a target twice"
+    again = np.hypot(*(chosen[2:] - chosen[:-2]).T) < 0.3
+    assert not (again[:-1] & again[1:]).any(), "two targets took turns"
 
 
 def test_goes_on_to_new_places_when_everything_is_known():

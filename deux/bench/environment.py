@@ -1,0 +1,82 @@
+"""Steps a second of the Gymnasium environment in which explorers learn."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from deux.bench.installed import installed
+from deux.bench.report import Table
+from deux.bench.scenes import flat
+from deux.bench.timing import Spread, in_turn, rate, times_the_slowest
+from deux.contracts import Reward, Robot
+from deux.environment.exploration_env import ExplorationEnv, Extra
+from deux.environment.memory import MOVES
+from deux.environment.scene_pool import ScenePool
+from deux.geometry.camera import Camera
+
+
+@dataclass(frozen=True)
+class EnvironmentSettings:
+    """What is measured, and for how long.
+
+    Args:
+        size: width and height of the images in pixels.
+        episode: steps in an episode; beginning another one is part of the time.
+        rounds: number of times that each environment is measured.
+        seconds: how long each time.
+    """
+
+    size: int = 64
+    episode: int = 500
+    rounds: int = 6
+    seconds: float = 1.0
+
+
+QUICK = EnvironmentSettings(rounds=3, seconds=0.2)
+"""Settings for a quick look."""
+
+
+def measure_environment(settings: EnvironmentSettings) -> Iterator[Table]:
+    """Measure the environment with every installed reward, and with each thing that an observation can also hold."""
+    rewards, broken = installed("rewards")
+    plain = next((name for name, reward in rewards.items() if not reward.needs), None)
+    ways: list[tuple[str, Sequence[Extra]]] = [(name, ()) for name in rewards]
+    if plain is not None:
+        ways += [(plain, ("depth",)), (plain, ("rgb",))]
+    pool = ScenePool(Camera(settings.size, settings.size), Robot())
+    steps = {way: _stepper(rewards[way[0]], way[1], pool, settings.episode) for way in ways}
+    for step in steps.values():  # compiles the kernels
+        step()
+    rates = in_turn(
+        {way: lambda step=step: rate(step, settings.seconds) for way, step in steps.items()},  # type: ignore[misc]
+        settings.rounds,
+    )
+    ratios = times_the_slowest(rates)
+    rows = tuple(
+        {
+            "reward": name,
+            "observation": ", ".join(["maps", *extras]),
+            "labels": "yes" if rewards[name].needs else "no",
+            "steps per second": Spread.of(rates[name, extras]),
+            "times the slowest": ratios[name, extras],
+        }
+        for name, extras in ways
+    )
+    note = "One environment in one process, random moves; beginning an episode and judging each step are counted in."
+    title = f"Environment: steps in a generated flat, depth images of {settings.size} x {settings.size}"
+    yield Table("environment", title, rows, (note, *broken))
+
+
+def _stepper(reward: Reward, extras: Sequence[Extra], pool: ScenePool, episode: int) -> Callable[[], None]:
+    """A function that takes one step, and begins another episode where one ended."""
+    environment = ExplorationEnv([flat(0)], reward, extras=extras, steps=episode, pool=pool)
+    environment.reset(seed=0)
+    rng = np.random.default_rng(0)
+
+    def step() -> None:
+        move = rng.choice(len(MOVES), p=[0.6, 0.2, 0.2])
+        if environment.step(np.int64(move))[3]:
+            environment.reset()
+
+    return step

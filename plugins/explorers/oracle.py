@@ -1,0 +1,104 @@
+"""The oracle explorer: it knows the true floor, and visits places all over it by shortest paths."""
+
+import math
+
+import numpy as np
+
+from deux.contracts import Action, Episode, Explorer, Need, Observation
+from deux.errors import DeuxError
+from deux.geometry.stratify import stratify
+from deux.mapping.navigation import EscapeMoves, ForwardCheck
+from deux.mapping.planning import distance_field
+from deux.mapping.pursuit import Pursuit, Target
+
+Cell = tuple[int, int]
+"""(row, column) on the grid of the true floor."""
+
+
+class OracleExplorer(Explorer):
+    """Visits targets spread evenly over the true free floor: what it is worth to know the scene beforehand.
+
+    The floor is divided into parts of equal area with one target at random in each. The robot goes to the nearest of
+    those left, by the length of the path. When the last has been visited, new ones are drawn. It keeps no map: figures
+    show what its frames saw, not the whole floor that it was given.
+
+    Args:
+        targets: number of targets. In generated flats 8 lie about 2 m apart and take about 250 steps; with more of them
+            the robot sees less of a flat in an episode of that length.
+        safety_margin: metres that paths keep from obstacles beyond the robot's radius, where there is room for it.
+    """
+
+    needs = frozenset({Need.FREE_SPACE})
+
+    def __init__(self, targets: int = 8, safety_margin: float = 0.05) -> None:
+        if targets < 1:
+            raise DeuxError(f"oracle's targets is {targets}: it must be at least 1.")
+        self._count = targets
+        self._safety_margin = safety_margin
+
+    def reset(self, episode: Episode) -> None:
+        """Begin an episode."""
+        assert episode.free_space is not None
+        self._space = episode.free_space
+        self._robot = episode.robot
+        self._rng = np.random.default_rng(episode.seed)
+        self._escape = EscapeMoves(episode.robot, self._rng)
+        self._forward = ForwardCheck(episode.robot)
+        self._targets: list[Cell] = []
+        self._pursuit: Pursuit | None = None
+
+    def act(self, observation: Observation) -> Action:
+        """Go on towards the target, or to the next; where the robot is stuck, give the target up and move at random."""
+        if self._forward.failures(observation.pose) >= 2:
+            self._escape.start()
+            self._pursuit = None
+        action = self._escape.next() if self._escape.active else self._go_on(observation.pose)
+        self._forward.note(observation.pose, action)
+        return action
+
+    def _go_on(self, pose: np.ndarray) -> Action:
+        """The next action towards the present target or, where that has ended, towards the next."""
+        frame = self._space.frame
+        here = frame.cell(pose[0, 3], pose[2, 3])
+        for _ in range(self._count + 1):
+            if self._pursuit is None:
+                self._pursuit = Pursuit(Target(frame.centre(*self._next_target(here))), self._robot)
+            goal = frame.cell(*self._pursuit.target.place)
+            action = self._pursuit.act(pose, self._floor(here, goal), frame)
+            if action is not None:
+                return action
+            self._pursuit = None
+        return self._escape.next()  # all targets are where the robot stands
+
+    def _next_target(self, here: Cell) -> Cell:
+        """Take the nearest target off the list, which is drawn anew when it is empty."""
+        if not self._targets:
+            drawn = [self._rng.choice(part) for part in stratify(self._space.free, self._count)]
+            self._targets = [(int(row), int(column)) for row, column in drawn]
+        distance = distance_field(self._free_around(here), here)
+        return self._targets.pop(int(np.argmin([distance[target] for target in self._targets])))
+
+    def _floor(self, here: Cell, goal: Cell) -> np.ndarray:
+        """Where to plan, rows x columns bool: the free floor, without its margins if a path leads through what is left.
+
+        The margins are left in around the robot and the target, which may stand in them.
+        """
+        free = self._free_around(here)
+        roomy = free & (self._space.clearance >= self._robot.radius + self._safety_margin)
+        reach = math.ceil(self._safety_margin / self._space.frame.resolution) + 1
+        for window in (_window(here, reach), _window(goal, reach)):
+            roomy[window] = free[window]
+        return roomy if np.isfinite(distance_field(roomy, here)[goal]) else free
+
+    def _free_around(self, here: Cell) -> np.ndarray:
+        """The free floor and what is next to the robot, which may stand in a cell whose centre is too near a wall."""
+        free = self._space.free.copy()
+        window = _window(here, 1)
+        free[window] |= self._space.clearance[window] > 0.0
+        return free
+
+
+def _window(cell: Cell, reach: int) -> tuple[slice, slice]:
+    """The square of cells around a cell."""
+    row, column = cell
+    return np.s_[max(0, row - reach) : row + reach + 1, max(0, column - reach) : column + reach + 1]

@@ -1,0 +1,159 @@
+from importlib.metadata import entry_points
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from deux.contracts import Action, Need
+from deux.data.episodes import EpisodePlan
+from deux.data.exploration import explore
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.geometry.stratify import stratify
+from deux.mapping.planning import distance_field
+from deux.registry import registry
+from deux.testing.box_world import Box, BoxWorld
+from deux.testing.explorers import ExplorerSuite, run, two_rooms
+from deux_plugins.explorers.oracle import OracleExplorer
+
+
+class TestOracleExplorer(ExplorerSuite):
+    def make_explorer(self):
+        return OracleExplorer()
+
+
+class TestOracleExplorerOfMoreTargetsThanCells(ExplorerSuite):
+    def make_explorer(self):
+        return OracleExplorer(targets=100, safety_margin=0.0)
+
+
+def four_rooms():
+    """Four rooms in a square, each with a doorway of 0.8 m to the next but for one pair; the robot in the first."""
+    walls = (
+        Box(2.95, 0.0, 3.05, 1.0), Box(2.95, 1.8, 3.05, 6.0),
+        Box(0.0, 2.95, 2.0, 3.05), Box(2.8, 2.95, 3.05, 3.05), Box(3.05, 2.95, 4.0, 3.05), Box(4.8, 2.95, 6.0, 3.05),
+    )  # fmt: skip
+    world = BoxWorld(6.0, 6.0, walls, camera=Camera(8, 8))
+    world.reset(1.5, 1.5, 0.0)
+    return world
+
+
+def travelled(explorer, world, steps, seed=0):
+    """World (x, z) before each step, and how many steps touched something."""
+    places, touched = [], []
+
+    def note(observation):
+        places.append(observation.pose[[0, 2], 3])
+        touched.append(observation.collided)
+        return observation
+
+    run(explorer, world, steps, seed, note)
+    return np.array(places), sum(touched)
+
+
+def steps_until_all_are_visited(places, space, count):
+    """Steps until the robot has been in each of `count` equal parts of the floor, or has arrived beside it."""
+    steps = []
+    for part in stratify(space.free, count):
+        x = space.frame.origin_x + (part[:, 1] + 0.5) * space.frame.resolution
+        z = space.frame.origin_z + (part[:, 0] + 0.5) * space.frame.resolution
+        near = np.hypot(places[:, :1] - x, places[:, 1:] - z).min(axis=1) <= 0.2
+        steps.append(int(np.argmax(near)) if near.any() else np.inf)
+    return max(steps)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_visits_every_part_of_the_floor(seed):
+    world = four_rooms()
+    places, touched = travelled(OracleExplorer(targets=16), world, 400, seed)
+    assert steps_until_all_are_visited(places, world.free_space(), 16) < 350
+    assert touched <= 4, "the paths keep their distance from walls"
+
+
+def test_the_nearest_target_is_first():
+    """In a corridor it goes from one end to the other without turning back."""
+    world = BoxWorld(12.0, 0.8, camera=Camera(8, 8))
+    world.reset(0.5, 0.4, 0.0)
+    places, _ = travelled(OracleExplorer(), world, 400)
+    end = int(np.argmax(places[:, 0] > 10.0))
+    assert end > 0
+    assert (np.maximum.accumulate(places[:end, 0]) - places[:end, 0]).max() < 0.5
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_its_way_to_a_target_is_a_shortest_path(seed):
+    """From the first room to the last: until it is there, its way is not longer than the shortest to where it is."""
+    world = four_rooms()
+    places, _ = travelled(OracleExplorer(targets=1), world, 150, seed)
+    space = world.free_space()
+    distance = distance_field(space.free, space.frame.cell(*places[0])) * space.frame.resolution
+    way = np.cumsum(np.hypot(*np.diff(places, axis=0).T))
+    shortest = np.array([distance[space.frame.cell(*place)] for place in places[1:]])
+    first_leg = np.logical_and.accumulate(way <= 1.05 * shortest + 0.1)
+    assert shortest[first_leg].max() > 4.0
+
+
+def test_new_targets_follow_the_last():
+    world = BoxWorld(3.0, 3.0, camera=Camera(8, 8))
+    places, _ = travelled(OracleExplorer(targets=2), world, 400)
+    assert (np.ptp(places[200:], axis=0) > 1.0).all()
+
+
+class RoomWithGlass(BoxWorld):
+    """A room that a pane of glass divides, but for a passage at either end; the free floor knows nothing of it."""
+
+    def free_space(self):
+        return BoxWorld(self.width, self.length).free_space()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_target_that_it_cannot_come_to_does_not_hold_it(seed):
+    world = RoomWithGlass(6.0, 4.0, (Box(2.9, 0.8, 3.0, 3.2),), camera=Camera(8, 8))
+    world.reset(1.5, 2.0, 0.0)
+    places, _ = travelled(OracleExplorer(), world, 500, seed)
+    assert all(np.ptp(part, axis=0).max() > 1.0 for part in np.split(places, 2)), "it stayed for 250 steps"
+
+
+def test_a_robot_beside_the_free_cells_sets_out_nevertheless():
+    """The body is not on a grid: it may stand in a cell whose centre is too close to a wall."""
+    world = BoxWorld(4.0, 4.0, camera=Camera(8, 8))
+    world.reset(0.1, 0.1, 0.0)
+    space = world.free_space()
+    assert not space.free[0].any()
+    places, _ = travelled(OracleExplorer(), world, 60)
+    assert np.ptp(places, axis=0).max() > 1.0
+
+
+SHIPPED = [entry.name for entry in entry_points(group="deux.explorers") if entry.value.startswith("deux_plugins.")]
+
+
+def told(name, tmp_path):
+    """The episode that the collector tells an explorer of that name; it does not have to act, some need weights."""
+    episodes = []
+
+    def make_explorer():
+        explorer = registry().create("explorers", name, {})
+        explorer.reset, explorer.act, explorer.map = episodes.append, lambda observation: Action.STOP, lambda: None
+        return explorer
+
+    plan = EpisodePlan(tmp_path / name, SimpleNamespace(name="rooms", identity="rooms"), 0, 1)
+    explore([plan], lambda scene: two_rooms(), make_explorer, lambda image, sparse, intrinsics: image[:, :1] + 1.0)
+    return episodes[0]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_oracle_and_no_other_explorer_is_given_the_true_floor(name, tmp_path):
+    assert (Need.FREE_SPACE in registry().create("explorers", name, {}).needs) == (name == "oracle")
+    assert (told(name, tmp_path).free_space is not None) == (name == "oracle")
+
+
+def test_figures_show_what_its_frames_saw():
+    """A kept map would be drawn as explored (`deux.evaluation.explored`), and the oracle's was given."""
+    explorer = OracleExplorer()
+    run(explorer, two_rooms(), 5)
+    assert explorer.map() is None
+
+
+def test_an_impossible_number_of_targets_is_refused():
+    with pytest.raises(DeuxError, match="targets is 0"):
+        OracleExplorer(targets=0)

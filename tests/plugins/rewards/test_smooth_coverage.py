@@ -1,0 +1,38 @@
+import math
+
+import numpy as np
+import pytest
+
+from deux.contracts import Reward
+from deux.environment.egocentric import Crops
+from deux.environment.memory import ExplorationMemory
+from deux.testing.box_world import BoxWorld
+from deux.testing.rewards import RewardSuite
+from deux_plugins.rewards.smooth_coverage import SmoothCoverageReward
+
+
+class TestSmoothCoverageReward(RewardSuite):
+    def make_reward(self) -> Reward:
+        return SmoothCoverageReward()
+
+
+def test_is_the_mean_over_the_cells_now_seen_by_hand(make_experience, make_episode):
+    reward = SmoothCoverageReward()
+    reward.reset(make_episode())
+    views, seen = [[1, 4], [9, 100]], [[True, True], [True, False]]
+    # (1 + 1/2 + 1/3) / 3; the cell with a hundred views is not seen now.
+    assert reward(make_experience(views=views, seen=seen)) == pytest.approx(11.0 / 18.0)
+    assert reward(make_experience(views=views, seen=np.zeros((2, 2)))) == 0.0
+
+
+def test_the_nth_look_at_one_place_is_worth_one_over_the_root_of_n(make_experience, make_episode):
+    """With the map's own counts: a wall and a floor that are looked at again and again."""
+    world = BoxWorld(4.0, 4.0)
+    memory = ExplorationMemory(world.camera, world.robot, Crops())
+    reward = SmoothCoverageReward()
+    reward.reset(make_episode())
+    for look in range(1, 6):
+        memory.see(world.observe().depth, world.pose, False)
+        known = memory.occupancy
+        value = reward(make_experience(occupancy=known.cells, views=known.views, seen=known.seen))
+        assert value == pytest.approx(1.0 / math.sqrt(look))

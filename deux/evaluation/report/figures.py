@@ -91,6 +91,7 @@ def draw_error_against_frames(compared: Sequence[Comparison], names: Names, data
         panel.set_xlabel("training frames")
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         panel.grid(alpha=0.3)
+    panels[0].set_ylim(bottom=max(0.0, panels[0].get_ylim()[0]))
     panels[0].set_ylabel(f"MAE on the {dataset} test set [mm]")
     panels[-1].legend(fontsize=7)
     return figure

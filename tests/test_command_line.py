@@ -50,7 +50,7 @@ def test_help_tells_what_there_is_without_importing_torch(tmp_path: Path) -> Non
     assert result.returncode == 0
     for expected in (
         "usage: python -m deux",
-        "experiment   collect, train",
+        "experiment        collect, train",
         f"explore: {', '.join(registry().names('explorers'))}",
         f"model: {', '.join(registry().names('depth_models'))}",
         "scenes: apartments, ",

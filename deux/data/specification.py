@@ -14,7 +14,7 @@ from deux.data.verification import VerificationSettings
 from deux.geometry.camera import Camera
 from deux.geometry.uncertainty import Metric
 
-DATASET_VERSION = 1
+DATASET_VERSION = 2
 """Raised by every change of the code that changes the datasets it makes."""
 
 VIEWPOINTS = "viewpoints"

@@ -15,6 +15,7 @@ _NOUNS = {
     "explore": "explorer",
     "scenes": "kind of scenes",
     "experiment": "experiment",
+    "scale": "scale",
 }
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
 

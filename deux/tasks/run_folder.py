@@ -10,12 +10,11 @@ from typing import Any
 
 from deux.data.atomic import make_folder, write_json
 from deux.errors import DeuxError
-from deux.evaluation.results import RESULTS_FILE
+from deux.evaluation.results import IDENTITY_FILE, RESULTS_FILE
 from deux.policies.policy_files import POLICY_FILE
 from deux.policies.training_state import CHECKPOINT_FILE
 from deux.training.model_files import MODEL_FILE
 
-_IDENTITY_FILE = "run.json"
 _SECONDS_FILE = "seconds.json"
 
 EPISODES = "episodes"
@@ -39,7 +38,7 @@ class RunFolder:
     def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
         self.path = path
         make_folder(path)
-        identity = path / _IDENTITY_FILE
+        identity = path / IDENTITY_FILE
         mine = json.loads(json.dumps(settings))
         if identity.exists() and any((path / work).exists() for work in _WORK):
             theirs = json.loads(identity.read_text())

@@ -14,6 +14,7 @@ _NOUNS = {
     "model": "depth model",
     "explore": "explorer",
     "scenes": "kind of scenes",
+    "callbacks": "callback",
     "experiment": "experiment",
     "scale": "scale",
 }
@@ -51,6 +52,8 @@ def _unknown_choice(missing: str, known: list[str]) -> DeuxError:
 
 def _unknown_option(full_key: str, parent: DictConfig) -> DeuxError:
     above, _, key = full_key.rpartition(".")
+    if full_key == "callbacks":  # a group that may be left out
+        return DeuxError("callbacks has no options before one is chosen: add callbacks=active_collection.")
     if not parent:
         return DeuxError(f"there is no option {full_key}: {above} is a single value.")
     known = [str(name) for name in parent if name != "hydra"]

@@ -24,7 +24,7 @@ from deux.registry import registry
 
 CHOICES = [
     f"{path.parent.name}={path.stem}"
-    for group in ("scenes", "scale", "report", "experiment")
+    for group in ("scenes", "scale", "report", "callbacks", "experiment")
     for path in config_folder().glob(f"{group}/*")
 ] + [f"{group}={name}" for group, kind in PLUGIN_GROUPS.items() for name in registry().names(kind)]
 

@@ -28,7 +28,8 @@ class TripletLoader(DataLoader[Batch]):
 class TripletDataModule(LightningDataModule):
     """Batches for one depth model. The list files are read whenever a loader is made, so frames may be added.
 
-    Each loader reads what it must and no more: ground truth in training only if the model is supervised.
+    Each loader reads what it must and no more: ground truth in training only if the model is supervised. Processes that
+    train together (`Trainer(use_distributed_sampler=False)`) share the training frames out and validate on all of them.
 
     Args:
         model: says what the training needs: `supervised`, `augmentation`, `prepare`.
@@ -74,9 +75,11 @@ class TripletDataModule(LightningDataModule):
             prepare=self._model.prepare,
         )
         dataset = TripletDataset(self.train, "train", settings, self._cache, self._offsets)
-        epoch = self.trainer.current_epoch if self.trainer is not None else 0
-        sampler = ShuffledDraws(len(dataset), self.seed, epoch)
-        return self._loader(dataset, sampler, drop_last=len(dataset) >= self.batch_size)
+        epoch, share, shares = 0, 0, 1
+        if self.trainer is not None:
+            epoch, share, shares = self.trainer.current_epoch, self.trainer.global_rank, self.trainer.world_size
+        sampler = ShuffledDraws(len(dataset), self.seed, epoch, share, shares)
+        return self._loader(dataset, sampler, drop_last=len(sampler) >= self.batch_size)
 
     def val_dataloader(self) -> TripletLoader:
         """In order, the middle of each frame, with ground truth."""

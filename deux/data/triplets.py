@@ -115,24 +115,29 @@ class TripletDataset(Dataset[Batch]):
 class ShuffledDraws(Sampler[tuple[int, int]]):
     """Every index once an epoch in random order, each with the seed of its own augmentation.
 
-    Order and seeds depend on the seed and the epoch alone, so they are the same for any number of workers.
+    Order and seeds depend on the seed and the epoch alone, so they are the same for any number of workers. Processes
+    that train together share the items out; all get equally many, so a few are left out where they do not go round.
 
     Args:
         size: number of items.
         seed: seed of all epochs.
         epoch: number of the first epoch; Lightning sets those that follow.
+        share: which of the shares is drawn, from 0.
+        shares: number of shares.
     """
 
-    def __init__(self, size: int, seed: int, epoch: int = 0) -> None:
+    def __init__(self, size: int, seed: int, epoch: int = 0, share: int = 0, shares: int = 1) -> None:
         self._size, self._seed, self._epoch = size, seed, epoch
+        self._share, self._shares = share, shares
 
     def __len__(self) -> int:
-        return self._size
+        return self._size // self._shares
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
         rng = np.random.default_rng([self._seed, self._epoch])
         order, seeds = rng.permutation(self._size), rng.integers(2**62, size=self._size)
-        return zip(order.tolist(), seeds.tolist(), strict=True)
+        mine = slice(self._share, len(self) * self._shares, self._shares)
+        return zip(order[mine].tolist(), seeds[mine].tolist(), strict=True)
 
     def set_epoch(self, epoch: int) -> None:
         """Draw the given epoch's order and seeds from the next iteration on."""

@@ -50,7 +50,7 @@ def evaluate(
     Raises:
         DeuxError: there is no frame, or none has ground truth in range.
     """
-    meters = {name: DepthMetrics(min_depth, max_depth) for name in ("metrics", "baseline", "constant")}
+    meters = {name: DepthMetrics(min_depth, max_depth, alone=True) for name in ("metrics", "baseline", "constant")}
     images = 0
     for batch in batches:
         if batch.ground_truth is None:

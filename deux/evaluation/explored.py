@@ -1,5 +1,7 @@
 """What a stored episode explored: its explorer's own map, or one made from its frames."""
 
+import csv
+from collections.abc import Iterable
 from zipfile import BadZipFile
 
 import numpy as np
@@ -27,9 +29,7 @@ def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> Explo
     """
     kept = sequence.folder / "map.npz"
     if not kept.exists():
-        built = OccupancyMap(camera, robot)
-        for name, pose in zip(sequence.frames(), episode_poses(sequence), strict=True):
-            built.update(read_depth(sequence.file("ground_truth", name)), pose)
+        built = _true_map(sequence, camera, robot)
         return ExplorerMap(built.frame, built.cells)
     try:
         with np.load(kept, allow_pickle=False) as arrays:
@@ -40,3 +40,28 @@ def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> Explo
             return ExplorerMap(frame, occupancy, arrays.get("uncertainty"))
     except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({error}): delete it.") from error
+
+
+def seen_area(sequence: SequencePaths, camera: Camera, robot: Robot) -> float:
+    """Square metres of floor plan, free or occupied, that an episode's frames tell of by their true depth."""
+    built = _true_map(sequence, camera, robot)
+    return float(np.count_nonzero(built.cells)) * built.resolution**2
+
+
+def mean_uncertainty(episodes: Iterable[SequencePaths]) -> float | None:
+    """Mean of Eq. 8 over all frames that have one; None where the explorers were shown none."""
+    values: list[float] = []
+    for sequence in episodes:
+        record = sequence.folder / "uncertainty.csv"
+        if record.exists():
+            with record.open(newline="") as file:
+                values += [float(row["uncertainty"]) for row in csv.DictReader(file)]
+    known = np.array(values)[np.isfinite(values)]
+    return float(known.mean()) if known.size else None
+
+
+def _true_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> OccupancyMap:
+    built = OccupancyMap(camera, robot)
+    for name, pose in zip(sequence.frames(), episode_poses(sequence), strict=True):
+        built.update(read_depth(sequence.file("ground_truth", name)), pose)
+    return built

@@ -16,6 +16,7 @@ class DepthMetrics(Metric):
     Args:
         min_depth: ground truth at or below it is left out, metres.
         max_depth: ground truth at or above it is left out, metres.
+        alone: whether this process counts for itself, also where several train together.
     """
 
     full_state_update = False
@@ -23,8 +24,8 @@ class DepthMetrics(Metric):
     sums: Tensor
     images: Tensor
 
-    def __init__(self, min_depth: float = 0.1, max_depth: float = 10.0) -> None:
-        super().__init__()
+    def __init__(self, min_depth: float = 0.1, max_depth: float = 10.0, alone: bool = False) -> None:
+        super().__init__(sync_on_compute=not alone)
         self.min_depth = min_depth
         self.max_depth = max_depth
         self.add_state("sums", torch.zeros(len(METRIC_NAMES), dtype=torch.float64), dist_reduce_fx="sum")

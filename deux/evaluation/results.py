@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +28,15 @@ class Results:
         model: name of the depth model.
         explore: name of the explorer that collected the training frames; None if the model was given.
         seed: the run's random seed.
-        frames: number of training frames; None if the model was given.
+        frames: number of training frames, those of all rounds included; None if the model was given.
         metrics: the trained model's four errors.
         baseline: the same for linear interpolation of the sparse points, on the same frames.
         constant: the same for the median of each frame's sparse points.
         seconds: time spent in each stage.
         trained: of a given model, where it comes from: `weights`, a digest of its file, and `settings`, the identity
             (`run.json`) of the run that trained it, None if it is not known; None for a model of the run's own.
+        rounds: of active collection, each with round, step, frames, area, uncertainty and mae
+            (`deux.training.rounds.Round`); none without it.
     """
 
     model: str
@@ -46,6 +48,7 @@ class Results:
     constant: dict[str, float]
     seconds: dict[str, float]
     trained: dict[str, Any] | None = None
+    rounds: list[dict[str, Any]] = field(default_factory=list)
 
     def save(self, folder: Path) -> Path:
         """Write `results.json` into a run folder, whole or not at all."""

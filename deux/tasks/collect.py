@@ -12,6 +12,7 @@ from deux.tasks.run_folder import RunFolder
 from deux.tasks.seed_model import needs_model, seed_model
 from deux.tasks.settings import Settings
 from deux.tasks.training import Trainee, chosen_trainee
+from deux.training.ranks import leads
 
 
 def run(cfg: DictConfig) -> None:
@@ -20,6 +21,8 @@ def run(cfg: DictConfig) -> None:
     settings = Settings(cfg)
     run = RunFolder(run_folder(), settings.identity)
     dataset = collect(settings, run, chosen_trainee(settings))
+    if not leads():
+        return
     draw_trajectories(settings, dataset, settings.explorer.name, run.figures)
     say(f"Dataset: {dataset}")
 

@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 from lightning.pytorch.callbacks import Callback, RichProgressBar
@@ -12,13 +12,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from deux.configuration import in_sweep
 from deux.data.progress import Progress as Report
 from deux.data.progress import ignore_progress
+from deux.training.ranks import leads
 
 _console = Console()
 
 
 def say(message: RenderableType) -> None:
-    """Print a line, however long, or a table."""
-    _console.print(message, highlight=False, markup=not isinstance(message, str), soft_wrap=isinstance(message, str))
+    """Print a line, however long, or a table. Of several processes that train together the leading one does."""
+    text = isinstance(message, str)
+    if leads():
+        _console.print(message, highlight=False, markup=not text, soft_wrap=text)
 
 
 def quieten_libraries() -> None:
@@ -30,6 +33,7 @@ def quieten_libraries() -> None:
         "You have overridden `on_after_batch_transfer`",  # the module's is the one that is meant
         "`isinstance.treespec, LeafSpec.` is deprecated",  # Lightning's own use of torch
         r"Found \d+ module\(s\) in eval mode",  # a frozen part of a model
+        "It is recommended to use .*sync_dist=True",  # all processes validate on the same frames
         "Checkpoint directory .* exists and is not empty",  # a run that goes on where it was killed
     ):
         warnings.filterwarnings("ignore", message=f".*{notice}")
@@ -38,6 +42,13 @@ def quieten_libraries() -> None:
 def training_bar() -> list[Callback]:
     """Lightning's progress bar, where somebody watches a single run."""
     return [RichProgressBar(leave=True)] if _watched() else []
+
+
+def stop_bars(bars: Sequence[Callback]) -> None:
+    """Take the training's bars from the screen; Lightning draws new ones when the next epoch begins."""
+    for bar in bars:
+        if isinstance(bar, RichProgressBar) and bar.progress is not None:
+            bar.progress.stop()
 
 
 @contextmanager
@@ -64,4 +75,4 @@ def progress() -> Iterator[Report]:
 
 
 def _watched() -> bool:
-    return _console.is_terminal and not in_sweep()
+    return _console.is_terminal and not in_sweep() and leads()

@@ -1,10 +1,14 @@
 """The datasets of a run: explored frames to train on, free viewpoints to validate and test on."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from deux.contracts import DepthModel, Robot, Simulator
+from deux.data.exploration import MODEL_NEEDS
+from deux.data.perception import DepthPredictor
 from deux.data.pipeline import build_dataset, read_manifest
 from deux.data.specification import VIEWPOINTS, DatasetSpec, Split
 from deux.geometry.camera import Camera
@@ -27,8 +31,37 @@ def explored_dataset(
         identity: what identifies that model's weights.
     """
     predictor = FastPredictor(model, settings.trainer.get("accelerator", "auto")) if model else None
+    spec = _exploration(settings, explorer, f"{identity} in {predictor.precision}" if predictor else None)
+    return _build(spec, settings, explorer, predictor)
+
+
+def round_dataset(
+    settings: Settings,
+    root: Path,
+    name: str,
+    changes: Mapping[str, Any],
+    predict_depth: DepthPredictor,
+    identity: str,
+) -> Path:
+    """The frames that the configured explorer collects in a round of a training; as `explored_dataset`.
+
+    Args:
+        settings: the run's.
+        root: the folder of all rounds' datasets.
+        name: the round's; part of what the dataset is, so that equal weights explore anew in another round.
+        changes: what differs from the first exploration, such as the scenes, the seed and the steps.
+        predict_depth: the model that is being trained.
+        identity: what identifies its weights and arithmetic.
+    """
+    guided = bool(settings.explorer.create().needs & MODEL_NEEDS)
+    spec = _exploration(settings, settings.explorer, identity if guided else None)
+    spec = replace(spec, name=name, **changes)
+    return _build(spec, settings, settings.explorer, predict_depth if guided else None, root)
+
+
+def _exploration(settings: Settings, explorer: PluginChoice, model: str | None) -> DatasetSpec:
     fingerprint = explorer.create().fingerprint()
-    spec = DatasetSpec(
+    return DatasetSpec(
         name=explorer.name,
         scenes=settings.splits.train,
         explorer=explorer.name,
@@ -41,11 +74,10 @@ def explored_dataset(
         sparse=settings.sampling,
         verification=settings.verification,
         seed=settings.seed,
-        model=f"{identity} in {predictor.precision}" if predictor else None,
+        model=model,
         metric=settings.collect.metric,
         together=settings.collect.together,
     )
-    return _build(spec, settings, explorer, predictor)
 
 
 def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) -> Path:
@@ -80,12 +112,13 @@ def _build(
     spec: DatasetSpec,
     settings: Settings,
     explorer: PluginChoice | None = None,
-    predictor: FastPredictor | None = None,
+    predictor: DepthPredictor | None = None,
+    root: Path | None = None,
 ) -> Path:
     make_simulator = partial(
         _make_simulator, camera=settings.camera, robot=settings.robot, renderer=settings.run.renderer
     )
-    root = settings.outputs / "datasets"
+    root = root or settings.outputs / "datasets"
     known = (root / spec.folder_name).exists()
     with progress() as report:
         dataset = build_dataset(

@@ -5,6 +5,7 @@ from omegaconf import DictConfig
 from deux.configuration import run_folder
 from deux.data.pipeline import read_manifest
 from deux.evaluation.results import RESULTS_FILE, Results
+from deux.tasks.active_collection import read_rounds
 from deux.tasks.collect import collect
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import viewpoint_dataset
@@ -12,6 +13,7 @@ from deux.tasks.evaluation import draw_trajectories, evaluate_model
 from deux.tasks.run_folder import RunFolder
 from deux.tasks.settings import Settings
 from deux.tasks.training import chosen_trainee, train
+from deux.training.ranks import leads
 
 
 def run(cfg: DictConfig) -> None:
@@ -28,21 +30,25 @@ def run(cfg: DictConfig) -> None:
     dataset = collect(settings, run, trainee)
     say(f"Train {settings.model.name} on the {settings.explorer.name} frames")
     with run.stage("train"):
-        model = train(settings, trainee, settings.training, dataset, run)
+        model = train(settings, trainee, settings.training, dataset, run, settings.active)
+    if not leads():
+        return
     say("Evaluate on free viewpoints of the test scenes")
     with run.stage("evaluate"):
         test = viewpoint_dataset(settings, "test")
         found = evaluate_model(settings, model, test, run.figures)
         draw_trajectories(settings, dataset, settings.explorer.name, run.figures)
+    rounds = read_rounds(run)
     results = Results(
         model=settings.model.name,
         explore=settings.explorer.name,
         seed=settings.seed,
-        frames=read_manifest(dataset)["triplets"],
+        frames=read_manifest(dataset)["triplets"] + sum(one.frames for one in rounds),
         metrics=found.metrics,
         baseline=found.baseline,
         constant=found.constant,
         seconds=run.seconds,
+        rounds=[one.summary() for one in rounds],
     )
     results.save(run.path)
     say(results.table())

@@ -14,18 +14,24 @@ from deux.evaluation.results import IDENTITY_FILE, RESULTS_FILE
 from deux.policies.policy_files import POLICY_FILE
 from deux.policies.training_state import CHECKPOINT_FILE
 from deux.training.model_files import MODEL_FILE
+from deux.training.ranks import leads
 
 _SECONDS_FILE = "seconds.json"
 
 EPISODES = "episodes"
 """The folder of the episodes that a comparison has finished."""
 
-_WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, MODEL_FILE, POLICY_FILE, RESULTS_FILE)
+ROUNDS = "rounds"
+"""The folder of what a training with active collection has explored, and of the weights that explored."""
+
+_WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, ROUNDS, MODEL_FILE, POLICY_FILE, RESULTS_FILE)
 """What a run leaves in its folder that another run must not go on from."""
 
 
 class RunFolder:
     """Where one run keeps what it leaves behind; the same command again finds it and goes on.
+
+    Where several processes train together, the leading one alone writes here.
 
     Args:
         path: the folder; made if it is absent.
@@ -37,6 +43,8 @@ class RunFolder:
 
     def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
         self.path = path
+        if not leads():
+            return
         make_folder(path)
         identity = path / IDENTITY_FILE
         mine = json.loads(json.dumps(settings))
@@ -80,6 +88,8 @@ class RunFolder:
         self._count(name, time.perf_counter() - started)
 
     def _count(self, name: str, seconds: float) -> None:
+        if not leads():
+            return
         earlier = self.seconds
         write_json(self.path / _SECONDS_FILE, earlier | {name: round(earlier.get(name, 0.0) + seconds, 2)})
 

@@ -8,6 +8,7 @@ from deux.errors import DeuxError, check_range
 from deux.geometry.uncertainty import Metric
 from deux.policies.ppo_settings import PPOSettings
 from deux.training.pose_source import PoseKind
+from deux.training.rounds import RoundSettings
 
 FRAMES_OF_A_TRIPLET = 3
 
@@ -120,6 +121,24 @@ class ExplorerTrainingSettings(PPOSettings):
         super().__post_init__()
         if self.flats is not None:
             check_range("explorer_training.flats", self.flats, 1)
+
+
+@dataclass(frozen=True)
+class ActiveCollectionSettings(RoundSettings):
+    """`callbacks=active_collection`: when the model explores during its training, and how much.
+
+    Args:
+        steps: actions in an episode of a round.
+        episodes: episodes of a round in each training scene.
+    """
+
+    steps: int = 50
+    episodes: int = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range("callbacks.steps", self.steps, FRAMES_OF_A_TRIPLET)
+        check_range("callbacks.episodes", self.episodes, 1)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
-from deux.configuration import NO_PART_OF_A_RUN, user_path
+from deux.configuration import NO_PART_OF_A_RUN, in_sweep, user_path
 from deux.contracts import Robot
 from deux.data.sparse import SparseSettings
 from deux.data.verification import VerificationSettings
@@ -17,6 +17,7 @@ from deux.options import construct, full_settings, plain
 from deux.registry import registry
 from deux.scenes.sources import SceneSplits, scene_splits
 from deux.tasks.sections import (
+    ActiveCollectionSettings,
     CollectSettings,
     CompareSettings,
     EvaluationSettings,
@@ -31,6 +32,7 @@ from deux.training.fit import TrainingSettings, make_trainer
 from deux.training.model_files import weights_file
 from deux.training.objective import make_objective
 from deux.training.pose_source import make_pose_source
+from deux.training.ranks import starts_the_command_again
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ class Settings:
         self.explorer_training = construct(ExplorerTrainingSettings, cfg.explorer_training, "explorer_training")
         self.compare = construct(CompareSettings, cfg.compare, "compare")
         self.training = construct(TrainingSettings, cfg.training, "training")
+        active = cfg.get("callbacks")  # there only if the group was chosen
+        self.active = construct(ActiveCollectionSettings, active, "callbacks") if active is not None else None
         self.evaluation = construct(EvaluationSettings, cfg.evaluation, "evaluation")
         self.prediction = construct(PredictionSettings, {f.name: cfg[f.name] for f in fields(PredictionSettings)}, "")
         self.export = construct(ExportSettings, cfg.export, "export")
@@ -121,7 +125,7 @@ class Settings:
             chosen["test"] = self.compare.flats
         needed = {
             "collect": ("train",),
-            "train": () if self.run.training_data else ("train",),
+            "train": () if self.run.training_data and self.active is None else ("train",),
             "evaluate": () if self.evaluation.data else ("test",),
             "predict": (),
             "export": (),
@@ -139,7 +143,12 @@ class Settings:
             make_pose_source(self.run.pose, model)
         if model.foundation() is not None and self.foundation.checkpoint is not None:
             weights_file(user_path(self.foundation.checkpoint))
-        make_trainer({"logger": False, "enable_checkpointing": False, **self.trainer})
+        trainer = make_trainer({"logger": False, "enable_checkpointing": False, **self.trainer})
+        if in_sweep() and starts_the_command_again(trainer):
+            raise DeuxError(
+                f"a sweep (-m) with trainer.devices={trainer.num_devices} would start the whole sweep again in every "
+                "process: give each job one device, or run the jobs one by one without -m."
+            )
 
 
 def plugin_choice(kind: str, chosen: Any, where: str) -> PluginChoice:

@@ -22,5 +22,5 @@ def run(cfg: DictConfig) -> None:
     dataset = dataset or collect(settings, run, trainee)
     say(f"Train {settings.model.name} on {dataset}")
     with run.stage("train"):
-        train(settings, trainee, settings.training, dataset, run)
+        train(settings, trainee, settings.training, dataset, run, settings.active)
     say(f"Trained. To evaluate it: python -m deux task=evaluate evaluation.checkpoint={run.path}")

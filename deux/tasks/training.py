@@ -1,6 +1,7 @@
 """The training stage: a newly made model on one dataset, laid on its foundation where it is built on one."""
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import asdict, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,14 +17,17 @@ from deux.evaluation.drawing import save_figure
 from deux.evaluation.metrics import DepthMetrics
 from deux.evaluation.panel_logger import PanelLogger
 from deux.evaluation.training_curve import draw_training_curve
+from deux.tasks.active_collection import active_collection, show_rounds
 from deux.tasks.console import say, training_bar
 from deux.tasks.datasets import synthetic_dataset, viewpoint_dataset
 from deux.tasks.given import given_model, weights_identity
 from deux.tasks.run_folder import RunFolder, short_hash
+from deux.tasks.sections import ActiveCollectionSettings
 from deux.tasks.settings import PluginChoice, Settings, plugin_choice
 from deux.training.fit import TrainingSettings, fit
 from deux.training.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.training.pose_source import PoseKind
+from deux.training.ranks import leads, wait_for_all
 
 
 class Trainee:
@@ -95,7 +99,12 @@ def chosen_trainee(settings: Settings) -> Trainee:
 
 
 def train(
-    settings: Settings, trainee: Trainee, training: TrainingSettings, dataset: Path, run: RunFolder
+    settings: Settings,
+    trainee: Trainee,
+    training: TrainingSettings,
+    dataset: Path,
+    run: RunFolder,
+    active: ActiveCollectionSettings | None = None,
 ) -> DepthModel:
     """Train a model from scratch, or take it from the run folder if it is there already.
 
@@ -105,6 +114,7 @@ def train(
         training: budget and learning rate.
         dataset: frames to train on.
         run: takes `model.safetensors`, checkpoints, logs and the training curve.
+        active: when the model explores during its training; None for never.
 
     Returns:
         The trained model, in eval mode.
@@ -115,6 +125,9 @@ def train(
         return load_model(path)
     model = trainee.make()
     validation = [viewpoint_dataset(settings, "validation")] if settings.splits.validation else []
+    callbacks = [*(bars := training_bar()), *([PanelLogger()] if validation else [])]
+    if active is not None:
+        callbacks.append(active_collection(settings, active, trainee.model, run, validation, bars))
     fit(
         model,
         training,
@@ -126,11 +139,15 @@ def train(
         seed=settings.seed,
         metrics=DepthMetrics(settings.camera.min_depth, settings.camera.max_depth) if validation else None,
         trainer_arguments={"enable_progress_bar": bool(training_bar()), **settings.trainer},
-        callbacks=[*training_bar(), *([PanelLogger()] if validation else [])],
+        callbacks=callbacks,
     )
     model = model.cpu()
-    save_figure(draw_training_curve(run.logs), run.figures / "training.png")
-    save_model(path, model, trainee.model.name, trainee.model.settings)  # last: it says that training is done
+    if leads():
+        save_figure(draw_training_curve(run.logs), run.figures / "training.png")
+        if active is not None:
+            show_rounds(run, active)
+        save_model(path, model, trainee.model.name, trainee.model.settings)  # last: it says that training is done
+    wait_for_all()
     return model
 
 
@@ -146,7 +163,8 @@ def train_once(settings: Settings, trainee: Trainee, training: TrainingSettings,
         "foundation": trainee.foundation and weights_identity(trainee.foundation),
     }
     folder = settings.outputs / kind / f"{trainee.model.name}-{short_hash(identity)}"
-    with locked(folder.with_name(f".{folder.name}.lock")):
+    # Processes that train together come here together; the leading one holds the lock for all.
+    with locked(folder.with_name(f".{folder.name}.lock")) if leads() else nullcontext():
         if (folder / MODEL_FILE).exists():
             say(f"  trained before: {folder}")
         else:

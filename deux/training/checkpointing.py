@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.utilities import rank_zero_warn
@@ -18,13 +19,30 @@ def resume_checkpoints(folder: Path) -> ModelCheckpoint:
     Epochs are the grain because a data loader cannot go on within one: from an epoch's end, a run whose shuffling
     follows from seed and epoch goes on exactly as if it had never stopped.
     """
-    return ModelCheckpoint(
+    return EpochCheckpoints(
         dirpath=folder,
         filename="{epoch}-{step}",
         every_n_epochs=1,
         save_top_k=1,
         save_on_train_epoch_end=True,
     )
+
+
+class EpochCheckpoints(ModelCheckpoint):
+    """Checkpoints at the end of epochs, after which a resumed run begins the next epoch, whole.
+
+    Lightning does so itself where a run is measured in epochs. With `max_steps` it takes the finished epoch for one
+    that was cut short: it gives it one batch of the next epoch's, ends it for a second time and leaves out the rest.
+    """
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Count the epoch from whose end the run goes on as done."""
+        super().on_train_start(trainer, pl_module)
+        loop = trainer.fit_loop
+        if loop.restarted_on_epoch_end:
+            loop.epoch_progress.increment_completed()
+            loop.reset_restart_stage()
+            loop.epoch_loop.restarting = False
 
 
 class AtomicCheckpoints(TorchCheckpointIO):

@@ -150,6 +150,7 @@ def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[st
         "enable_model_summary": False,
         "num_sanity_val_steps": 0,
         "limit_val_batches": 1.0 if validate else 0,
+        "use_distributed_sampler": False,  # the data module shares the frames out, each with its own augmentation
         # The loader reads the list files anew, so that frames that were added in the meantime are not passed over.
         "reload_dataloaders_every_n_epochs": 1,
     }

@@ -249,6 +249,13 @@ def test_draws_are_a_new_permutation_every_epoch() -> None:
     assert list(ShuffledDraws(20, seed=6)) != first
 
 
+def test_shares_of_the_draws_are_equally_long_and_do_not_overlap() -> None:
+    whole = list(ShuffledDraws(20, seed=5))
+    shares = [ShuffledDraws(20, seed=5, share=share, shares=3) for share in range(3)]
+    assert [len(share) for share in shares] == [len(list(share)) for share in shares] == [6, 6, 6]
+    assert sorted(draw for share in shares for draw in share) == sorted(whole[:18])
+
+
 def void_release(folder: Path, frames: int = 12) -> Path:
     """A folder as the release has it: names are time stamps, poses have three rows, some frames are listed."""
     sequence, simulator = folder / "void_1500/data/stairs", ToySimulator()

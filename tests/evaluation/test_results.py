@@ -22,6 +22,16 @@ def test_round_trip(tmp_path):
     assert json.loads((tmp_path / "results.json").read_text())["metrics"] == ERRORS
 
 
+def test_results_of_a_version_that_knew_no_rounds_are_read(tmp_path):
+    rounds = [{"round": 1, "step": 40, "frames": 12, "area": 8.5, "uncertainty": None, "mae": 250.0}]
+    results(rounds=rounds).save(tmp_path)
+    assert Results.load(tmp_path).rounds == rounds
+    content = json.loads((tmp_path / "results.json").read_text())
+    del content["rounds"]
+    (tmp_path / "results.json").write_text(json.dumps(content))
+    assert Results.load(tmp_path) == results()
+
+
 def test_reading_says_what_is_wrong(tmp_path):
     with pytest.raises(DeuxError, match="holds no finished run"):
         Results.load(tmp_path)

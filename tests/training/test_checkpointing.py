@@ -1,4 +1,5 @@
 import os
+from contextlib import nullcontext
 
 import pytest
 import torch
@@ -17,11 +18,22 @@ pytestmark = pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec
 
 
 class LossRecorder(Callback):
-    def __init__(self):
+    def __init__(self, kill_at=None):
         self.losses = []
+        self.places = []
+        self.kill_at = kill_at
+
+    def on_train_batch_start(self, trainer, pl_module, batch, batch_idx):
+        if trainer.global_step == self.kill_at:
+            raise Killed
+        self.places.append((trainer.current_epoch, batch_idx))
 
     def on_train_batch_end(self, trainer, pl_module, outputs, batch, batch_idx):
         self.losses.append(float(outputs["loss"]))
+
+
+class Killed(Exception):
+    pass
 
 
 @pytest.fixture
@@ -52,6 +64,40 @@ def train(small_model, fit):
         return recorder.losses
 
     return run
+
+
+@pytest.fixture
+def places(small_model, fit, tmp_path):
+    """Trains for so many steps in epochs of three, or until it is killed; returns each step's (epoch, batch)."""
+
+    def run(kill_at=None, **limits):
+        recorder, model = LossRecorder(kill_at), small_model()
+        with nullcontext() if kill_at is None else pytest.raises(Killed):
+            fit(
+                DepthCompletion(model, make_objective(model)),
+                perfect_sample().batch,
+                copies=3,
+                checkpoint=resume_point(tmp_path),
+                callbacks=[recorder, resume_checkpoints(tmp_path)],
+                enable_checkpointing=True,
+                reload_dataloaders_every_n_epochs=1,
+                **limits,
+            )
+        return recorder.places
+
+    return run
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+@pytest.mark.parametrize(
+    "validation",
+    [{}, {"limit_val_batches": 1, "val_check_interval": 2, "check_val_every_n_epoch": None}],
+)
+@pytest.mark.parametrize(("kill_at", "first"), [(4, 3), (7, 6)])
+def test_a_resumed_run_that_counts_steps_leaves_no_batch_of_the_next_epoch_out(places, validation, kill_at, first):
+    places(kill_at, max_steps=10, **validation)
+    whole = [(step // 3, step % 3) for step in range(10)]
+    assert places(max_steps=10, **validation) == whole[first:]
 
 
 @pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")

@@ -16,6 +16,7 @@ _NOUNS = {
     "scenes": "kind of scenes",
     "callbacks": "callback",
     "experiment": "experiment",
+    "scale": "scale",
 }
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
 

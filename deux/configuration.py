@@ -43,14 +43,18 @@ TASKS = {
     "train_explorer": "train the policy of a learned explorer with PPO",
     "compare_explorers": "measure what the explorers see, in flats that none of them knows",
     "export": "write a trained model as model.onnx",
+    "report": "turn finished runs into the paper's tables and figures",
 }
 """What `task=` can be and what it does; each is the module of that name in `deux.tasks`."""
 
 PLUGIN_GROUPS = {"model": "depth_models", "explore": "explorers"}
 """The config groups whose options are plugins, and of which kind."""
 
-GIVEN_MODEL_TASKS = ("predict", "export")
+GIVEN_MODEL_TASKS = ("predict", "export", "report")
 """The tasks whose run folders are named by the task: they neither explore nor take the configuration's model."""
+
+NO_PART_OF_A_RUN = ("hydra", "paths", "report")
+"""The nodes that do not make a run what it is: where it is kept, and how it is reported."""
 
 OPEN_NODES = (
     "camera",
@@ -63,6 +67,7 @@ OPEN_NODES = (
     "training",
     "trainer",
     "explorer_training",
+    "report",
 )
 """The nodes that become constructor arguments. Hydra takes any key there without a "+"; misspelt ones are caught by
 `deux.options.construct`, which knows the constructor."""
@@ -173,10 +178,11 @@ def user_path(path: str | Path) -> Path:
 def run_id(cfg: DictConfig) -> str:
     """The name of a configuration's run folder: "<model>-<explore>-<hash>", or with the task where that says more.
 
-    The hash is of everything but the paths and Hydra's own settings: the same command finds its folder again and
-    goes on where it was.
+    The hash is of everything that makes the run what it is: the same command finds its folder again and goes on where
+    it was.
     """
-    content = {key: _plain(cfg[key]) for key in cfg if key not in ("hydra", "paths")}
+    left_out = [node for node in NO_PART_OF_A_RUN if node != cfg.task]  # a report's own settings are what it is
+    content = {key: _plain(cfg[key]) for key in cfg if key not in left_out}
     return f"{_run_name(cfg)}-{_hash(content)}"
 
 

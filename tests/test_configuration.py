@@ -24,7 +24,7 @@ from deux.registry import registry
 
 CHOICES = [
     f"{path.parent.name}={path.stem}"
-    for group in ("scenes", "callbacks", "experiment")
+    for group in ("scenes", "scale", "report", "callbacks", "experiment")
     for path in config_folder().glob(f"{group}/*")
 ] + [f"{group}={name}" for group, kind in PLUGIN_GROUPS.items() for name in registry().names(kind)]
 
@@ -80,7 +80,7 @@ def test_every_option_of_every_group_composes(choice: str) -> None:
     if group in PLUGIN_GROUPS:
         assert cfg[group].name == name
     if group == "scenes":
-        assert cfg.scenes.source == name
+        assert cfg.scenes.source == {"low_camera": "apartments"}.get(name, name)
 
 
 def test_options_of_plugins_and_constructors_need_no_plus() -> None:

@@ -60,5 +60,8 @@ class Simulator(Protocol):
     def depth(self) -> np.ndarray:
         """What `observe` would show as depth, H x W float32, without the cost of drawing colours."""
 
+    def labelled_depth(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `depth`, and with it the labels of `observe(labels=True)`, H x W int32."""
+
     def free_space(self) -> FreeSpace:
         """The true free floor that is connected to the robot's main floor. Privileged: no agent sees it unasked."""

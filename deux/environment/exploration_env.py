@@ -73,9 +73,9 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._extras = frozenset(extras)
         self._steps = steps
         self._crops = crops or Crops()
-        drawn = "rgb" in self._extras or self._labels or render_mode is not None
+        drawn = "rgb" in self._extras or render_mode is not None
         self._pool = pool or ScenePool(camera or Camera(64, 64), robot or Robot(), textured=drawn)
-        if ("rgb" in self._extras or render_mode is not None) and not self._pool.textured:
+        if drawn and not self._pool.textured:
             raise DeuxError("the pool's scenes are without textures: colours need ScenePool(..., textured=True).")
         self.observation_space: spaces.Space[dict[str, np.ndarray]] = self._space()
         self.action_space = spaces.Discrete(len(MOVES))
@@ -142,10 +142,14 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return view, reward
 
     def _frame(self) -> Frame:
-        if self._labels or "rgb" in self._extras:
+        """What is asked for, and no more: colours are the most expensive."""
+        if "rgb" in self._extras:
             return self.simulator.observe(labels=self._labels)
-        nothing = np.zeros((0, 0, 3), np.uint8)
-        return Frame(nothing, self.simulator.depth(), self.simulator.pose)
+        nothing, pose = np.zeros((0, 0, 3), np.uint8), self.simulator.pose
+        if self._labels:
+            depth, labels = self.simulator.labelled_depth()
+            return Frame(nothing, depth, pose, labels)
+        return Frame(nothing, self.simulator.depth(), pose)
 
     def _info(self, collided: bool) -> dict[str, Any]:
         return {"area_seen": self.memory.area, "collided": collided, "scene": self.simulator.scene.name}

@@ -14,6 +14,9 @@ from deux.evaluation.metrics import METRIC_NAMES
 
 RESULTS_FILE = "results.json"
 
+IDENTITY_FILE = "run.json"
+"""The whole configuration of a run, in its folder from its beginning on."""
+
 _UNITS = {"mae": "mm", "rmse": "mm", "imae": "1/km", "irmse": "1/km"}
 
 
@@ -30,6 +33,8 @@ class Results:
         baseline: the same for linear interpolation of the sparse points, on the same frames.
         constant: the same for the median of each frame's sparse points.
         seconds: time spent in each stage.
+        trained: of a given model, where it comes from: `weights`, a digest of its file, and `settings`, the identity
+            (`run.json`) of the run that trained it, None if it is not known; None for a model of the run's own.
         rounds: of active collection, each with round, step, frames, area, uncertainty and mae
             (`deux.training.rounds.Round`); none without it.
     """
@@ -42,6 +47,7 @@ class Results:
     baseline: dict[str, float]
     constant: dict[str, float]
     seconds: dict[str, float]
+    trained: dict[str, Any] | None = None
     rounds: list[dict[str, Any]] = field(default_factory=list)
 
     def save(self, folder: Path) -> Path:
@@ -59,10 +65,13 @@ class Results:
         """
         path = folder / RESULTS_FILE
         try:
-            return cls(**json.loads(path.read_text()))
+            results = cls(**json.loads(path.read_text()))
+            for errors in (results.metrics, results.baseline, results.constant):
+                _check_errors(errors)
+            return results
         except FileNotFoundError:
             raise DeuxError(f"{path} does not exist: {folder} holds no finished run.") from None
-        except (json.JSONDecodeError, TypeError) as error:
+        except (OSError, ValueError, TypeError) as error:
             raise DeuxError(f"{path} is no results file of deux ({error}); run it again.") from None
 
     def table(self) -> Table:
@@ -74,6 +83,13 @@ class Results:
         }
         training = "" if self.frames is None else f" ({self.frames} training frames, seed {self.seed})"
         return error_table(f"Errors on the test frames{training}", rows)
+
+
+def _check_errors(errors: object) -> None:
+    """Raise ValueError unless there are four numbers; NaN is one."""
+    for name in METRIC_NAMES:
+        if not isinstance(errors, dict) or type(errors.get(name)) not in (int, float):
+            raise ValueError(f"it has no number for {name}")
 
 
 def error_table(title: str, rows: Mapping[str, Mapping[str, float]]) -> Table:

@@ -20,7 +20,7 @@ from deux.environment.exploration_env import ExplorationEnv
 from deux.errors import DeuxError
 from deux.policies.network import FEATURES, MapEncoder, PolicyNetwork
 from deux.policies.ppo_settings import PPOSettings
-from deux.policies.training_state import TrainingState, load_training_state, save_training_state
+from deux.policies.training_state import CHECKPOINT_FILE, TrainingState, load_training_state, save_training_state
 
 
 @dataclass
@@ -87,7 +87,7 @@ def _train(settings: PPOSettings, environments: VecEnv, seed: int, folder: Path,
     normalised = VecNormalize(environments, norm_obs=False, gamma=settings.discount)
     learner = _learner(settings, normalised, seed)
     curve = LearningCurve()
-    checkpoint = folder / "checkpoint.pt"
+    checkpoint = folder / CHECKPOINT_FILE
     if checkpoint.exists():
         _resume(checkpoint, learner, normalised, curve)
     left = settings.steps - learner.num_timesteps

@@ -13,6 +13,9 @@ import torch
 from deux.data.atomic import read_bytes, write_atomically
 from deux.errors import DeuxError
 
+CHECKPOINT_FILE = "checkpoint.pt"
+"""Its name in a run folder."""
+
 
 @dataclass(frozen=True)
 class TrainingState:

@@ -33,13 +33,17 @@ class EmbreeRenderer:
         pixel = np.float32(1.0 / self.camera.focal_length)
         right, down = rotation[:, 0] * pixel, rotation[:, 1] * pixel
         rgb = shade(hits.face, hits.barycentric, hits.distance, rays, right, down, self._surfaces)
-        shape = (self.camera.height, self.camera.width)
-        label = self._face_label[hits.face].reshape(shape) if labels else None
-        return RenderedImage(rgb.reshape(*shape, 3), self._depth(hits), label)
+        rgb = rgb.reshape(self.camera.height, self.camera.width, 3)
+        return RenderedImage(rgb, self._depth(hits), self._labels(hits) if labels else None)
 
     def depth(self, pose: np.ndarray) -> np.ndarray:
         """The depth alone, H x W float32, as `render` gives it; the textures are not touched."""
         return self._depth(self._cast(pose)[2])
+
+    def labelled_depth(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The depth and the labels, H x W int32, as `render` gives them; the textures are not touched."""
+        hits = self._cast(pose)[2]
+        return self._depth(hits), self._labels(hits)
 
     def faces(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The depth, and the mesh's face that each pixel shows: H x W int32, -1 where there is none in range."""
@@ -57,6 +61,9 @@ class EmbreeRenderer:
         rays, origins = _world_rays(self._rays, rotation, pose[:3, 3].astype(np.float32))
         # The camera's rays are one metre deep, not one metre long: the distance is the depth along the optical axis.
         return rotation, rays, self._caster.cast(origins, rays)
+
+    def _labels(self, hits: Hits) -> np.ndarray:
+        return self._face_label[hits.face].reshape(self.camera.height, self.camera.width)
 
     def _depth(self, hits: Hits) -> np.ndarray:
         in_range = (hits.distance >= self.camera.min_depth) & (hits.distance <= self.camera.max_depth)

@@ -91,6 +91,10 @@ class MeshSimulator:
         """What `observe` would show as depth, H x W float32, without the cost of drawing colours."""
         return self._renderer.depth(self.pose)
 
+    def labelled_depth(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `depth`, and with it the labels of `observe(labels=True)`, H x W int32."""
+        return self._renderer.labelled_depth(self.pose)
+
     def free_space(self) -> FreeSpace:
         """The true free floor that is connected to the robot's main floor. Privileged: no agent sees it unasked.
 

@@ -59,6 +59,12 @@ class PyrenderRenderer:
         """The depth alone, H x W float32; OpenGL draws the colours all the same."""
         return self.render(pose, labels=False).depth
 
+    def labelled_depth(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The depth and the labels, H x W int32; OpenGL draws the colours all the same."""
+        image = self.render(pose, labels=True)
+        assert image.labels is not None
+        return image.depth, image.labels
+
     def _draw_labels(self) -> np.ndarray:
         """Draw the scene again, coloured by label, as the camera stands."""
         assert self._context is not None

@@ -39,6 +39,9 @@ class Renderer(Protocol):
     def depth(self, pose: np.ndarray) -> np.ndarray:
         """The depth alone, H x W float32, as `render` gives it."""
 
+    def labelled_depth(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The depth and the labels, H x W int32, as `render` gives them."""
+
 
 def make_renderer(name: str, scene: Scene, camera: Camera) -> Renderer:
     """Make a renderer by name ("embree" or "pyrender").

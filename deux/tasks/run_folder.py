@@ -10,11 +10,12 @@ from typing import Any
 
 from deux.data.atomic import make_folder, write_json
 from deux.errors import DeuxError
-from deux.evaluation.results import RESULTS_FILE
+from deux.evaluation.results import IDENTITY_FILE, RESULTS_FILE
+from deux.policies.policy_files import POLICY_FILE
+from deux.policies.training_state import CHECKPOINT_FILE
 from deux.training.model_files import MODEL_FILE
 from deux.training.ranks import leads
 
-_IDENTITY_FILE = "run.json"
 _SECONDS_FILE = "seconds.json"
 
 EPISODES = "episodes"
@@ -23,7 +24,7 @@ EPISODES = "episodes"
 ROUNDS = "rounds"
 """The folder of what a training with active collection has explored, and of the weights that explored."""
 
-_WORK = ("checkpoints", EPISODES, ROUNDS, MODEL_FILE, RESULTS_FILE)
+_WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, ROUNDS, MODEL_FILE, POLICY_FILE, RESULTS_FILE)
 """What a run leaves in its folder that another run must not go on from."""
 
 
@@ -45,7 +46,7 @@ class RunFolder:
         if not leads():
             return
         make_folder(path)
-        identity = path / _IDENTITY_FILE
+        identity = path / IDENTITY_FILE
         mine = json.loads(json.dumps(settings))
         if identity.exists() and any((path / work).exists() for work in _WORK):
             theirs = json.loads(identity.read_text())

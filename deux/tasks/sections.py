@@ -231,3 +231,22 @@ class ExportSettings:
         for name, value in (("height", self.height), ("width", self.width), ("batch", self.batch)):
             if value is not None:
                 check_range(f"export.{name}", value, 1)
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """What `task=report` shows.
+
+    Args:
+        runs: a folder with runs and sweeps below it.
+        first: the dataset of Table I; None for the one on which the most explorers were compared.
+        transferred: explorers of which Table II also shows the models that were trained on the first dataset.
+        models: what each depth model is called, in order of the columns.
+        explorers: what each explorer is called, in order of the rows, in parts with a line between them.
+    """
+
+    runs: str | None
+    first: str | None
+    transferred: tuple[str, ...]
+    models: Mapping[str, str]
+    explorers: tuple[Mapping[str, str], ...]

@@ -7,7 +7,7 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
-from deux.configuration import in_sweep, user_path
+from deux.configuration import NO_PART_OF_A_RUN, in_sweep, user_path
 from deux.contracts import Robot
 from deux.data.sparse import SparseSettings
 from deux.data.verification import VerificationSettings
@@ -91,8 +91,8 @@ class Settings:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The whole configuration but for paths, plugin defaults included: what a run folder belongs to."""
-        chosen = {str(key): plain(self.cfg[key], str(key)) for key in self.cfg if key not in ("hydra", "paths")}
+        """The configuration of what the run is, plugin defaults included: what a run folder belongs to."""
+        chosen = {str(key): plain(self.cfg[key], str(key)) for key in self.cfg if key not in NO_PART_OF_A_RUN}
         chosen["model"] = {"name": self.model.name, **self.model.settings}
         chosen["explore"] = {"name": self.explorer.name, **self.explorer.settings}
         return chosen

@@ -39,7 +39,7 @@ def run(cfg: DictConfig) -> None:
     say(f"Run folder: {run.path}")
     say(f"Train {settings.explorer.name} in {len(scenes)} scenes: {chosen.steps} steps for the reward {reward}")
     with progress() as report, run.stage("train"):
-        make = partial(_environment, reward, scenes, settings, _pool(reward, settings))
+        make = partial(_environment, reward, scenes, settings, _pool(settings))
         result = train_policy(chosen, make, settings.seed, run.path, report)
     made_by = {
         "reward": reward,
@@ -76,11 +76,10 @@ def _make_reward(name: str, settings: Settings) -> Reward:
     return reward
 
 
-def _pool(reward: str, settings: Settings) -> ScenePool:
+def _pool(settings: Settings) -> ScenePool:
     """The scenes, which all environments of a process share."""
     camera = replace(settings.camera, width=CAMERA_PIXELS, height=CAMERA_PIXELS)
-    drawn = bool(_make_reward(reward, settings).needs)
-    return ScenePool(camera, settings.robot, textured=drawn, renderer=settings.run.renderer)
+    return ScenePool(camera, settings.robot, textured=False, renderer=settings.run.renderer)
 
 
 def _environment(

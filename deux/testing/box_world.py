@@ -126,6 +126,12 @@ class BoxWorld:
         """The depth of `observe`."""
         return self.observe().depth
 
+    def labelled_depth(self) -> tuple[np.ndarray, np.ndarray]:
+        """The depth and the labels of `observe`."""
+        frame = self.observe(labels=True)
+        assert frame.labels is not None
+        return frame.depth, frame.labels
+
     def free_space(self) -> FreeSpace:
         """The floor where the robot's centre can be, on a grid of 5 cm, connected to where the robot stands."""
         frame = GridFrame(0.0, 0.0, math.ceil(self.length / 0.05), math.ceil(self.width / 0.05))

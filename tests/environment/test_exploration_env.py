@@ -118,9 +118,9 @@ def test_extras_are_what_the_camera_sees(make):
 
 @pytest.fixture
 def rendered(monkeypatch):
-    """Counts what the renderer is asked for: "depth", "rgb", "labels", "surfaces"."""
+    """Counts what the simulator is asked for: "depth", "rgb", "labels"."""
     counts = dict.fromkeys(("depth", "rgb", "labels"), 0)
-    observe, depth = MeshSimulator.observe, MeshSimulator.depth
+    observe, depth, labelled = MeshSimulator.observe, MeshSimulator.depth, MeshSimulator.labelled_depth
 
     def count_observe(self, labels=False):
         counts["rgb"] += 1
@@ -131,6 +131,12 @@ def rendered(monkeypatch):
         counts["depth"] += 1
         return depth(self)
 
+    def count_labelled(self):
+        counts["depth"] += 1
+        counts["labels"] += 1
+        return labelled(self)
+
+    monkeypatch.setattr(MeshSimulator, "labelled_depth", count_labelled)
     monkeypatch.setattr(MeshSimulator, "observe", count_observe)
     monkeypatch.setattr(MeshSimulator, "depth", count_depth)
     return counts
@@ -142,7 +148,8 @@ def rendered(monkeypatch):
         ({}, {"depth": 1, "rgb": 0, "labels": 0}),
         ({"extras": ("depth",), "reward": "curiosity"}, {"depth": 1, "rgb": 0, "labels": 0}),
         ({"extras": ("rgb",)}, {"depth": 0, "rgb": 1, "labels": 0}),
-        ({"reward": "semantic_reconstruction"}, {"depth": 0, "rgb": 1, "labels": 1}),
+        ({"reward": "semantic_reconstruction"}, {"depth": 1, "rgb": 0, "labels": 1}),
+        ({"reward": "semantic_reconstruction", "extras": ("rgb",)}, {"depth": 0, "rgb": 1, "labels": 1}),
     ],
 )
 def test_what_is_not_asked_for_is_not_rendered(make, rendered, options, each_look):

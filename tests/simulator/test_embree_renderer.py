@@ -120,14 +120,17 @@ def test_depth_alone_is_that_of_the_image_and_needs_no_textures(
 ) -> None:
     monkeypatch.setattr("deux.simulator.embree_renderer.prepare_surfaces", lambda mesh: pytest.fail("shading"))
     alone = [
-        [(renderer, pose, renderer.depth(pose)) for pose in poses]
+        [(renderer, pose, renderer.depth(pose), renderer.labelled_depth(pose)) for pose in poses]
         for renderer, poses in (
             (EmbreeRenderer(box, Camera(33, 40, 90.0, min_depth=1.2, max_depth=2.0)), poses_in(box)),
             (EmbreeRenderer(flat, Camera(48, 32)), flat_poses),
         )
     ]
     monkeypatch.undo()
-    for renderer, pose, depth in (part for parts in alone for part in parts):
+    for renderer, pose, depth, labelled in (part for parts in alone for part in parts):
         assert depth.dtype == np.float32
-        np.testing.assert_array_equal(depth, renderer.render(pose).depth)
+        image = renderer.render(pose)
+        np.testing.assert_array_equal(depth, image.depth)
+        np.testing.assert_array_equal(labelled[0], image.depth)
+        np.testing.assert_array_equal(labelled[1], image.labels)
         assert (depth > 0).any()

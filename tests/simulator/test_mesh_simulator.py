@@ -44,7 +44,10 @@ def test_depth_alone_is_that_of_the_frame(box: Scene) -> None:
     simulator.reset(2.0, 2.0, 0.3)
     for action in (Action.FORWARD, Action.LEFT, Action.FORWARD):
         simulator.step(action)
-        np.testing.assert_array_equal(simulator.depth(), simulator.observe().depth)
+        seen = simulator.observe(labels=True)
+        np.testing.assert_array_equal(simulator.depth(), seen.depth)
+        for alone, whole in zip(simulator.labelled_depth(), (seen.depth, seen.labels), strict=True):
+            np.testing.assert_array_equal(alone, whole)
 
 
 def test_what_is_prepared_is_shared_by_copies_that_move_on_their_own(box: Scene) -> None:

@@ -50,7 +50,10 @@ def test_depth_alone_is_that_of_the_image(flat: Scene, flat_poses: list[np.ndarr
     for pose in flat_poses[:3]:
         depth = renderer.depth(pose)
         assert depth.dtype == np.float32
-        np.testing.assert_array_equal(depth, renderer.render(pose).depth)
+        image = renderer.render(pose)
+        np.testing.assert_array_equal(depth, image.depth)
+        for alone, whole in zip(renderer.labelled_depth(pose), (image.depth, image.labels), strict=True):
+            np.testing.assert_array_equal(alone, whole)
 
 
 def test_colours_are_the_albedo(make_quads: Callable[..., Scene]) -> None:

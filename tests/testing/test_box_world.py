@@ -59,4 +59,6 @@ def test_free_space_is_what_the_robot_can_reach():
 def test_depth_alone_is_that_of_the_frame():
     world = BoxWorld(5.0, 4.0, (Box(2.0, 0.5, 3.0, 1.5, 0.9),))
     world.reset(2.3, 3.0, 0.2)
-    np.testing.assert_array_equal(world.depth(), world.observe(labels=True).depth)
+    seen = world.observe(labels=True)
+    np.testing.assert_array_equal(world.depth(), seen.depth)
+    np.testing.assert_array_equal(world.labelled_depth(), (seen.depth, seen.labels))

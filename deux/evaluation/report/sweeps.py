@@ -1,0 +1,101 @@
+"""What a sweep was asked for: the grid of its `multirun.yaml`, whether its runs are there or not."""
+
+import itertools
+import os
+import shlex
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
+
+_SWEEP_FILE = "multirun.yaml"
+
+GRID = ("explore", "model", "random_seed")
+"""The options that span a table: its rows, its columns, and what its intervals are over."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A folder of runs that one command asked for.
+
+    Args:
+        folder: holds one folder for each run.
+        overrides: what the command said.
+        asked: the values of each option that was swept over, the preset's included.
+        chosen: the explorer, model and seed of a run where they were not swept over.
+    """
+
+    folder: Path
+    overrides: tuple[str, ...]
+    asked: dict[str, tuple[str, ...]]
+    chosen: dict[str, str]
+
+    @property
+    def command(self) -> str:
+        """The command that goes on with the sweep."""
+        return shlex.join(["python", "-m", "deux", "-m", *self.overrides])
+
+    @property
+    def grid(self) -> list[tuple[str, str, int]]:
+        """Every explorer, model and seed that was asked for."""
+        values = [self.asked.get(option) or (self.chosen[option],) for option in GRID]
+        return [(explorer, model, int(seed)) for explorer, model, seed in itertools.product(*values)]
+
+
+def find_sweeps(folder: Path) -> list[Sweep]:
+    """The sweeps of experiments and evaluations at or below a folder.
+
+    A file that is no sweep's, or of a sweeper whose grid is not known beforehand, is left out.
+    """
+    sweeps = []
+    for path in _sweep_folders(folder):
+        try:
+            sweep = _read(path)
+        except (OSError, ValueError, TypeError, KeyError, AttributeError, yaml.YAMLError, HydraException):
+            continue
+        if sweep is not None:
+            sweeps.append(sweep)
+    return sweeps
+
+
+def _sweep_folders(folder: Path) -> Iterator[Path]:
+    for found, below, files in os.walk(folder, followlinks=True):
+        below[:] = sorted(name for name in below if not name.startswith("."))
+        if _SWEEP_FILE in files:
+            below.clear()
+            yield Path(found)
+        elif "manifest.json" in files:
+            below.clear()
+
+
+def _read(folder: Path) -> Sweep | None:
+    content = yaml.safe_load((folder / _SWEEP_FILE).read_text())
+    if content["task"] not in ("experiment", "evaluate"):
+        return None
+    hydra = content["hydra"]
+    said = [str(override) for override in hydra["overrides"]["task"]]
+    elsewhere = [
+        str(override) for override in hydra["overrides"]["hydra"] if not str(override).startswith("hydra.mode")
+    ]
+    preset = [f"{key}={value}" for key, value in (hydra["sweeper"].get("params") or {}).items()]
+    asked = {}
+    for override in OverridesParser.create().parse_overrides([*preset, *said]):  # later ones win, as in Hydra
+        values = tuple(override.sweep_string_iterator()) if override.is_sweep_override() else (_value(override),)
+        asked[override.get_key_element()] = values
+    chosen = {
+        "explore": content["explore"]["name"],
+        "model": content["model"]["name"],
+        "random_seed": content["random_seed"],
+    }
+    grid = {option: asked[option] for option in GRID if option in asked}
+    sweep = Sweep(folder, (*said, *elsewhere), grid, {option: str(value) for option, value in chosen.items()})
+    sweep.grid  # noqa: B018 - seeds that are no numbers raise here, and the sweep is left out
+    return sweep
+
+
+def _value(override: Any) -> str:
+    return str(override.get_value_element_as_str())

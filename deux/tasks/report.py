@@ -1,0 +1,87 @@
+"""`task=report`: finished runs as the paper's tables and figures."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from omegaconf import DictConfig
+
+from deux.configuration import run_folder, user_path
+from deux.data.atomic import make_folder, write_atomically
+from deux.errors import DeuxError
+from deux.evaluation.drawing import save_figure
+from deux.evaluation.report.contents import Contents, read_contents
+from deux.evaluation.report.figures import Picture, draw_comparison, draw_error_against_frames
+from deux.evaluation.report.formats import csv_text, latex, markdown
+from deux.evaluation.report.names import Names
+from deux.evaluation.report.page import html_page
+from deux.options import construct
+from deux.tasks.console import say
+from deux.tasks.sections import ReportSettings
+
+MOST_MISSING = 12
+"""Lines about what is missing that the console shows for each table."""
+
+
+def run(cfg: DictConfig) -> None:
+    """Report on the runs and sweeps below `report.runs`, finished or not. A repeated command overwrites its files."""
+    settings = construct(ReportSettings, cfg.report, "report")
+    if not settings.runs:
+        raise DeuxError(
+            "task=report needs runs: name a folder with runs or sweeps below it, such as report.runs=outputs."
+        )
+    names = Names(settings.models, settings.explorers)
+    contents = read_contents(user_path(settings.runs), names, settings.first, settings.transferred)
+    folder = run_folder()
+    pictures = draw(contents, names, folder / "figures")
+    write(contents, pictures, folder)
+    say(f"{contents.finished} finished runs, {contents.missing} missing")
+    for section in contents.sections:
+        say(f"{section.title}: {section.state}")
+        for line in section.missing[:MOST_MISSING]:
+            say(f"  missing: {line}")
+        if len(section.missing) > MOST_MISSING:
+            say(f"  and {len(section.missing) - MOST_MISSING} more lines, which the report has")
+    for note in contents.notes:
+        say(note)
+    say(f"Report: {folder / 'report.html'}")
+
+
+def draw(contents: Contents, names: Names, folder: Path) -> dict[str, list[Picture]]:
+    """Draw the figures into a folder; the result has them by the name of the table that they belong to."""
+    pictures: dict[str, list[Picture]] = {}
+    trained = [section for section in contents.sections if not section.comparison.transferred]
+    for section in trained:
+        table = section.table.name
+        pictures[table] = draw_comparison(section.comparison, names, folder, table)
+        alike = [s for s in trained if s.comparison.but_for_amount == section.comparison.but_for_amount]
+        if section is alike[0]:
+            figure = draw_error_against_frames([s.comparison for s in alike], names, section.dataset)
+            file = save_figure(figure, folder / f"{table}_error_against_frames.png")
+            pictures[table].append(Picture(file, "MAE against the number of training frames; bars: 95 % interval."))
+    return pictures
+
+
+def write(contents: Contents, pictures: dict[str, list[Picture]], folder: Path) -> None:
+    """Write the report: a page, the same in Markdown, and each table in Markdown, LaTeX and CSV."""
+    make_folder(folder / "tables")
+    for section in contents.sections:
+        for suffix, text in (("md", markdown), ("tex", latex), ("csv", csv_text)):
+            write_atomically(folder / "tables" / f"{section.table.name}.{suffix}", text(section.table).encode())
+    write_atomically(folder / "report.md", _markdown_report(contents, pictures).encode())
+    write_atomically(folder / "report.html", html_page(contents, pictures).encode())
+
+
+def _markdown_report(contents: Contents, pictures: dict[str, list[Picture]]) -> str:
+    lines = ["# Report", "", f"{contents.finished} finished runs, {contents.missing} missing.", *_list(contents.notes)]
+    for section in contents.sections:
+        lines += ["", f"## {section.title}", "", markdown(section.table)]
+        if section.missing:
+            lines += [f"Missing: {len(section.comparison.missing)} runs.", *_list(section.missing)]
+        for picture in pictures.get(section.table.name, ()):
+            lines += ["", f"![{picture.caption}](figures/{picture.file.name})"]
+        lines += ["", "Commands:", "", *(f"    {command}" for command in section.commands)]
+    return "\n".join(lines) + "\n"
+
+
+def _list(sentences: Sequence[str]) -> list[str]:
+    return ["", *(f"- {sentence}" for sentence in sentences)] if sentences else []

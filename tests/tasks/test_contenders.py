@@ -20,8 +20,10 @@ from deux.testing.learned_explorers import untrained_policy
 
 @pytest.fixture
 def policy(tmp_path) -> Path:
-    """An untrained policy, whose curiosity has learned to foresee nothing but zeros."""
-    foreseen = {name: 0.0 * value for name, value in registry().create("rewards", "curiosity", {}).state().items()}
+    """An untrained policy, whose curiosity has learned to foresee other changes than none."""
+    foreseen = {
+        name: 0.0 * value + 0.01 for name, value in registry().create("rewards", "curiosity", {}).state().items()
+    }
     path = tmp_path / "policy.safetensors"
     save_policy(path, replace(untrained_policy(Crops()), reward_state=foreseen))
     return path
@@ -62,7 +64,7 @@ def test_a_reward_that_learns_judges_only_where_an_explorer_sought_it(policy):
     found = contenders(*chosen)
     assert {"coverage", "novelty", "curiosity", "smooth_coverage", "semantic_reconstruction"} <= set(found.rewards)
     assert found.rewards["coverage"] == {}
-    # The model foresees zeros, so that the reward is the squared length of the features: the same in every episode.
+    # What the policy's model learned judges, and it learns no more: the same in every episode.
     first, second = (_curiosity(make_rewards({"curiosity": found.rewards["curiosity"]})["curiosity"]) for _ in range(2))
     assert first == second
     untaught = _curiosity(make_rewards({"curiosity": {}})["curiosity"])
@@ -76,10 +78,9 @@ def _curiosity(reward) -> list[float]:
     reward.reset(Episode(0, 3, camera, robot))
     rng = np.random.default_rng(0)
     for step in range(3):
-        view = {name: rng.integers(0, 255, Crops().shape, np.uint8) for name in ("near", "far")}
         observation = Observation(step, np.eye(4), False, np.zeros((0, 0, 3), np.uint8))
-        grid, known = np.zeros((1, 1), np.int8), GridFrame(0.0, 0.0, 1, 1)
-        values.append(reward(Experience(observation, 0 if step else None, known, grid, grid, grid > 0, view)))
+        grid, known = rng.integers(0, 3, (20, 20), np.int8), GridFrame(-1.0, -1.0, 20, 20, 0.1)
+        values.append(reward(Experience(observation, 0 if step else None, known, grid, grid, grid > 0, {})))
     return values
 
 

@@ -17,12 +17,12 @@ from deux.bench.timing import Spread, Stopwatch, in_turn, times_the_slowest
 from deux.contracts import Action, DepthModel, Episode, Explorer, ExplorerMap, Frame, Observation, Robot
 from deux.data.episodes import EpisodePlan
 from deux.data.exploration import MODEL_NEEDS, explore
-from deux.data.perception import DepthPredictor
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.registry import registry
 from deux.scenes.scene import Scene
 from deux.simulator.mesh_simulator import MeshSimulator
+from deux.uncertainty.view import DepthPredictor
 
 
 @dataclass(frozen=True)

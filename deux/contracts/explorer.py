@@ -54,10 +54,11 @@ class Observation:
         rgb: H x W x 3 uint8.
         sensor_depth: H x W float32, metres, 0 = none.
         predicted_depth: H x W float32, metres: the depth model's output for this frame.
-        residual: H x W float32, the mean absolute photometric error of both reconstructions of this frame, images
-            in [0, 1]; NaN where neither source frame sees the pixel, all NaN before the third frame.
-        uncertainty: delta of Eq. 8 in [0, 1], the residual as one number; NaN before the third frame. Comes with
-            `residual`.
+        residual: H x W float32, not negative, the uncertainty of each pixel by the measure of
+            `collect.uncertainty`: "l1" is the mean absolute photometric error of both reconstructions of this frame,
+            images in [0, 1]. NaN where the measure says nothing, all NaN before the third frame.
+        uncertainty: delta of Eq. 8 in [0, 1], the residual as one number; NaN where the residual has no values.
+            Comes with `residual`.
         labels: H x W int32, -1 = unlabelled.
     """
 

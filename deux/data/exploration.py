@@ -6,12 +6,13 @@ from functools import partial
 from deux.contracts import Need
 from deux.data.episodes import EpisodePlan, EpisodeRun, MakeExplorer, MakeSimulator
 from deux.data.frames import FrameWriter
-from deux.data.perception import DepthPredictor, Percept, perceive
+from deux.data.perception import Percept, perceive
 from deux.data.processes import in_processes
 from deux.data.progress import Progress, ignore_progress
 from deux.data.sparse import SparseSettings
 from deux.errors import DeuxError
-from deux.geometry.uncertainty import Metric
+from deux.uncertainty.measures import MeasureName
+from deux.uncertainty.view import DepthPredictor
 
 MODEL_NEEDS = frozenset({Need.PREDICTED_DEPTH, Need.RESIDUAL})
 """The needs that take a depth model."""
@@ -25,7 +26,7 @@ def explore(
     make_explorer: MakeExplorer,
     predict_depth: DepthPredictor | None = None,
     sparse: SparseSettings | None = None,
-    metric: Metric = "l1",
+    uncertainty: MeasureName = "l1",
     together: int = 4,
     processes: int = 1,
     progress: Progress = ignore_progress,
@@ -36,9 +37,9 @@ def explore(
         plans: the episodes.
         make_simulator: makes the simulator of a scene; one for each episode.
         make_explorer: makes an explorer; one for each episode.
-        predict_depth: the depth model, for explorers that need what it predicts; called once a step for all robots.
+        predict_depth: the depth model, for explorers that need what it predicts; called for all robots at once.
         sparse: how the depth model's sparse points are taken.
-        metric: of the photometric residual (Eq. 8).
+        uncertainty: how the depth model's prediction is judged (Eq. 8).
         together: number of episodes that run in lock-step, and so of scenes in memory.
         processes: number of processes that collect at the same time, for explorers that need no depth model; then
             `make_simulator` and `make_explorer` must be picklable. The frames are the same for any number.
@@ -68,7 +69,8 @@ def explore(
         return
     see = None
     if predict_depth is not None and uses_model:
-        see = partial(perceive, predict_depth=predict_depth, sparse=sparse or SparseSettings(), metric=metric)
+        points = sparse or SparseSettings()
+        see = partial(perceive, predict_depth=predict_depth, sparse=points, uncertainty=uncertainty)
     for group in unfinished:
         _explore_together(group, make_simulator, make_explorer, see, count)
 

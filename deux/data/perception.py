@@ -1,6 +1,6 @@
 """What the depth model sees in the frames that robots are collecting, all robots in one call."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +10,8 @@ from torch import Tensor
 from deux.contracts import Frame
 from deux.data.sparse import SparseSettings, sample_sparse
 from deux.geometry.poses import source_from_target
-from deux.geometry.reprojection import reproject
-from deux.geometry.uncertainty import Metric, photometric_residual, uncertainty
-
-DepthPredictor = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""image N x 3 x H x W in [0, 1], sparse depth N x 1 x H x W metres, intrinsics N x 3 x 3 -> depth N x 1 x H x W."""
+from deux.uncertainty.measures import MEASURES, MeasureName, frame_uncertainty
+from deux.uncertainty.view import DepthPredictor, View
 
 SOURCES = 2
 """Frames before the present one that it is rebuilt from."""
@@ -25,8 +22,8 @@ class Percept(NamedTuple):
 
     Args:
         predicted_depth: H x W float32 metres.
-        residual: H x W float32 mean absolute photometric error; NaN where no source frame sees the pixel.
-        uncertainty: delta of Eq. 8; NaN before the third frame.
+        residual: H x W float32, the uncertainty of each pixel; NaN where the measure says nothing.
+        uncertainty: delta of Eq. 8, the same as one number; NaN before the third frame.
     """
 
     predicted_depth: np.ndarray
@@ -40,32 +37,30 @@ def perceive(
     intrinsics: np.ndarray,
     predict_depth: DepthPredictor,
     sparse: SparseSettings,
-    metric: Metric = "l1",
+    uncertainty: MeasureName = "l1",
 ) -> list[Percept]:
-    """Predict the depth of every robot's newest frame in one batch and rebuild that frame from the two before.
+    """Predict the depth of every robot's newest frame in one batch, and judge it with the help of the two before.
 
     Args:
         histories: each robot's latest frames, newest first; all of the same length, 1 to 3.
         intrinsics: 3 x 3, of all robots' cameras.
-        predict_depth: the depth model; called once.
+        predict_depth: the depth model; called once, and again by some measures of uncertainty.
         sparse: how sparse points are taken.
-        metric: of the photometric residual.
+        uncertainty: the measure that judges the prediction.
     """
     newest = [history[0] for history in histories]
     points = np.stack([sample_sparse(frame.rgb, frame.depth, sparse) for frame in newest])
+    sparse_depth = torch.from_numpy(points)[:, None]
     image = _images(newest)
     matrices = torch.from_numpy(intrinsics).float().expand(len(newest), 3, 3)
-    depth = predict_depth(image, torch.from_numpy(points)[:, None], matrices).float().cpu()
+    depth = predict_depth(image, sparse_depth, matrices).float().cpu()
     if len(histories[0]) <= SOURCES:
-        residual, delta = torch.full_like(depth[:, 0], torch.nan), torch.full((len(newest),), torch.nan)
+        residual = torch.full_like(depth[:, 0], torch.nan)
     else:
         sources = torch.stack([_images(history[1 : SOURCES + 1]) for history in histories])
-        motions = np.stack([_motions(history) for history in histories])
-        images, visible = reproject(sources, depth, matrices, torch.from_numpy(motions).float())
-        residual, delta = (
-            photometric_residual(image, images, visible, metric),
-            uncertainty(image, images, visible, metric),
-        )
+        motions = torch.from_numpy(np.stack([_motions(history) for history in histories])).float()
+        residual = MEASURES[uncertainty](View(image, sparse_depth, matrices, depth, sources, motions, predict_depth))
+    delta = frame_uncertainty(residual)
     return [Percept(depth[i, 0].numpy(), residual[i].numpy(), float(delta[i])) for i in range(len(newest))]
 
 

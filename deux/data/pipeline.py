@@ -12,7 +12,6 @@ from deux.data.episodes import EpisodePlan, MakeExplorer, MakeSimulator
 from deux.data.exploration import explore
 from deux.data.layout import sequences
 from deux.data.locking import locked
-from deux.data.perception import DepthPredictor
 from deux.data.preprocessing import write_lists
 from deux.data.progress import Progress, ignore_progress
 from deux.data.sparse import sample_sequences
@@ -20,6 +19,7 @@ from deux.data.specification import VIEWPOINTS, DatasetSpec
 from deux.data.verification import verify_sequences
 from deux.data.viewpoints import ViewpointsPlan, collect_viewpoints
 from deux.errors import DeuxError
+from deux.uncertainty.view import DepthPredictor
 
 MANIFEST = "manifest.json"
 
@@ -70,7 +70,7 @@ def build_dataset(
                 make_explorer,
                 predict_depth,
                 sparse=spec.sparse,
-                metric=spec.metric,
+                uncertainty=spec.uncertainty,
                 together=spec.together,
                 processes=processes,
                 progress=progress,

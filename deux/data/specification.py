@@ -12,7 +12,7 @@ from deux.data.episodes import SceneLike
 from deux.data.sparse import SparseSettings
 from deux.data.verification import VerificationSettings
 from deux.geometry.camera import Camera
-from deux.geometry.uncertainty import Metric
+from deux.uncertainty.measures import MeasureName
 
 DATASET_VERSION = 2
 """Raised by every change of the code that changes the datasets it makes."""
@@ -41,7 +41,7 @@ class DatasetSpec:
         verification: which frames are rejected.
         seed: seed of the starts, the explorers and the viewpoints.
         model: what identifies the depth model that guides the explorer; None without one.
-        metric: of the uncertainty (Eq. 8).
+        uncertainty: how that model's predictions are judged (Eq. 8).
         together: episodes that run in lock-step.
         split: the prefix of the list files.
     """
@@ -59,7 +59,7 @@ class DatasetSpec:
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     seed: int = 0
     model: str | None = None
-    metric: Metric = "l1"
+    uncertainty: MeasureName = "l1"
     together: int = 4
     split: Split = "train"
 

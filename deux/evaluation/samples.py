@@ -4,8 +4,8 @@ import torch
 
 from deux.contracts import Batch, DepthModel
 from deux.evaluation.depth_panels import DepthSample
+from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.reprojection import reproject
-from deux.geometry.uncertainty import photometric_residual
 
 
 @torch.no_grad()

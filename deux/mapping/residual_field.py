@@ -23,7 +23,7 @@ class ResidualField(Protocol):
         Args:
             pose: 4 x 4 camera-to-world.
             depth: H x W metres, 0 or NaN = none.
-            residual: H x W photometric error, NaN where there is none.
+            residual: H x W uncertainty of the pixels, not negative, NaN where there is none.
             uncertainty: delta of Eq. 8 in [0, 1]; NaN where there is none.
         """
 

@@ -12,7 +12,6 @@ from deux.data.atomic import make_folder, write_json
 from deux.data.datamodule import TripletDataModule
 from deux.data.layout import sequences
 from deux.data.locking import locked
-from deux.data.perception import DepthPredictor
 from deux.data.pipeline import read_manifest
 from deux.evaluation.drawing import save_figure
 from deux.evaluation.explored import mean_uncertainty, seen_area
@@ -27,6 +26,7 @@ from deux.tasks.settings import PluginChoice, Settings
 from deux.training.active_collection import ActiveCollection
 from deux.training.model_files import load_model, save_model
 from deux.training.rounds import Round, RoundRequest, Share
+from deux.uncertainty.view import DepthPredictor
 
 _ROUNDS_FILE = "rounds.json"
 

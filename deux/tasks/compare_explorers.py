@@ -78,7 +78,7 @@ def _perception(settings: Settings) -> tuple[Perception | None, str | None]:
         intrinsics=settings.camera.intrinsics,
         predict_depth=FastPredictor(model, settings.trainer.get("accelerator", "auto")),
         sparse=settings.sampling,
-        metric=settings.collect.metric,
+        uncertainty=settings.collect.uncertainty,
     )
     return perception, weights_identity(checkpoint)
 

@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 from deux.contracts import DepthModel, Robot, Simulator
 from deux.data.exploration import MODEL_NEEDS
-from deux.data.perception import DepthPredictor
 from deux.data.pipeline import build_dataset, read_manifest
 from deux.data.specification import VIEWPOINTS, DatasetSpec, Split
 from deux.geometry.camera import Camera
@@ -17,6 +16,7 @@ from deux.simulator.mesh_simulator import MeshSimulator
 from deux.tasks.console import progress, say
 from deux.tasks.settings import PluginChoice, Settings
 from deux.training.precision import FastPredictor
+from deux.uncertainty.view import DepthPredictor
 
 
 def explored_dataset(
@@ -75,7 +75,7 @@ def _exploration(settings: Settings, explorer: PluginChoice, model: str | None) 
         verification=settings.verification,
         seed=settings.seed,
         model=model,
-        metric=settings.collect.metric,
+        uncertainty=settings.collect.uncertainty,
         together=settings.collect.together,
     )
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from deux.errors import DeuxError, check_range
-from deux.geometry.uncertainty import Metric
 from deux.policies.ppo_settings import PPOSettings
 from deux.training.pose_source import PoseKind
 from deux.training.rounds import RoundSettings
+from deux.uncertainty.measures import MeasureName
 
 FRAMES_OF_A_TRIPLET = 3
 
@@ -44,14 +44,14 @@ class CollectSettings:
     Args:
         steps: actions in an episode.
         episodes: episodes in each training scene.
-        metric: of the uncertainty (Eq. 8).
+        uncertainty: how the depth model's predictions are judged (Eq. 8).
         together: robots that explore in lock-step.
         processes: processes that collect, for explorers that need no depth model.
     """
 
     steps: int
     episodes: int
-    metric: Metric
+    uncertainty: MeasureName
     together: int
     processes: int
 

@@ -9,8 +9,8 @@ from torch import Tensor
 from torchmetrics import Metric
 
 from deux.contracts import Batch, DepthModel, Prediction
+from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.sparse_outliers import remove_outliers
-from deux.geometry.uncertainty import photometric_residual
 from deux.training.objective import Losses, Objective
 from deux.training.pose_source import PoseSource
 from deux.training.schedule import Schedule

@@ -33,7 +33,7 @@ MISTAKES = {
     "experiment=debg": "there is no experiment called 'debg': did you mean debug?",
     "renderer=embre": "renderer cannot be 'embre': did you mean embree?",
     "pose=lerned": "pose cannot be 'lerned': did you mean learned?",
-    "collect.metric=l3": "collect.metric cannot be 'l3': did you mean l1?",
+    "collect.uncertainty=l3": "collect.uncertainty cannot be 'l3': did you mean l1?",
     # keys
     "trainig.steps=3": "there is no option trainig: did you mean training",
     "collect.step=3": "there is no option collect.step: did you mean steps?",

@@ -1,4 +1,4 @@
-"""How wrong a depth map is, judged by the images alone: the photometric residual and Eq. 8 of the paper."""
+"""How wrong a depth map is, judged by the images alone: the photometric residual of Eq. 8 of the paper."""
 
 from typing import Literal
 
@@ -31,21 +31,3 @@ def photometric_residual(image: Tensor, reconstructions: Tensor, visible: Tensor
         seen = wholly_visible(visible[:, :, 0])
     total = torch.where(seen, error.mean(dim=2), 0.0).sum(dim=1)
     return total / seen.sum(dim=1)  # 0 / 0 is the NaN of a pixel that nobody sees
-
-
-def uncertainty(image: Tensor, reconstructions: Tensor, visible: Tensor, metric: Metric = "l1") -> Tensor:
-    """The residual of a frame as one number, delta = 1 - exp(-mean residual) (Eq. 8).
-
-    The paper averages over all pixels; here a pixel that no source frame sees says nothing and is left out.
-
-    Args:
-        image: N x 3 x H x W in [0, 1].
-        reconstructions: N x S x 3 x H x W.
-        visible: N x S x 1 x H x W bool.
-        metric: as in `photometric_residual`.
-
-    Returns:
-        N float32 in [0, 1 - 1/e], NaN for a frame of which nothing is seen.
-    """
-    residual = photometric_residual(image, reconstructions, visible, metric)
-    return 1.0 - torch.exp(-residual.flatten(1).nanmean(dim=1))

@@ -1,9 +1,6 @@
-import math
-
-import pytest
 import torch
 
-from deux.geometry.uncertainty import photometric_residual, uncertainty
+from deux.geometry.photometric_residual import photometric_residual
 
 
 def frames() -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -26,22 +23,6 @@ def test_residual_is_the_mean_over_the_frames_that_see_a_pixel():
     torch.testing.assert_close(residual[0, 1:, :2], torch.full((7, 2), 0.3))
     torch.testing.assert_close(residual[0, 1:, 8:], torch.full((7, 2), 0.1 / 3))
     torch.testing.assert_close(residual[0, 1:, 2:8], torch.full((7, 6), (0.3 + 0.1 / 3) / 2))
-
-
-def test_uncertainty_is_equation_eight():
-    image, reconstructions, visible = frames()
-    expected = 1.0 - math.exp(-(0.3 + 0.1 / 3) / 2)
-    assert uncertainty(image, reconstructions, visible).item() == pytest.approx(expected, rel=1e-5)
-
-
-@pytest.mark.parametrize("metric", ["l1", "ssim"])
-def test_uncertainty_of_a_perfect_and_of_an_invisible_frame(metric):
-    image = torch.rand(2, 3, 8, 10, generator=torch.Generator().manual_seed(0))
-    visible = torch.ones(2, 2, 1, 8, 10, dtype=torch.bool)
-    visible[1] = False
-    value = uncertainty(image, image[:, None].repeat(1, 2, 1, 1, 1), visible, metric)
-    assert value[0].item() == pytest.approx(0.0, abs=1e-5)
-    assert value[1].isnan()
 
 
 def test_ssim_metric_ignores_a_neighbourhood_that_is_partly_invisible():

@@ -42,6 +42,7 @@ TASKS = {
     "predict": "complete the depth of one frame, from files and to files",
     "train_explorer": "train the policy of a learned explorer with PPO",
     "compare_explorers": "measure what the explorers see, in flats that none of them knows",
+    "study_uncertainty": "measure which uncertainty points at the depth model's errors, in scenes that it never saw",
     "export": "write a trained model as model.onnx",
     "report": "turn finished runs into the paper's tables and figures",
 }
@@ -189,7 +190,10 @@ def run_id(cfg: DictConfig) -> str:
 def _run_name(cfg: DictConfig) -> str:
     if cfg.task in (*GIVEN_MODEL_TASKS, "compare_explorers"):
         return str(cfg.task)
-    return f"{cfg.task}-{cfg.explore.name}" if cfg.task == "train_explorer" else f"{cfg.model.name}-{cfg.explore.name}"
+    if cfg.task == "train_explorer":
+        return f"{cfg.task}-{cfg.explore.name}"
+    pair = f"{cfg.model.name}-{cfg.explore.name}"
+    return f"{cfg.task}-{pair}" if cfg.task == "study_uncertainty" else pair
 
 
 def _plain(value: Any) -> Any:

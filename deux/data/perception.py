@@ -48,20 +48,31 @@ def perceive(
         sparse: how sparse points are taken.
         uncertainty: the measure that judges the prediction.
     """
+    view = look(histories, intrinsics, predict_depth, sparse)
+    depth = view.depth[:, 0]
+    complete = view.sources.shape[1] == SOURCES
+    residual = MEASURES[uncertainty](view) if complete else torch.full_like(depth, torch.nan)
+    delta = frame_uncertainty(residual)
+    return [Percept(depth[i].numpy(), residual[i].numpy(), float(delta[i])) for i in range(len(histories))]
+
+
+@torch.inference_mode()
+def look(
+    histories: Sequence[Sequence[Frame]], intrinsics: np.ndarray, predict_depth: DepthPredictor, sparse: SparseSettings
+) -> View:
+    """Every robot's newest frame with its predicted depth and, as its sources, the frames before; as `perceive`."""
     newest = [history[0] for history in histories]
+    image, matrices = _images(newest), torch.from_numpy(intrinsics).float().expand(len(newest), 3, 3)
     points = np.stack([sample_sparse(frame.rgb, frame.depth, sparse) for frame in newest])
     sparse_depth = torch.from_numpy(points)[:, None]
-    image = _images(newest)
-    matrices = torch.from_numpy(intrinsics).float().expand(len(newest), 3, 3)
     depth = predict_depth(image, sparse_depth, matrices).float().cpu()
-    if len(histories[0]) <= SOURCES:
-        residual = torch.full_like(depth[:, 0], torch.nan)
-    else:
-        sources = torch.stack([_images(history[1 : SOURCES + 1]) for history in histories])
+    before = len(histories[0]) - 1
+    sources = image.new_zeros(len(newest), before, *image.shape[1:])
+    motions = image.new_zeros(len(newest), before, 4, 4)
+    if before:
+        sources = torch.stack([_images(history[1:]) for history in histories])
         motions = torch.from_numpy(np.stack([_motions(history) for history in histories])).float()
-        residual = MEASURES[uncertainty](View(image, sparse_depth, matrices, depth, sources, motions, predict_depth))
-    delta = frame_uncertainty(residual)
-    return [Percept(depth[i, 0].numpy(), residual[i].numpy(), float(delta[i])) for i in range(len(newest))]
+    return View(image, sparse_depth, matrices, depth, sources, motions, predict_depth)
 
 
 def _images(frames: Sequence[Frame]) -> Tensor:
@@ -71,4 +82,4 @@ def _images(frames: Sequence[Frame]) -> Tensor:
 
 def _motions(history: Sequence[Frame]) -> np.ndarray:
     """S x 4 x 4, from the newest frame's camera to those of the frames before it."""
-    return np.stack([source_from_target(history[0].pose, earlier.pose) for earlier in history[1 : SOURCES + 1]])
+    return np.stack([source_from_target(history[0].pose, earlier.pose) for earlier in history[1:]])

@@ -70,7 +70,7 @@ def build_dataset(
                 make_explorer,
                 predict_depth,
                 sparse=spec.sparse,
-                uncertainty=spec.uncertainty,
+                uncertainty=spec.uncertainty or "l1",
                 together=spec.together,
                 processes=processes,
                 progress=progress,

@@ -41,7 +41,7 @@ class DatasetSpec:
         verification: which frames are rejected.
         seed: seed of the starts, the explorers and the viewpoints.
         model: what identifies the depth model that guides the explorer; None without one.
-        uncertainty: how that model's predictions are judged (Eq. 8).
+        uncertainty: how that model's predictions are judged (Eq. 8); None without one.
         together: episodes that run in lock-step.
         split: the prefix of the list files.
     """
@@ -59,7 +59,7 @@ class DatasetSpec:
     verification: VerificationSettings = field(default_factory=VerificationSettings)
     seed: int = 0
     model: str | None = None
-    uncertainty: MeasureName = "l1"
+    uncertainty: MeasureName | None = None
     together: int = 4
     split: Split = "train"
 

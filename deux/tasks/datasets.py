@@ -75,7 +75,7 @@ def _exploration(settings: Settings, explorer: PluginChoice, model: str | None) 
         verification=settings.verification,
         seed=settings.seed,
         model=model,
-        uncertainty=settings.collect.uncertainty,
+        uncertainty=settings.collect.uncertainty if model else None,
         together=settings.collect.together,
     )
 

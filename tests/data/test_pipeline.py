@@ -89,7 +89,7 @@ def test_a_finished_dataset_is_returned_at_once(tmp_path: Path) -> None:
         {"verification": VerificationSettings(min_points=0.5)},
         {"seed": 4},
         {"model": "kbnet-0123"},
-        {"metric": "ssim"},
+        {"uncertainty": "ssim"},
         {"together": 2},
         {"split": "test"},
     ],

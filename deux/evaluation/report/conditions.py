@@ -42,6 +42,12 @@ _NO_CONDITION = (
 )
 """What no number of an experiment depends on, or what is known otherwise."""
 
+_EXPLORER = ("explore", "seed", "collect.uncertainty", "callbacks")
+"""What makes an explorer beside its name: its options, the model that guides it and how that is judged, its rounds."""
+
+_OPTIONAL = ("callbacks",)
+"""Nodes that are there only if they were chosen."""
+
 _BUDGET = ("collect", "training", "camera.width", "camera.height")
 
 
@@ -53,7 +59,7 @@ class Conditions:
         model: name of the depth model.
         model_options: what else makes the model: its options, objective, foundation, learning rate.
         explorer: name of the explorer that collected the training frames; None if they were given.
-        explorer_options: what else makes the explorer: its options and its seed model.
+        explorer_options: what else makes the explorer: its options, its seed model and how that is judged, its rounds.
         seed: the random seed.
         training: the training frames and the budget.
         testing: the test frames.
@@ -86,8 +92,8 @@ def conditions(identity: Mapping[str, Any]) -> Conditions:
     model_parts = ("model", "objective", "pose", "foundation", "training")
     no_schedule = ("training.steps", "training.epochs", "training.crop")
     model = tuple(fact for fact in _below(everything, model_parts) if not _is_below(fact[0], no_schedule))
-    explorer = _below(everything, ("explore", "seed"))
-    elsewhere = (*model_parts, "explore", "seed", "scenes.test")
+    explorer = _below(everything, _EXPLORER)
+    elsewhere = (*model_parts, *_EXPLORER, "scenes.test")
     training |= {key: value for key, value in everything if not _is_below(key, elsewhere)}
     training |= dict(_below(everything, ("training.crop",)))
     return Conditions(
@@ -120,15 +126,27 @@ def differences(mine: Facts, others: Facts) -> str:
 
 
 def variants(choices: Iterable[Facts]) -> dict[Facts, str]:
-    """A short name for each of several sets of facts, of what they differ in; "" where all are the same."""
+    """A short name for each of several sets of facts, of what they differ in; "" where all are the same.
+
+    A node that some of them lack altogether is named as a whole: "with callbacks", "no callbacks".
+    """
     distinct = sorted(set(choices))
     keys = sorted({key for choice in distinct for key, _ in choice})
     differing = [key for key in keys if len({dict(choice).get(key) for choice in distinct}) > 1]
-    return {choice: ", ".join(_variant(dict(choice), key) for key in differing) for choice in distinct}
+    optional = [node for node in _OPTIONAL if len({bool(_below(choice, (node,))) for choice in distinct}) > 1]
+    return {choice: ", ".join(_words(choice, differing, optional)) for choice in distinct}
+
+
+def _words(choice: Facts, differing: Iterable[str], optional: Sequence[str]) -> Iterator[str]:
+    for node in optional:
+        yield f"{'with' if _below(choice, (node,)) else 'no'} {node}"
+    for key in differing:
+        if not _is_below(key, optional):
+            yield _variant(dict(choice), key)
 
 
 def _variant(choice: Mapping[str, str], key: str) -> str:
-    short = key.removeprefix("explore.").removeprefix("model.")
+    short = key.removeprefix("explore.").removeprefix("model.").removeprefix("collect.")
     return f"{short}={_plain(choice[key])}" if key in choice else f"{short} not set"
 
 

@@ -78,7 +78,14 @@ def test_what_changes_no_number_changes_no_condition(changes):
 
 
 def test_an_option_that_nobody_knows_yet_separates_trainings():
-    assert conditions({**IDENTITY, "callbacks": {"refresh": 3}}).training != conditions(IDENTITY).training
+    assert conditions({**IDENTITY, "distractors": {"people": 3}}).training != conditions(IDENTITY).training
+
+
+@pytest.mark.parametrize("changes", [{"callbacks": {"rounds": 3}}, {"collect": {"steps": 20, "uncertainty": "flip"}}])
+def test_what_guides_the_robot_makes_another_explorer_and_no_other_training(changes):
+    changed, plain = conditions({**IDENTITY, **changes}), conditions(IDENTITY)
+    assert changed.explorer_options != plain.explorer_options
+    assert (changed.training, changed.model_options) == (plain.training, plain.model_options)
 
 
 def test_recorded_data_stand_for_the_test_scenes():
@@ -100,3 +107,12 @@ def test_variants_are_called_by_what_they_differ_in():
     plain, surface = facts({"explore": {"t": 1}}), facts({"explore": {"t": 1, "pose": "surface"}})
     assert variants([plain, plain]) == {plain: ""}
     assert variants([plain, surface]) == {plain: "pose not set", surface: "pose=surface"}
+
+
+def test_a_node_that_some_lack_is_one_word():
+    plain = facts({"collect": {"uncertainty": "l1"}})
+    refreshed = facts({"collect": {"uncertainty": "l1"}, "callbacks": {"every": 1, "rounds": 3}})
+    oftener = facts({"collect": {"uncertainty": "flip"}, "callbacks": {"every": 2, "rounds": 3}})
+    names = variants([plain, refreshed])
+    assert names == {plain: "no callbacks", refreshed: "with callbacks"}
+    assert variants([refreshed, oftener])[oftener] == "callbacks.every=2, uncertainty=flip"

@@ -30,7 +30,7 @@ def run(cfg: DictConfig) -> None:
             "task=report needs runs: name a folder with runs or sweeps below it, such as report.runs=outputs."
         )
     names = Names(settings.models, settings.explorers)
-    contents = read_contents(user_path(settings.runs), names, settings.first, settings.transferred)
+    contents = read_contents(user_path(settings.runs), names, settings.first, settings.transferred, settings.baseline)
     folder = run_folder()
     pictures = draw(contents, names, folder / "figures")
     write(contents, pictures, folder)

@@ -241,6 +241,7 @@ class ReportSettings:
         runs: a folder with runs and sweeps below it.
         first: the dataset of Table I; None for the one on which the most explorers were compared.
         transferred: explorers of which Table II also shows the models that were trained on the first dataset.
+        baseline: the explorer that the others of Table I are compared with, seed by seed; None for none.
         models: what each depth model is called, in order of the columns.
         explorers: what each explorer is called, in order of the rows, in parts with a line between them.
     """
@@ -248,5 +249,6 @@ class ReportSettings:
     runs: str | None
     first: str | None
     transferred: tuple[str, ...]
+    baseline: str | None
     models: Mapping[str, str]
     explorers: tuple[Mapping[str, str], ...]

@@ -109,6 +109,15 @@ class Comparison:
             return None
         return tuple(summary({seed: run.errors[name] for seed, run in runs.items()}) for name in METRIC_NAMES)
 
+    def beyond(self, explorer: Key, other: Key, model: Key) -> Summary | None:
+        """How much higher an explorer's MAE is than another's with the same seed; None with fewer than two such seeds.
+
+        What a seed does to all of them, such as the first weights, cancels out.
+        """
+        mine, theirs = (self.cells.get((one, model), {}) for one in (explorer, other))
+        shared = {seed: run.errors["mae"] - theirs[seed].errors["mae"] for seed, run in mine.items() if seed in theirs}
+        return summary(shared) if len(shared) > 1 else None
+
     @property
     def baseline(self) -> tuple[Summary, ...]:
         """The four errors of interpolation on the test frames."""

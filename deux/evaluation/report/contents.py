@@ -63,7 +63,13 @@ class Contents:
     missing: int
 
 
-def read_contents(folder: Path, names: Names, first: str | None = None, starred: Sequence[str] = ()) -> Contents:
+def read_contents(
+    folder: Path,
+    names: Names,
+    first: str | None = None,
+    starred: Sequence[str] = (),
+    baseline: str | None = None,
+) -> Contents:
     """Read the runs below a folder and put them into the paper's tables.
 
     Args:
@@ -71,6 +77,7 @@ def read_contents(folder: Path, names: Names, first: str | None = None, starred:
         names: of explorers and models, in order.
         first: the name of Table I's dataset; None for the one on which the most explorers were compared.
         starred: explorers of which Table II also shows the models that were trained on the first dataset.
+        baseline: the explorer that the others are compared with, seed by seed.
 
     Raises:
         DeuxError: there is no finished run, a run's file is damaged, or no dataset is called `first`.
@@ -85,7 +92,7 @@ def read_contents(folder: Path, names: Names, first: str | None = None, starred:
         kind = "table3" if comparison.transferred else "table1" if comparison.testing == datasets.first else "table2"
         used[kind] += 1
         name = kind if used[kind] == 1 else f"{kind}_{used[kind]}"
-        table = _table(kind, name, comparison, ordered, names, datasets, starred)
+        table = _table(kind, name, comparison, ordered, names, datasets, starred, baseline)
         sections.append(_section(table, comparison, ordered, names, datasets))
     notes = [f"{path} is in no table: {reason}." for path, reason in found.left_out]
     notes += [f"Nothing is finished of {len(s.grid)} runs: {s.command}" for s in lone_sweeps(found, sweeps)]
@@ -121,10 +128,11 @@ def _table(
     names: Names,
     datasets: Datasets,
     starred: Sequence[str],
+    baseline: str | None,
 ) -> Table:
     tested_on = datasets.name(comparison.testing)
     if kind == "table1":
-        return table_one(comparison, names, tested_on, name)
+        return table_one(comparison, names, tested_on, name, baseline)
     if kind == "table3":
         return table_three(comparison, names, datasets.name(comparison.own_testing), tested_on, name)
     from_first = [

@@ -14,8 +14,18 @@ INTERPOLATION = "Interpolation"
 """What the row of linear interpolation of the sparse points is called; it learns nothing and is not ranked."""
 
 
-def table_one(comparison: Comparison, names: Names, dataset: str, name: str = "table1") -> Table:
-    """Table I: every explorer and every depth model on the test split of one dataset."""
+def table_one(
+    comparison: Comparison, names: Names, dataset: str, name: str = "table1", baseline: str | None = None
+) -> Table:
+    """Table I: every explorer and every depth model on the test split of one dataset.
+
+    Args:
+        comparison: the runs.
+        names: of rows and columns.
+        dataset: what the dataset is called.
+        name: of the table's files.
+        baseline: an explorer that a note compares the others with, seed by seed; None for no such note.
+    """
     models = names.ordered_models(comparison.models)
     nothing: tuple[None, ...] = (None,) * len(METRIC_NAMES)
     parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), comparison.baseline * len(models), ranked=False),)]
@@ -27,7 +37,8 @@ def table_one(comparison: Comparison, names: Names, dataset: str, name: str = "t
         parts.append(tuple(rows))
     caption = f"Depth completion on the {dataset} test set"
     groups = tuple(names.model(model) for model in models)
-    return _noted(Table(name, caption, ("Exploration",), groups, tuple(parts)), [comparison])
+    table = Table(name, caption, ("Exploration",), groups, tuple(parts))
+    return _noted(table, [comparison], _beyond(comparison, names, baseline))
 
 
 def table_two(
@@ -88,6 +99,22 @@ def table_three(comparison: Comparison, names: Names, trained_on: str, tested_on
     caption = f"Zero-shot transfer: trained on {trained_on}, tested on {tested_on}"
     notes = [f"Every number is the mean over {', '.join(names.model(model) for model in models)}."]
     return _noted(Table(name, caption, ("Exploration",), ("",), tuple(parts)), [comparison], notes)
+
+
+def _beyond(comparison: Comparison, names: Names, baseline: str | None) -> list[str]:
+    """For each model how much higher than the baseline's the explorers' errors are, a sentence each."""
+    notes = []
+    for key in (key for key in names.ordered_explorers(comparison.explorers) if key[0] == baseline):
+        for model in names.ordered_models(comparison.models):
+            others = [other for other in names.ordered_explorers(comparison.explorers) if other != key]
+            found = {names.explorer(other): comparison.beyond(other, key, model) for other in others}
+            known = [f"{name} {n.mean:+.1f} ± {n.interval:.1f}" for name, n in found.items() if n]
+            if known:
+                notes.append(
+                    f"{names.model(model)}, MAE beyond {names.explorer(key)}'s with the same seed (below 0 is better): "
+                    f"{', '.join(known)}."
+                )
+    return notes
 
 
 def _over_models(comparison: Comparison, explorer: Key) -> tuple[frozenset[Key], tuple[Summary, ...]]:

@@ -34,6 +34,22 @@ def test_table_one_has_explorers_by_models(write_run, outputs, names):
     assert any("over n = 3 seeds (0, 1, 2)" in note for note in table.notes)
 
 
+def test_a_note_compares_explorers_seed_by_seed(write_run, outputs, names):
+    """What a seed does to both, here 10 mm to and fro, is in neither the difference nor its interval."""
+    for seed, common in enumerate((30.0, 50.0, 40.0)):
+        write_run("random", "kbnet", seed, common)
+        write_run("deux", "kbnet", seed, common - 5.0 + seed)
+    write_run("novelty", "kbnet", 0, 10.0)
+    (comparison,) = compare(outputs)
+    interval = stats.t.ppf(0.975, 2) / 3**0.5
+    assert table_one(comparison, names, "apartments", baseline="random").notes[0] == (
+        f"KBNet, MAE beyond Random's with the same seed (below 0 is better): DEUX -4.0 ± {interval:.1f}."
+    )
+    for baseline in (None, "frontier"):
+        notes = table_one(comparison, names, "apartments", baseline=baseline).notes
+        assert not any("same seed" in note for note in notes)
+
+
 def test_table_two_sets_models_of_the_first_dataset_beside_those_of_the_other(write_run, outputs, names, here, there):
     for explorer, mae in (("random", 30.0), ("deux", 20.0)):
         write_run(explorer, "kbnet", 0, mae, place=there)

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 from deux.evaluation.comparison import Comparison
 from deux.evaluation.exploration import REWARD
 from deux.evaluation.intervals import Estimate
-from deux.evaluation.sheet import Cell, Sheet
+from deux.evaluation.sheet import Cell, Sheet, estimate_cell
 
 _MEAN = "mean ± half the 95 % t interval over the scenes"
 
@@ -91,7 +91,4 @@ def _best(means: list[float], column: Column) -> float:
 
 
 def _cell(value: Estimate, column: Column, bold: bool) -> Cell:
-    if math.isnan(value.mean):
-        return Cell("-")
-    mean, half_width = (f"{number * column.factor:.{column.digits}f}" for number in value)
-    return Cell(mean if math.isnan(value.half_width) else f"{mean} ± {half_width}", bold)
+    return estimate_cell(value, column.digits, column.factor, bold)

@@ -1,10 +1,13 @@
 """A table as text in cells, for the console and for a page."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from rich.markup import escape
 from rich.table import Table
+
+from deux.evaluation.intervals import Estimate
 
 
 class Cell(NamedTuple):
@@ -12,6 +15,14 @@ class Cell(NamedTuple):
 
     text: str
     bold: bool = False
+
+
+def estimate_cell(value: Estimate, digits: int, factor: float = 1.0, bold: bool = False) -> Cell:
+    """A mean and half its interval as "12.3 ± 0.4"; the mean alone where there is no interval, "-" without a mean."""
+    if math.isnan(value.mean):
+        return Cell("-")
+    mean, half_width = (f"{number * factor:z.{digits}f}" for number in value)  # z: no minus before a zero
+    return Cell(mean if math.isnan(value.half_width) else f"{mean} ± {half_width}", bold)
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,8 @@
 import math
 from collections.abc import Sequence
 
-from deux.evaluation.intervals import Estimate
 from deux.evaluation.judged_scene import CONTROLS
-from deux.evaluation.sheet import Cell, Sheet
+from deux.evaluation.sheet import Cell, Sheet, estimate_cell
 from deux.evaluation.uncertainty_study import CAUSES, MOVED, Kept, UncertaintyStudy
 from deux.uncertainty.measures import MEASURES
 
@@ -21,27 +20,26 @@ _CAUSES = {
 
 def measures_sheet(study: UncertaintyStudy, kept: Kept = "all") -> Sheet:
     """How well each measure follows the true error; the best measure of each column in bold."""
-    columns = [
-        ("judged [%]", [_times(study.share(name, kept), 100.0) for name in study.names], 0, None),
-        ("ρ pixels", [study.pixels(name, kept) for name in study.names], 2, max),
-        ("AUSE", [study.ause(name, kept) for name in study.names], 3, min),
-        ("ρ frames", [study.frames(name, kept=kept) for name in study.names], 2, max),
+    names = study.names
+    numbers = [
+        ("ρ pixels", [study.pixels(name, kept) for name in names], 2, max),
+        ("AUSE", [study.ause(name, kept) for name in names], 3, min),
+        ("ρ frames", [study.frames(name, kept=kept) for name in names], 2, max),
     ]
     if kept == "all":
-        columns.append(("ρ places", [study.places(name) for name in study.names], 2, max))
-    cells = []
-    for _, values, digits, best in columns:
-        found = [value.mean for value in values[: len(MEASURES)] if math.isfinite(value.mean)]
-        winner = best(found) if best and found else math.nan
-        cells.append([_cell(value, digits, value.mean == winner) for value in values])
+        numbers.append(("ρ places", [study.places(name) for name in names], 2, max))
+    columns = [[estimate_cell(study.share(name, kept), 0, factor=100.0) for name in names]]
+    for _, values, digits, best in numbers:
+        winner = best((value.mean for value in values[: len(MEASURES)] if math.isfinite(value.mean)), default=math.nan)
+        columns.append([estimate_cell(value, digits, bold=value.mean == winner) for value in values])
     frames = _KEPT[kept].format(count=study.count(kept))
     title = f"Uncertainty against the true error (ρ: rank correlation), {frames}, {_MEAN}"
-    return _sheet(title, study, [column[0] for column in columns], cells)
+    return _sheet(title, study, ["judged [%]", *(number[0] for number in numbers)], columns)
 
 
 def causes_sheet(study: UncertaintyStudy) -> Sheet:
     """What a frame's uncertainty goes with."""
-    cells = [[_cell(study.frames(name, cause), 2) for name in study.names] for cause in CAUSES]
+    cells = [[estimate_cell(study.frames(name, cause), 2) for name in study.names] for cause in CAUSES]
     return _sheet(
         f"Rank correlation of a frame's uncertainty with other numbers of the frame, {_MEAN}",
         study,
@@ -54,14 +52,3 @@ def _sheet(title: str, study: UncertaintyStudy, header: Sequence[str], columns: 
     names = [f"({name})" if name in CONTROLS else name for name in study.names]
     rows = tuple((Cell(name), *cells) for name, *cells in zip(names, *columns, strict=True))
     return Sheet(title, ("measure", *header), rows)
-
-
-def _times(value: Estimate, factor: float) -> Estimate:
-    return Estimate(factor * value.mean, factor * value.half_width)
-
-
-def _cell(value: Estimate, digits: int, bold: bool = False) -> Cell:
-    if math.isnan(value.mean):
-        return Cell("-")
-    text = f"{value.mean:.{digits}f}"
-    return Cell(text if math.isnan(value.half_width) else f"{text} ± {value.half_width:.{digits}f}", bold)

@@ -4,10 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from scipy.stats import t
-
-CONFIDENCE = 0.95
+from deux.evaluation.intervals import estimate
 
 
 @dataclass(frozen=True)
@@ -33,9 +30,5 @@ def summary(values: Mapping[int, float]) -> Summary:
         >>> found.mean, round(found.interval, 3)
         (2.0, 2.484)
     """
-    sample = np.array(list(values.values()), dtype=float)
-    interval = None
-    if len(sample) > 1:
-        quantile = t.ppf(0.5 + CONFIDENCE / 2, len(sample) - 1)
-        interval = float(quantile * sample.std(ddof=1) / math.sqrt(len(sample)))
-    return Summary(float(sample.mean()), interval, tuple(sorted(values)))
+    mean, half_width = estimate(list(values.values()))
+    return Summary(mean, None if math.isnan(half_width) else half_width, tuple(sorted(values)))

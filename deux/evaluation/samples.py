@@ -1,6 +1,7 @@
 """A model's output on a few frames, ready to be drawn."""
 
 import torch
+from lightning.fabric.utilities import move_data_to_device
 
 from deux.contracts import Batch, DepthModel
 from deux.evaluation.depth_panels import DepthSample
@@ -11,6 +12,7 @@ from deux.geometry.reprojection import reproject
 @torch.no_grad()
 def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
     """Predict every frame of a batch that carries ground truth, and rebuild it from its source frames."""
+    batch = move_data_to_device(batch, next(model.parameters()).device)
     assert batch.ground_truth is not None
     predicted = model.predict(batch.image, batch.sparse_depth, batch.intrinsics)
     images, visible = reproject(batch.sources, predicted, batch.intrinsics, batch.source_from_target)

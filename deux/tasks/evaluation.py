@@ -5,6 +5,7 @@ from pathlib import Path
 from deux.contracts import DepthModel
 from deux.data.datamodule import TripletDataModule
 from deux.data.layout import sequences
+from deux.data.triplets import TripletDataset, collate
 from deux.evaluation.depth_panels import draw_depth_panels
 from deux.evaluation.drawing import save_figure
 from deux.evaluation.evaluate import Evaluation, evaluate
@@ -13,6 +14,7 @@ from deux.evaluation.samples import depth_samples
 from deux.evaluation.trajectory import draw_trajectory
 from deux.tasks.console import progress
 from deux.tasks.settings import Settings
+from deux.training.precision import default_device
 
 PANEL_ROWS = 4
 """Test frames that the figure shows."""
@@ -22,22 +24,24 @@ MOST_TRAJECTORIES = 6
 
 
 def evaluate_model(settings: Settings, model: DepthModel, dataset: Path, figures: Path) -> Evaluation:
-    """Evaluate a model on a dataset's test split, and draw some of its frames."""
+    """Evaluate a model on a dataset's test split, on the trainer's kind of device, and draw some of its frames."""
+    model.to(default_device(settings.trainer.get("accelerator", "auto")))
     data = TripletDataModule(model, test=[dataset], batch_size=4, crop=settings.training.crop)
     loader = data.test_dataloader()
-    total = len(loader.dataset)  # type: ignore[arg-type]
+    frames: TripletDataset = loader.dataset  # type: ignore[assignment]
+    total = len(frames)
     done = 0
     with progress() as report:
 
-        def count(frames: int) -> None:
+        def count(images: int) -> None:
             nonlocal done
-            done += frames
+            done += images
             report("evaluation", done, total)
 
         result = evaluate(model, loader, settings.camera.min_depth, settings.camera.max_depth, count)
-    samples = [sample for batch in loader for sample in depth_samples(model, batch)]
-    spread = samples[:: max(1, len(samples) // PANEL_ROWS)][:PANEL_ROWS]
-    save_figure(draw_depth_panels(spread), figures / "test_frames.png")
+    spread = range(0, total, max(1, total // PANEL_ROWS))[:PANEL_ROWS]
+    samples = [sample for i in spread for sample in depth_samples(model, collate([frames[i]]))]
+    save_figure(draw_depth_panels(samples), figures / "test_frames.png")
     return result
 
 

@@ -4,17 +4,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from deux.training.array_prediction import predict_arrays as predict
-    from deux.training.model_files import load_model as load
-    from deux.training.published import load_published
+    from deux.deployment.array_prediction import predict_arrays as predict
+    from deux.deployment.model_files import load_model as load
+    from deux.deployment.published_checkpoints import load_published
 
 __all__ = ["__version__", "load", "load_published", "predict"]
 __version__ = "0.1.0"
 
 LAZY = {
-    "load": ("deux.training.model_files", "load_model"),
-    "load_published": ("deux.training.published", "load_published"),
-    "predict": ("deux.training.array_prediction", "predict_arrays"),
+    "load": ("deux.deployment.model_files", "load_model"),
+    "load_published": ("deux.deployment.published_checkpoints", "load_published"),
+    "predict": ("deux.deployment.array_prediction", "predict_arrays"),
 }
 """Where the functions of this package live. They bring torch, which `--help` and composition must not wait for."""
 

@@ -29,7 +29,7 @@ from deux.configuration import (
     in_sweep,
     register_configuration,
 )
-from deux.data.atomic import write_failure
+from deux.io.atomic import write_failure
 from deux.errors import DeuxError, near_matches
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)

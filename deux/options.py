@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import types
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
@@ -39,17 +39,19 @@ class Option:
     default: Any
 
 
-def options(target: Callable[..., Any]) -> dict[str, Option]:
-    """The options that `target` takes, by name, in the order of its parameters."""
+def options(target: Callable[..., Any], given: Collection[str] = ()) -> dict[str, Option]:
+    """The options that `target` takes, by name, in the order of its parameters; those in `given` are none."""
     named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     return {
         p.name: Option(p.name, Any if p.annotation is p.empty else p.annotation, p.default)
         for p in _signature(target).parameters.values()
-        if p.kind in named
+        if p.kind in named and p.name not in given
     }
 
 
-def construct(target: Callable[..., T], settings: Mapping[str, Any], where: str) -> T:
+def construct(
+    target: Callable[..., T], settings: Mapping[str, Any], where: str, given: Mapping[str, Any] | None = None
+) -> T:
     """Call `target` with the settings, after checking their names and simple types.
 
     Whole numbers are taken for floats and lists for tuples; a mapping becomes the dataclass that is asked for.
@@ -58,21 +60,25 @@ def construct(target: Callable[..., T], settings: Mapping[str, Any], where: str)
         target: a class or function, such as a plugin's class or a dataclass of the framework.
         settings: option values by name, plain or as OmegaConf holds them.
         where: the settings' place in the configuration, such as "camera", or "" for its top; it begins every message.
+        given: arguments that are no options, such as objects of the framework; they are passed on as they are.
 
     Raises:
         DeuxError: an option that `target` does not have, a required one that is missing, or a value of another type.
     """
-    return target(**_checked(target, settings, where))
+    filled = dict(given or {})
+    return target(**filled, **_checked(target, settings, where, filled))
 
 
-def full_settings(target: Callable[..., Any], settings: Mapping[str, Any], where: str = "settings") -> dict[str, Any]:
+def full_settings(
+    target: Callable[..., Any], settings: Mapping[str, Any], where: str = "settings", given: Collection[str] = ()
+) -> dict[str, Any]:
     """The settings together with the constructor's defaults, as JSON can hold them, in the parameters' order.
 
     Equal settings give equal results however they were written (1 or 1.0, list or tuple), so this is what hashes and
     saved configurations are made of. Raises as `construct` does.
     """
-    checked = _checked(target, settings, where)
-    known = options(target)
+    checked = _checked(target, settings, where, given)
+    known = options(target, given)
     full = {name: checked.get(name, option.default) for name, option in known.items()}
     full.update({name: value for name, value in checked.items() if name not in known})
     return {name: _json(value) for name, value in full.items()}
@@ -118,8 +124,10 @@ def _signature(target: Callable[..., Any]) -> inspect.Signature:
         return inspect.signature(target)
 
 
-def _checked(target: Callable[..., Any], settings: Mapping[str, Any], where: str) -> dict[str, Any]:
-    known = options(target)
+def _checked(
+    target: Callable[..., Any], settings: Mapping[str, Any], where: str, given: Collection[str] = ()
+) -> dict[str, Any]:
+    known = options(target, given)
     open_ended = any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
     name = getattr(target, "__name__", str(target))
     prefix = f"{where}." if where else ""

@@ -83,10 +83,11 @@ def _explanation(plugin: Plugin) -> str:
         "",
     ]
     where = kind.settings.format(name=plugin.name)
-    for option in options(cls).values():
+    known = options(cls, kind.given)
+    for option in known.values():
         default = "required" if option.default is REQUIRED else f"default {option.default!r}"
         lines.append(f"  {where}.{option.name}: {describe(option.annotation)}, {default}")
-    if not options(cls):
+    if not known:
         lines.append("It has no options.")
     return "\n".join(lines)
 

@@ -19,7 +19,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from deux.errors import DeuxError, near_matches
-from deux.options import construct
+from deux.options import construct, full_settings, plain
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,14 @@ class Kind:
         noun: how messages call one plugin of the kind.
         contract: the class in `deux.contracts` that a plugin derives from.
         settings: where the options of the plugin called {name} stand in the configuration.
+        given: the constructor's parameters that the framework fills in; the others are options.
     """
 
     name: str
     noun: str
     contract: str
     settings: str
+    given: tuple[str, ...] = ()
 
     @property
     def group(self) -> str:
@@ -51,6 +53,10 @@ KINDS = {
         Kind("depth_models", "depth model", "DepthModel", "model"),
         Kind("rewards", "reward", "Reward", "explorer_training.reward_options"),
         Kind("losses", "loss term", "LossTerm", "objective.{name}"),
+        Kind("uncertainties", "measure of uncertainty", "Uncertainty", "collect.uncertainty_options"),
+        Kind("simulators", "simulator", "Simulator", "simulator", given=("scene", "camera", "robot", "colors")),
+        Kind("scenes", "source of scenes", "SceneSource", "scenes"),
+        Kind("readers", "reader", "Reader", "data", given=("folder",)),
     )
 }
 
@@ -79,6 +85,30 @@ class Plugin:
     def origin(self) -> str:
         """Package, version and target, for messages."""
         return f"{self.package} {self.version} ({self.target})"
+
+
+@dataclass(frozen=True)
+class PluginChoice:
+    """A plugin and all its options; it travels to other processes.
+
+    Args:
+        kind: a key of `KINDS`.
+        name: its registered name.
+        settings: every option, defaults included; JSON values.
+    """
+
+    kind: str
+    name: str
+    settings: Mapping[str, Any]
+
+    def create(self, *given: Any) -> Any:
+        """Make the plugin, anew at each call; `given` as in `Registry.create`."""
+        return registry().create(self.kind, self.name, self.settings, *given)
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """Name and options in one dictionary, for hashes and records."""
+        return {"name": self.name, **self.settings}
 
 
 class Registry:
@@ -127,15 +157,40 @@ class Registry:
         self._check_contract(plugin, cls)
         return cls
 
-    def create(self, kind: str, name: str, settings: Mapping[str, Any]) -> Any:
+    def create(self, kind: str, name: str, settings: Mapping[str, Any], *given: Any) -> Any:
         """Make the plugin of that name from its options; an entry "name" among them is left out.
+
+        Args:
+            kind: a key of `KINDS`.
+            name: the plugin's name.
+            settings: its options.
+            given: values of the parameters that the kind's `given` names, in that order.
 
         Raises:
             DeuxError: as `get` and `deux.options.construct`.
         """
         cls = self.get(kind, name)
         chosen = {key: value for key, value in settings.items() if key != "name"}
-        return construct(cls, chosen, KINDS[kind].settings.format(name=name))
+        filled = dict(zip(KINDS[kind].given, given, strict=True))
+        return construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
+
+    def choose(self, kind: str, chosen: Any, where: str = "") -> PluginChoice:
+        """A plugin with all its options, defaults filled in; it is imported and not made.
+
+        Args:
+            kind: a key of `KINDS`.
+            chosen: its "name" and the options that are not left at their defaults.
+            where: their place in the configuration, which begins every message; by default that of the kind.
+
+        Raises:
+            DeuxError: there is no name, no such plugin, or an option that it does not have.
+        """
+        where = where or KINDS[kind].settings
+        settings = plain(chosen, where)
+        name = settings.pop("name", None)
+        if name is None:
+            raise DeuxError(f"{where}.name is missing: choose one with {where}=<name>.")
+        return PluginChoice(kind, name, full_settings(self.get(kind, name), settings, where, KINDS[kind].given))
 
     def register(self, kind: str, name: str, cls: type) -> Plugin:
         """Add a plugin by hand, for this process only: for tests and notebooks.

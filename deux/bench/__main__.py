@@ -58,7 +58,7 @@ def _run(options: argparse.Namespace) -> None:
     # Imported here because they bring torch, which `--help` must not wait for.
     from deux.bench.machine import prepare_machine
     from deux.bench.report import make_console, print_table
-    from deux.data.atomic import write_json
+    from deux.io.atomic import write_json
 
     console = make_console()
     machine = prepare_machine(options.threads)

@@ -15,14 +15,14 @@ from deux.bench.report import Table, Value
 from deux.bench.scenes import flat
 from deux.bench.timing import Spread, Stopwatch, in_turn, times_the_slowest
 from deux.contracts import Action, DepthModel, Episode, Explorer, ExplorerMap, Frame, Observation, Robot
-from deux.data.episodes import EpisodePlan
-from deux.data.exploration import MODEL_NEEDS, explore
+from deux.collection.episodes import EpisodePlan
+from deux.collection.exploration import MODEL_NEEDS, explore
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.registry import registry
-from deux.scenes.scene import Scene
+from deux.contracts import Scene
 from deux.simulator.mesh_simulator import MeshSimulator
-from deux.uncertainty.view import DepthPredictor
+from deux.contracts import DepthPredictor
 
 
 @dataclass(frozen=True)

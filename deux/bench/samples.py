@@ -5,7 +5,7 @@ import torch
 
 from deux.bench.scenes import flat
 from deux.contracts import Action, Batch, DepthModel, Frame, Robot
-from deux.data.sparse import SparseSettings, sample_sparse
+from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.data.triplets import collate
 from deux.geometry.camera import Camera
 from deux.geometry.poses import source_from_target

@@ -7,8 +7,8 @@ import numpy as np
 from deux.contracts import Robot
 from deux.geometry.poses import camera_pose
 from deux.scenes.free_space import free_space
-from deux.scenes.mesh import SceneMesh
-from deux.scenes.scene import Scene
+from deux.contracts import SceneMesh
+from deux.contracts import Scene
 from deux.scenes.sources import ApartmentReference, SceneReference
 from deux.simulator.starts import random_starts
 

@@ -1,4 +1,4 @@
-"""The contracts between the framework and its plugins: simulator, explorer, reward, depth model, loss term.
+"""The contracts between the framework and its plugins: one for each of the eight kinds.
 
 Read these files first. Nothing here computes; the rest of `deux` provides what is declared here and the plugins
 answer to it. Conventions: camera axes are OpenCV's (x right, y down, z forward), poses are camera-to-world in
@@ -8,29 +8,49 @@ metres, the world is Y-up, depth runs along the optical axis and 0 means "no val
 from deux.contracts.depth_model import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux.contracts.explorer import Episode, Explorer, ExplorerMap, Need, Observation
 from deux.contracts.loss import Batch, LossNeed, LossTerm, Reconstructions
+from deux.contracts.reader import FrameReference, Reader, Triplet
 from deux.contracts.reward import Experience, Reward
-from deux.contracts.robot import Action, Frame, Simulator
+from deux.contracts.scene import Floor, Material, Scene, SceneMesh, SceneReference, SceneSource, SceneSplits
+from deux.contracts.simulator import COLOR, DEPTH, Action, Channel, Channels, Frame, Simulator
+from deux.contracts.uncertainty import DepthPredictor, Uncertainty, View
 from deux.geometry.robot import Robot
 
 __all__ = [
+    "COLOR",
+    "DEPTH",
     "Action",
     "Augmentation",
     "Batch",
+    "Channel",
+    "Channels",
     "DepthModel",
+    "DepthPredictor",
     "Episode",
     "Experience",
     "Explorer",
     "ExplorerMap",
+    "Floor",
     "Foundation",
     "Frame",
+    "FrameReference",
     "LossNeed",
     "LossSettings",
     "LossTerm",
+    "Material",
     "Need",
     "Observation",
     "Prediction",
+    "Reader",
     "Reconstructions",
     "Reward",
     "Robot",
+    "Scene",
+    "SceneMesh",
+    "SceneReference",
+    "SceneSource",
+    "SceneSplits",
     "Simulator",
+    "Triplet",
+    "Uncertainty",
+    "View",
 ]

@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from torch import Tensor, nn
 
+from deux.inference.prediction import predict
+
 
 @dataclass
 class Prediction:
@@ -117,7 +119,7 @@ class DepthModel(nn.Module, ABC):
     """`predict` pads images to a multiple of this many pixels and crops the result."""
 
     def predict(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
-        """Predict dense depth from plain camera data; see `deux.training.prediction.predict`.
+        """Predict dense depth from plain camera data; see `deux.inference.prediction.predict`.
 
         Args:
             image: N x 3 x H x W in [0, 1].
@@ -127,7 +129,4 @@ class DepthModel(nn.Module, ABC):
         Returns:
             N x 1 x H x W float32 metres.
         """
-        # The contracts compute nothing: this is the one door from them to the framework.
-        from deux.training.prediction import predict
-
         return predict(self, image, sparse_depth, intrinsics)

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from deux.contracts.robot import Action
+from deux.contracts.simulator import Action
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.robot import Robot

@@ -29,7 +29,8 @@ class Batch:
         validity: N x 1 x H x W, 1 where a sparse point survives outlier removal.
         input_sparse_depth: N x 1 x H x W, the points that the network is shown (thinned by augmentation).
         intrinsics: N x 3 x 3.
-        source_from_target: N x S x 4 x 4, carries points of camera t into each source camera (the robot's poses).
+        source_from_target: N x S x 4 x 4, carries points of camera t into each source camera (the robot's poses); None
+            where the frames have no poses.
         ground_truth: N x 1 x H x W metres, 0 = none; None unless the model is supervised or this is evaluation.
         prepared: the model's further inputs, by name.
     """
@@ -40,7 +41,7 @@ class Batch:
     validity: Tensor
     input_sparse_depth: Tensor
     intrinsics: Tensor
-    source_from_target: Tensor
+    source_from_target: Tensor | None
     ground_truth: Tensor | None = None
     prepared: dict[str, Tensor] = field(default_factory=dict)
 

@@ -16,7 +16,7 @@ class Sample:
         sparse_depth: H x W float32 metres, 0 = none.
         input_sparse_depth: H x W float32, the points that the network is shown.
         intrinsics: 3 x 3.
-        source_from_target: S x 4 x 4.
+        source_from_target: S x 4 x 4; None where the frames have no poses.
         ground_truth: H x W float32 metres, 0 = none; or None.
     """
 
@@ -24,7 +24,7 @@ class Sample:
     sparse_depth: np.ndarray
     input_sparse_depth: np.ndarray
     intrinsics: np.ndarray
-    source_from_target: np.ndarray
+    source_from_target: np.ndarray | None
     ground_truth: np.ndarray | None
 
 
@@ -48,6 +48,7 @@ def flip(sample: Sample) -> Sample:
 
     With M = diag(-1, 1, 1, 1), a motion T becomes M T M, and the principal point cx becomes W - 1 - cx.
     """
+    motions = sample.source_from_target
     mirror = np.array([-1.0, 1.0, 1.0, 1.0])
     intrinsics = sample.intrinsics.copy()
     intrinsics[0, 2] = sample.images.shape[2] - 1 - intrinsics[0, 2]
@@ -58,7 +59,7 @@ def flip(sample: Sample) -> Sample:
         sparse_depth=sample.sparse_depth[:, ::-1],
         input_sparse_depth=sample.input_sparse_depth[:, ::-1],
         intrinsics=intrinsics,
-        source_from_target=mirror[:, None] * sample.source_from_target * mirror,
+        source_from_target=None if motions is None else mirror[:, None] * motions * mirror,
         ground_truth=None if sample.ground_truth is None else sample.ground_truth[:, ::-1],
     )
 

@@ -1,15 +1,13 @@
 """The Lightning data module: a model's training, validation and test frames as batches."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import torch
 from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
-from deux.contracts import Batch, DepthModel
-from deux.data.reader import FileCache
-from deux.data.triplets import SampleSettings, ShuffledDraws, TripletDataset, collate
+from deux.contracts import Batch, DepthModel, Reader
+from deux.data.triplets import FrameCache, SampleSettings, ShuffledDraws, TripletDataset, collate
 from deux.errors import DeuxError
 
 
@@ -33,10 +31,10 @@ class TripletDataModule(LightningDataModule):
 
     Args:
         model: says what the training needs: `supervised`, `augmentation`, `prepare`.
-        train: folders of the datasets to train on. The list may be changed between epochs, with
+        train: readers of the datasets to train on. The list may be changed between epochs, with
             `Trainer(reload_dataloaders_every_n_epochs=1)`.
-        validation: folders of the validation datasets.
-        test: folders of the test datasets.
+        validation: readers of the validation datasets.
+        test: readers of the test datasets.
         batch_size: samples in a batch.
         crop: height and width of the samples, at random in training and from the middle elsewhere; None for all.
         seed: seed of order, crops and augmentation.
@@ -48,9 +46,9 @@ class TripletDataModule(LightningDataModule):
     def __init__(
         self,
         model: DepthModel,
-        train: Sequence[Path] = (),
-        validation: Sequence[Path] = (),
-        test: Sequence[Path] = (),
+        train: Sequence[Reader] = (),
+        validation: Sequence[Reader] = (),
+        test: Sequence[Reader] = (),
         batch_size: int = 8,
         crop: tuple[int, int] | None = None,
         seed: int = 0,
@@ -63,7 +61,7 @@ class TripletDataModule(LightningDataModule):
         self.batch_size, self.crop, self.seed, self.num_workers = batch_size, crop, seed, num_workers
         self._model = model
         self._offsets = offsets
-        self._cache = FileCache(cache_bytes)
+        self._cache = FrameCache(cache_bytes)
 
     def train_dataloader(self) -> TripletLoader:
         """Shuffled, cropped at random and augmented."""
@@ -89,9 +87,9 @@ class TripletDataModule(LightningDataModule):
         """In order, the middle of each frame, with ground truth."""
         return self._evaluation_loader(self.test, "test")
 
-    def _evaluation_loader(self, folders: Sequence[Path], split: str) -> TripletLoader:
+    def _evaluation_loader(self, readers: Sequence[Reader], split: str) -> TripletLoader:
         settings = SampleSettings(crop=self.crop, ground_truth=True, prepare=self._model.prepare)
-        return self._loader(TripletDataset(folders, split, settings, self._cache, self._offsets))
+        return self._loader(TripletDataset(readers, split, settings, self._cache, self._offsets))
 
     def _loader(
         self, dataset: TripletDataset, sampler: ShuffledDraws | None = None, drop_last: bool = False

@@ -9,11 +9,8 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
-from deux.contracts import Augmentation, Batch
+from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
 from deux.data.augmentation import Sample, augment, crop
-from deux.data.calibration import read_intrinsics, read_pose
-from deux.data.images import read_depth, read_image
-from deux.data.reader import FileCache, Triplet, read_split
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
 
@@ -40,6 +37,32 @@ class SampleSettings:
     prepare: Prepare | None = None
 
 
+class FrameCache:
+    """Keeps what was read of frames, up to a bound; what does not fit is read anew each time.
+
+    Frames are read in random order, so there is nothing to gain from dropping old ones for new.
+
+    Args:
+        capacity: bound in bytes.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._left = capacity
+        self._arrays: dict[tuple[Path, str, FrameReference], np.ndarray | None] = {}
+
+    def read(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray | None:
+        """What the reader's method of that name reads; the array is shared and must not be changed."""
+        key = reader.folder, kind, frame
+        if key in self._arrays:
+            return self._arrays[key]
+        array: np.ndarray | None = getattr(reader, kind)(frame)
+        size = 0 if array is None else array.nbytes
+        if size <= self._left:
+            self._left -= size
+            self._arrays[key] = array
+        return array
+
+
 class TripletDataset(Dataset[Batch]):
     """The triplets of a split of one or several datasets; each item is a `Batch` without the first dimension.
 
@@ -47,7 +70,7 @@ class TripletDataset(Dataset[Batch]):
     bare index stands for seed 0.
 
     Args:
-        datasets: the datasets' folders.
+        readers: of the datasets.
         split: "train", "validation" or "test".
         settings: how frames become samples.
         cache: keeps decoded files; by default everything is read anew.
@@ -59,57 +82,60 @@ class TripletDataset(Dataset[Batch]):
 
     def __init__(
         self,
-        datasets: Sequence[Path],
+        readers: Sequence[Reader],
         split: str,
         settings: SampleSettings,
-        cache: FileCache | None = None,
+        cache: FrameCache | None = None,
         offsets: tuple[int, ...] = (-1, -2),
     ) -> None:
         self.settings = settings
-        self.triplets = [triplet for dataset in datasets for triplet in read_split(dataset, split, offsets)]
-        self._cache = cache or FileCache(0)
+        self.triplets = [(reader, triplet) for reader in readers for triplet in reader.triplets(split, offsets)]
+        self._cache = cache or FrameCache(0)
 
     def __len__(self) -> int:
         return len(self.triplets)
 
     def __getitem__(self, item: int | tuple[int, int]) -> Batch:
         index, seed = item if isinstance(item, tuple) else (item, 0)
-        settings, triplet = self.settings, self.triplets[index]
-        sample = self._read(triplet)
+        settings, (reader, triplet) = self.settings, self.triplets[index]
+        sample = self._read(reader, triplet)
         rng = np.random.default_rng(seed)
         if settings.crop is not None:
-            sample = _crop(sample, settings.crop, rng if settings.training else None, triplet)
+            sample = _crop(sample, settings.crop, rng if settings.training else None, reader, triplet)
         if settings.training:
             sample = augment(sample, settings.augmentation, rng)
         return _tensors(sample, settings.prepare)
 
-    def _read(self, triplet: Triplet) -> Sample:
-        """Read a triplet's files; the sizes of its images and maps must agree."""
-        paths, read = triplet.paths, self._cache.read
-        names = (triplet.target, *triplet.sources)
-        files = {"image": [paths.file("image", name) for name in names]}
-        kinds = ("sparse_depth", "ground_truth") if self.settings.ground_truth else ("sparse_depth",)
-        images = [read(file, read_image) for file in files["image"]]
-        maps = {kind: read(paths.file(kind, triplet.target), read_depth) for kind in kinds}
-        for file, array in zip(
-            (*files["image"][1:], *(paths.file(kind, triplet.target) for kind in kinds)),
-            (*images[1:], *maps.values()),
-            strict=True,
-        ):
+    def _read(self, reader: Reader, triplet: Triplet) -> Sample:
+        """Read a triplet's frames; the sizes of its images and maps must agree."""
+        frames = (triplet.target, *triplet.sources)
+        images = [self._array(reader, "image", frame) for frame in frames]
+        sparse_depth = self._array(reader, "sparse_depth", triplet.target)
+        truth = self._cache.read(reader, "ground_truth", triplet.target) if self.settings.ground_truth else None
+        for array in (*images[1:], sparse_depth, *([] if truth is None else [truth])):
             if array.shape[:2] != images[0].shape[:2]:
                 raise DeuxError(
-                    f"{file} has {array.shape[0]} x {array.shape[1]} pixels where its target image has "
-                    f"{images[0].shape[0]} x {images[0].shape[1]}."
+                    f"Of frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder} something has "
+                    f"{array.shape[0]} x {array.shape[1]} pixels where its image has {images[0].shape[0]} x "
+                    f"{images[0].shape[1]}."
                 )
-        target, *sources = (read(paths.file("absolute_pose", name), read_pose) for name in names)
+        poses = [self._cache.read(reader, "pose", frame) for frame in frames]
+        motions = None
+        if all(pose is not None for pose in poses):
+            motions = np.stack([source_from_target(poses[0], pose) for pose in poses[1:]])  # type: ignore[arg-type]
         return Sample(
             images=np.stack(images),
-            sparse_depth=maps["sparse_depth"],
-            input_sparse_depth=maps["sparse_depth"],
-            intrinsics=read(paths.intrinsics, read_intrinsics),
-            source_from_target=np.stack([source_from_target(target, source) for source in sources]),
-            ground_truth=maps.get("ground_truth"),
+            sparse_depth=sparse_depth,
+            input_sparse_depth=sparse_depth,
+            intrinsics=self._array(reader, "intrinsics", triplet.target),
+            source_from_target=motions,
+            ground_truth=truth,
         )
+
+    def _array(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray:
+        array = self._cache.read(reader, kind, frame)
+        assert array is not None
+        return array
 
 
 class ShuffledDraws(Sampler[tuple[int, int]]):
@@ -176,19 +202,21 @@ def collate(samples: Sequence[Batch]) -> LoadedBatch:
         validity=stack("validity"),
         input_sparse_depth=stack("input_sparse_depth"),
         intrinsics=stack("intrinsics"),
-        source_from_target=stack("source_from_target"),
+        source_from_target=None if samples[0].source_from_target is None else stack("source_from_target"),
         ground_truth=None if samples[0].ground_truth is None else stack("ground_truth"),
         prepared={name: _stack([sample.prepared[name] for sample in samples]) for name in samples[0].prepared},
     )
 
 
-def _crop(sample: Sample, size: tuple[int, int], rng: np.random.Generator | None, triplet: Triplet) -> Sample:
+def _crop(
+    sample: Sample, size: tuple[int, int], rng: np.random.Generator | None, reader: Reader, triplet: Triplet
+) -> Sample:
     """Cut a window out, at random or from the middle."""
     room = sample.images.shape[1] - size[0], sample.images.shape[2] - size[1]
     if min(room) < 0:
         raise DeuxError(
             f"A crop of {size[0]} x {size[1]} does not fit in the {sample.images.shape[1]} x "
-            f"{sample.images.shape[2]} pixels of {triplet.paths.file('image', triplet.target)}."
+            f"{sample.images.shape[2]} pixels of frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder}."
         )
     top, left = (room[0] // 2, room[1] // 2) if rng is None else (rng.integers(room[0] + 1), rng.integers(room[1] + 1))
     return crop(sample, int(top), int(left), *size)
@@ -198,6 +226,7 @@ def _tensors(sample: Sample, prepare: Prepare | None) -> Batch:
     # Numpy rather than torch: on a busy machine torch's threads wait for each other over arrays as small as these.
     images = np.ascontiguousarray(sample.images.transpose(0, 3, 1, 2)) / np.float32(255.0)
     sparse, shown = _map(sample.sparse_depth), _map(sample.input_sparse_depth)
+    motions = sample.source_from_target
     prepared = prepare(np.ascontiguousarray(sample.input_sparse_depth)) if prepare is not None else {}
     return Batch(
         image=torch.from_numpy(images[0]),
@@ -206,7 +235,7 @@ def _tensors(sample: Sample, prepare: Prepare | None) -> Batch:
         validity=torch.from_numpy((sparse > 0).astype(np.float32)),
         input_sparse_depth=torch.from_numpy(shown),
         intrinsics=torch.from_numpy(sample.intrinsics.astype(np.float32)),
-        source_from_target=torch.from_numpy(sample.source_from_target.astype(np.float32)),
+        source_from_target=motions if motions is None else torch.from_numpy(motions.astype(np.float32)),
         ground_truth=None if sample.ground_truth is None else torch.from_numpy(_map(sample.ground_truth)),
         prepared={name: torch.from_numpy(value) for name, value in prepared.items()},
     )

@@ -7,14 +7,15 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from deux.contracts import Episode, Frame, Need, Reward, Robot
+from deux.contracts import COLOR, DEPTH, Channel, Channels, Episode, Need, Reward, Robot, SceneReference, SceneSource
+from deux.configuration import compose
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
 from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError, check_range
 from deux.geometry.camera import Camera
 from deux.registry import registry
-from deux.scenes.sources import SceneReference, scene_splits
+from deux.simulator.simulation import Simulation
 from deux.simulator.starts import random_starts
 
 Extra = Literal["depth", "rgb"]
@@ -30,7 +31,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     the map that are known), "collided" and "scene". An episode is truncated after its steps and never terminated.
 
     Args:
-        scenes: where the episodes take place, drawn at random; or a number of generated flats of the training split.
+        scenes: where the episodes take place, drawn at random; or a number of training scenes of the default source.
             `reset(options={"scene": i})` chooses one.
         reward: a registered reward by name, or one made beforehand.
         reward_options: options of the reward that is named.
@@ -60,7 +61,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         render_mode: str | None = None,
     ) -> None:
         if isinstance(scenes, int):
-            scenes = scene_splits({"source": "apartments", "train": scenes}, ["train"]).train
+            scenes = _default_scenes(scenes)
         if unknown := set(extras) - {"depth", "rgb"}:
             raise DeuxError(f"extras has {sorted(unknown)[0]!r} in it: it can hold depth and rgb.")
         if not scenes:
@@ -74,9 +75,13 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._steps = steps
         self._crops = crops or Crops()
         drawn = "rgb" in self._extras or render_mode is not None
-        self._pool = pool or ScenePool(camera or Camera(64, 64), robot or Robot(), textured=drawn)
-        if drawn and not self._pool.textured:
-            raise DeuxError("the pool's scenes are without textures: colours need ScenePool(..., textured=True).")
+        self._pool = pool or ScenePool(_default_simulation(camera or Camera(64, 64), robot or Robot()), drawn)
+        if drawn and not self._pool.colors:
+            raise DeuxError("the pool's scenes are without colours: they need ScenePool(..., colors=True).")
+        self._camera, self._robot = self._pool.simulation.camera, self._pool.simulation.robot
+        self._channels: Channels = (COLOR if "rgb" in self._extras else DEPTH) | (
+            {Channel.LABELS} if self._labels else frozenset()
+        )
         self.observation_space: spaces.Space[dict[str, np.ndarray]] = self._space()
         self.action_space = spaces.Discrete(len(MOVES))
 
@@ -100,10 +105,10 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._length = int(options.get("steps", self._steps))
         self.simulator = self._pool.simulator(self._scenes[index])
         self.simulator.reset(*random_starts(self.simulator.free_space(), 1, self.np_random)[0])
-        self.memory = ExplorationMemory(self._pool.camera, self._pool.robot, self._crops)
+        self.memory = ExplorationMemory(self._camera, self._robot, self._crops)
         names = self.simulator.label_names if self._labels else ()
         episode_seed = int(self.np_random.integers(2**31))
-        self.reward.reset(Episode(episode_seed, self._length, self._pool.camera, self._pool.robot, label_names=names))
+        self.reward.reset(Episode(episode_seed, self._length, self._camera, self._robot, label_names=names))
         self._step = 0
         observation, _ = self._look(collided=False)
         return observation, self._info(collided=False)
@@ -131,31 +136,21 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _look(self, collided: bool) -> tuple[dict[str, np.ndarray], float]:
         """Map what is seen and judge it."""
-        frame = self._frame()
+        frame = self.simulator.observe(self._channels)
         experience = self.memory.experience(frame, collided)
         view = dict(experience.view)
         reward = float(self.reward(experience))
         if "depth" in self._extras:
-            view["depth"] = (frame.depth * (255.0 / self._pool.camera.max_depth)).astype(np.uint8)[None]
+            view["depth"] = (frame.depth * (255.0 / self._camera.max_depth)).astype(np.uint8)[None]
         if "rgb" in self._extras:
             view["rgb"] = np.ascontiguousarray(np.moveaxis(frame.rgb, 2, 0))
         return view, reward
-
-    def _frame(self) -> Frame:
-        """What is asked for, and no more: colours are the most expensive."""
-        if "rgb" in self._extras:
-            return self.simulator.observe(labels=self._labels)
-        nothing, pose = np.zeros((0, 0, 3), np.uint8), self.simulator.pose
-        if self._labels:
-            depth, labels = self.simulator.labelled_depth()
-            return Frame(nothing, depth, pose, labels)
-        return Frame(nothing, self.simulator.depth(), pose)
 
     def _info(self, collided: bool) -> dict[str, Any]:
         return {"area_seen": self.memory.area, "collided": collided, "scene": self.simulator.scene.name}
 
     def _space(self) -> spaces.Space[dict[str, np.ndarray]]:
-        camera = self._pool.camera
+        camera = self._camera
         crop = spaces.Box(0, 255, self._crops.shape, np.uint8)
         found: dict[str, spaces.Space[Any]] = {"near": crop, "far": crop}
         found["body"] = spaces.Box(0.0, 1.0, (len(MOVES) + 1,), np.float32)
@@ -164,3 +159,14 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if "rgb" in self._extras:
             found["rgb"] = spaces.Box(0, 255, (3, camera.height, camera.width), np.uint8)
         return spaces.Dict(found)  # type: ignore[return-value]
+
+
+def _default_scenes(count: int) -> Sequence[SceneReference]:
+    """Training scenes of the source that the configuration chooses by default."""
+    source: SceneSource = registry().choose("scenes", compose([f"scenes.train={count}"]).scenes).create()
+    return source.splits().train
+
+
+def _default_simulation(camera: Camera, robot: Robot) -> Simulation:
+    """Makes the simulators that the configuration chooses by default."""
+    return Simulation(camera, robot, registry().choose("simulators", compose().simulator))

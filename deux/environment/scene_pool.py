@@ -1,57 +1,35 @@
 """The scenes of one process's environments: each is loaded once, however many robots explore it."""
 
-import copy
 from collections import OrderedDict
-from dataclasses import replace
 
-from deux.contracts import Robot
-from deux.geometry.camera import Camera
-from deux.scenes.mesh import Material
-from deux.scenes.scene import Scene
-from deux.scenes.sources import SceneReference
-from deux.simulator.mesh_simulator import MeshSimulator
+from deux.contracts import SceneReference, Simulator
+from deux.simulator.simulation import Simulation
 
 
 class ScenePool:
-    """Makes simulators; what they have in common, geometry and free floor, is shared.
+    """Makes simulators; what those of one scene have in common is shared.
 
     Args:
-        camera: the robots' camera.
-        robot: their body and motion.
-        textured: whether the robots see colours; a flat without its textures takes a tenth of the memory.
+        simulation: makes the first simulator of each scene.
+        colors: whether the robots see colours.
         most: scenes that are kept; the one that was used longest ago makes room.
-        renderer: "embree" or "pyrender".
     """
 
-    def __init__(
-        self, camera: Camera, robot: Robot, textured: bool = True, most: int = 64, renderer: str = "embree"
-    ) -> None:
-        self.camera = camera
-        self.robot = robot
-        self.textured = textured
+    def __init__(self, simulation: Simulation, colors: bool = True, most: int = 64) -> None:
+        self.simulation = simulation
+        self.colors = colors
         self._most = most
-        self._renderer = renderer
-        self._loaded: OrderedDict[SceneReference, MeshSimulator] = OrderedDict()
+        self._loaded: OrderedDict[SceneReference, Simulator] = OrderedDict()
 
-    def simulator(self, reference: SceneReference) -> MeshSimulator:
-        """A simulator of its own, which shares with others of the same scene what none of them changes.
+    def simulator(self, scene: SceneReference) -> Simulator:
+        """A robot of its own in a scene.
 
         Raises:
-            DeuxError: the scene cannot be read, or there is no floor in it.
+            DeuxError: the scene cannot be loaded, or there is no floor in it.
         """
-        if reference not in self._loaded:
-            scene = reference.load()
-            scene = scene if self.textured else _untextured(scene)
-            simulator = MeshSimulator(scene, self.camera, self.robot, self._renderer)
-            simulator.prepare()
-            self._loaded[reference] = simulator
+        if scene not in self._loaded:
+            self._loaded[scene] = self.simulation.make(scene, self.colors)
             if len(self._loaded) > self._most:
                 self._loaded.popitem(last=False)
-        self._loaded.move_to_end(reference)
-        # The parts that are made on first use are attributes of the simulator: its copy has them too.
-        return copy.copy(self._loaded[reference])
-
-
-def _untextured(scene: Scene) -> Scene:
-    materials = tuple(Material(material.name) for material in scene.mesh.materials)
-    return replace(scene, mesh=replace(scene.mesh, materials=materials))
+        self._loaded.move_to_end(scene)
+        return self._loaded[scene].another()

@@ -12,7 +12,7 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from deux.data.atomic import write_atomically
+from deux.io.atomic import write_atomically
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError, check_range
 from deux.policies.network import PolicyNetwork

@@ -15,7 +15,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor, VecNormalize
 from torch import Tensor
 
-from deux.data.progress import Progress, ignore_progress
+from deux.io.progress import Progress, ignore_progress
 from deux.environment.exploration_env import ExplorationEnv
 from deux.errors import DeuxError
 from deux.policies.network import FEATURES, MapEncoder, PolicyNetwork

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from deux.data.atomic import read_bytes, write_atomically
+from deux.io.atomic import read_bytes, write_atomically
 from deux.errors import DeuxError
 
 CHECKPOINT_FILE = "checkpoint.pt"

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from deux.contracts import Floor, SceneMesh
 from deux.errors import DeuxError
-from deux.scenes.mesh import SceneMesh
 from deux.scenes.ray_caster import RayCaster
 
 SAMPLES = 20_000
@@ -14,8 +14,8 @@ DOMINANT = 0.3  # a floor's least area, as a fraction of the largest level surfa
 LEAST_AREA = 1.0  # square metres
 
 
-def floor_height(mesh: SceneMesh, caster: RayCaster | None = None) -> float:
-    """Height in metres of the lowest large level surface with room above it.
+def find_floors(mesh: SceneMesh, caster: RayCaster | None = None) -> tuple[Floor, ...]:
+    """The floor of a scene: the lowest large level surface with room above it.
 
     The mesh's lowest point will not do: scans have stray triangles and buildings have stairs below their floors.
     Points are drawn on all level surfaces in proportion to their area; those with `HEADROOM` above them vote. The
@@ -42,7 +42,7 @@ def floor_height(mesh: SceneMesh, caster: RayCaster | None = None) -> float:
     # `lowest` is at the floor's lower fringe; the floor is where its samples are densest.
     near = (heights >= lowest) & (heights <= lowest + 2 * THICKNESS)
     peak = np.flatnonzero(near)[np.argmax(areas[near])]
-    return float(np.median(heights[first[peak] : last[peak]]))
+    return (Floor(float(np.median(heights[first[peak] : last[peak]])), float(areas[peak])),)
 
 
 def _level_points(mesh: SceneMesh) -> tuple[np.ndarray, float]:

@@ -9,7 +9,7 @@ from scipy import ndimage
 
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace, GridFrame
-from deux.scenes.mesh import SceneMesh
+from deux.contracts import SceneMesh
 from deux.scenes.ray_caster import RayCaster
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from trimesh.visual.color import to_rgba
 from trimesh.visual.material import PBRMaterial
 
 from deux.errors import DeuxError
-from deux.scenes.mesh import Material, SceneMesh
+from deux.contracts import Material, SceneMesh
 
 GREY = (160, 160, 160)  # of surfaces whose file says nothing of their colour
 

@@ -7,10 +7,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from deux.scenes.apartments.labels import STRUCTURE
-from deux.scenes.mesh import SceneMesh
+from deux.contracts import SceneMesh
 
-NO_OBJECTS = STRUCTURE | {"stairs", "unlabeled", "undefined"}
+NO_OBJECTS = frozenset(
+    {"wall", "floor", "ceiling", "door frame", "door", "window", "stairs", "unlabeled", "undefined"}
+)
 """Names of labels whose faces belong to no object: the building's, and those that say nothing."""
 
 

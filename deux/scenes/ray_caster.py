@@ -8,7 +8,7 @@ import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
 
-from deux.scenes.mesh import SceneMesh
+from deux.contracts import SceneMesh
 
 
 @dataclass(frozen=True)

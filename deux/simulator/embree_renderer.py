@@ -5,9 +5,9 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
+from deux.contracts import SceneMesh
 from deux.geometry.camera import Camera
 from deux.scenes.ray_caster import Hits, RayCaster
-from deux.scenes.scene import Scene
 from deux.simulator.renderers import RenderedImage
 from deux.simulator.shading import Surfaces, prepare_surfaces, shade
 
@@ -16,40 +16,30 @@ class EmbreeRenderer:
     """Casts one ray through each pixel's centre with Embree and looks up the colour of what it hits.
 
     Args:
-        scene: what is drawn.
+        mesh: what is drawn.
         camera: the camera that sees it.
     """
 
-    def __init__(self, scene: Scene, camera: Camera) -> None:
+    def __init__(self, mesh: SceneMesh, camera: Camera) -> None:
         self.camera = camera
-        self._caster = RayCaster(scene.mesh)
-        self._face_label = np.append(scene.mesh.face_label, -1).astype(np.int32)  # face -1, "none", has label -1
-        self._mesh = scene.mesh
+        self._caster = RayCaster(mesh)
+        self._mesh = mesh
         self._rays = camera.rays().reshape(-1, 3).astype(np.float32)
 
-    def render(self, pose: np.ndarray, labels: bool = True) -> RenderedImage:
-        """Render from a 4 x 4 camera-to-world matrix (OpenCV camera axes, metres)."""
+    def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
+        """Render from N x 4 x 4 camera-to-world matrices; without colours the textures are not touched."""
+        return [self._render(pose, colors, faces) for pose in poses]
+
+    def _render(self, pose: np.ndarray, colors: bool, faces: bool) -> RenderedImage:
         rotation, rays, hits = self._cast(pose)
-        pixel = np.float32(1.0 / self.camera.focal_length)
-        right, down = rotation[:, 0] * pixel, rotation[:, 1] * pixel
-        rgb = shade(hits.face, hits.barycentric, hits.distance, rays, right, down, self._surfaces)
-        rgb = rgb.reshape(self.camera.height, self.camera.width, 3)
-        return RenderedImage(rgb, self._depth(hits), self._labels(hits) if labels else None)
-
-    def depth(self, pose: np.ndarray) -> np.ndarray:
-        """The depth alone, H x W float32, as `render` gives it; the textures are not touched."""
-        return self._depth(self._cast(pose)[2])
-
-    def labelled_depth(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The depth and the labels, H x W int32, as `render` gives them; the textures are not touched."""
-        hits = self._cast(pose)[2]
-        return self._depth(hits), self._labels(hits)
-
-    def faces(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The depth, and the mesh's face that each pixel shows: H x W int32, -1 where there is none in range."""
-        hits = self._cast(pose)[2]
+        rgb = None
+        if colors:
+            pixel = np.float32(1.0 / self.camera.focal_length)
+            right, down = rotation[:, 0] * pixel, rotation[:, 1] * pixel
+            rgb = shade(hits.face, hits.barycentric, hits.distance, rays, right, down, self._surfaces)
+            rgb = rgb.reshape(self.camera.height, self.camera.width, 3)
         depth = self._depth(hits)
-        return depth, np.where(depth > 0.0, hits.face.reshape(depth.shape), -1)
+        return RenderedImage(depth, rgb, hits.face.reshape(depth.shape) if faces else None)
 
     @cached_property
     def _surfaces(self) -> Surfaces:
@@ -61,9 +51,6 @@ class EmbreeRenderer:
         rays, origins = _world_rays(self._rays, rotation, pose[:3, 3].astype(np.float32))
         # The camera's rays are one metre deep, not one metre long: the distance is the depth along the optical axis.
         return rotation, rays, self._caster.cast(origins, rays)
-
-    def _labels(self, hits: Hits) -> np.ndarray:
-        return self._face_label[hits.face].reshape(self.camera.height, self.camera.width)
 
     def _depth(self, hits: Hits) -> np.ndarray:
         in_range = (hits.distance >= self.camera.min_depth) & (hits.distance <= self.camera.max_depth)

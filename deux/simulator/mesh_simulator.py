@@ -1,125 +1,187 @@
 """The built-in simulator: a robot in a scene that is a mesh, without physics or noise."""
 
 import math
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
-from deux.contracts import Action, Frame, Robot
+from deux.contracts import Action, Channel, Channels, Floor, Frame, Material, Robot, Scene, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
 from deux.scenes.free_space import free_space
-from deux.scenes.scene import Scene
+from deux.scenes.objects import SceneObjects, find_objects
 from deux.simulator.body import Body
-from deux.simulator.renderers import Renderer, make_renderer
+from deux.simulator.renderers import RenderedImage, Renderer, make_renderer
+
+NO_COLORS = np.zeros((0, 0, 3), np.uint8)
 
 
-class MeshSimulator:
-    """One robot in one scene; implements `deux.contracts.Simulator`.
+class MeshSimulator(Simulator):
+    """One robot in one scene that can be loaded as a mesh.
 
     The robot moves exactly as it is told, slides along walls and keeps its camera level, `robot.camera_height` above
-    the scene's floor. Call `reset` before anything that needs a pose. Renderer and free floor are made on first use.
+    the floor. Call `reset` before anything that needs a pose. Renderer and free floor are made on first use.
 
     Args:
-        scene: where the robot is.
+        scene: where the robot is; it is loaded at once.
         camera: its camera.
         robot: its body and motion.
-        renderer: "embree" or "pyrender".
+        colors: whether colours will be asked for; a scene without its textures takes a tenth of the memory.
+        renderer: what draws: Embree's rays on the CPU, or OpenGL by pyrender, which needs system libraries.
+
+    Raises:
+        DeuxError: the scene cannot be loaded.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, robot: Robot, renderer: str = "embree") -> None:
-        self.scene = scene
-        self.camera = camera
-        self.robot = robot
-        self.label_names = scene.mesh.label_names
-        self._renderer_name = renderer
-        self._place: tuple[float, float, float] | None = None  # x, z, yaw
+    def __init__(
+        self,
+        scene: SceneReference,
+        camera: Camera,
+        robot: Robot,
+        colors: bool = True,
+        renderer: Literal["embree", "pyrender"] = "embree",
+    ) -> None:
+        loaded = scene.load()
+        self._begin(scene, camera, robot, _SharedScene(loaded if colors else _untextured(loaded), robot, renderer))
 
-    def reset(self, x: float, z: float, yaw: float) -> None:
-        """Put the robot on the floor at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
+    def _begin(self, scene: SceneReference, camera: Camera, robot: Robot, shared: "_SharedScene") -> None:
+        self.scene, self.camera, self.robot = scene, camera, robot
+        self._shared = shared
+        self.label_names = shared.scene.mesh.label_names
+        self._place: tuple[float, float, float, int] | None = None  # x, z, yaw, floor
+
+    @property
+    def floors(self) -> tuple[Floor, ...]:  # type: ignore[override]
+        """The floors of the scene, the main one first."""
+        return self._shared.scene.floors
+
+    @property
+    def object_labels(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The label of each object, told apart when they are first asked for."""
+        return self._shared.objects.labels
+
+    def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
+        """Put the robot on a floor at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
 
         Raises:
             DeuxError: the robot does not fit there.
         """
-        if not self._body.stands_at(x, z):
+        if not self._shared.body(floor).stands_at(x, z):
             raise DeuxError(
                 f"the robot cannot stand at x={x:.3f}, z={z:.3f} in {self.scene.name}: the point is not on the free "
                 f"floor, take one of simulator.free_space() or of random_starts()."
             )
-        self._place = (x, z, yaw)
-
-    def prepare(self) -> None:
-        """Make now what is otherwise made on first use, such as before a simulator is copied.
-
-        Raises:
-            DeuxError: as `observe` and `free_space`.
-        """
-        _ = self._body, self._renderer
+        self._place = (x, z, yaw, floor)
 
     def step(self, action: Action) -> bool:
         """Carry out one action; true if the robot touched something and moved less than it was told to."""
-        x, z, yaw = self._standing
+        x, z, yaw, floor = self._standing
         collided = False
         if action == Action.FORWARD:
-            x, z, collided = self._body.move(x, z, yaw, self.robot.forward_step)
+            x, z, collided = self._shared.body(floor).move(x, z, yaw, self.robot.forward_step)
         elif action == Action.LEFT:
             yaw += math.radians(self.robot.turn_angle)
         elif action == Action.RIGHT:
             yaw -= math.radians(self.robot.turn_angle)
-        self._place = (x, z, yaw)
+        self._place = (x, z, yaw, floor)
         return collided
 
     @property
     def pose(self) -> np.ndarray:
         """The camera's present camera-to-world matrix, 4 x 4 float64."""
-        x, z, yaw = self._standing
-        return camera_pose(x, self.scene.floor_height + self.robot.camera_height, z, yaw)
+        x, z, yaw, floor = self._standing
+        return camera_pose(x, self.floors[floor].height + self.robot.camera_height, z, yaw)
 
-    def observe(self, labels: bool = False) -> Frame:
-        """Render what the camera sees now.
+    def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
+        """What the camera records at each of N x 4 x 4 poses; the robot stays where it is.
 
         Raises:
-            DeuxError: there is no such renderer, or its system libraries are missing.
+            DeuxError: the renderer's system libraries are missing.
         """
-        pose = self.pose
-        image = self._renderer.render(pose, labels)
-        return Frame(image.rgb, image.depth, pose, image.labels)
+        faces = bool(channels & {Channel.LABELS, Channel.OBJECTS})
+        images = self._renderer.render(poses, Channel.COLOR in channels, faces)
+        return [self._frame(image, pose, channels) for image, pose in zip(images, poses, strict=True)]
 
-    def depth(self) -> np.ndarray:
-        """What `observe` would show as depth, H x W float32, without the cost of drawing colours."""
-        return self._renderer.depth(self.pose)
-
-    def labelled_depth(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `depth`, and with it the labels of `observe(labels=True)`, H x W int32."""
-        return self._renderer.labelled_depth(self.pose)
-
-    def free_space(self) -> FreeSpace:
-        """The true free floor that is connected to the robot's main floor. Privileged: no agent sees it unasked.
+    def free_space(self, floor: int = 0) -> FreeSpace:
+        """The largest connected free part of a floor. Privileged: no agent sees it unasked.
 
         Raises:
             DeuxError: there is no floor that the robot fits on.
         """
-        return self._free_space
+        return self._shared.free_space(floor)
+
+    def another(self, camera: Camera | None = None) -> "MeshSimulator":
+        """A further robot in the same scene, with this camera or another one; what is loaded is shared, not copied."""
+        simulator = MeshSimulator.__new__(MeshSimulator)
+        simulator._begin(self.scene, camera or self.camera, self.robot, self._shared)
+        return simulator
 
     @property
-    def _standing(self) -> tuple[float, float, float]:
+    def _standing(self) -> tuple[float, float, float, int]:
         if self._place is None:
             raise DeuxError(f"the robot is not in {self.scene.name} yet: call reset() with a place first.")
         return self._place
 
-    @cached_property
-    def _free_space(self) -> FreeSpace:
-        try:
-            return free_space(self.scene.mesh, self.scene.floor_height, self.robot)
-        except DeuxError as error:
-            raise DeuxError(f"{self.scene.name}: {error}") from error
-
-    @cached_property
-    def _body(self) -> Body:
-        return Body(self._free_space)
-
-    @cached_property
+    @property
     def _renderer(self) -> Renderer:
-        return make_renderer(self._renderer_name, self.scene, self.camera)
+        return self._shared.renderer(self.camera)
+
+    def _frame(self, image: RenderedImage, pose: np.ndarray, channels: Channels) -> Frame:
+        labels = objects = None
+        if Channel.LABELS in channels:
+            labels = self._shared.label_of_face[image.face]
+        if Channel.OBJECTS in channels:
+            objects = np.where(image.depth > 0.0, self._shared.object_of_face[image.face], np.int32(-1))
+        return Frame(NO_COLORS if image.rgb is None else image.rgb, image.depth, pose.copy(), labels, objects)
+
+
+@dataclass
+class _SharedScene:
+    """A loaded scene and what is made of it on first use, for all robots in it."""
+
+    scene: Scene
+    robot: Robot
+    renderer_name: str
+    _spaces: dict[int, FreeSpace] = field(default_factory=dict)
+    _bodies: dict[int, Body] = field(default_factory=dict)
+    _renderers: dict[Camera, Renderer] = field(default_factory=dict)
+
+    def free_space(self, floor: int) -> FreeSpace:
+        if floor not in self._spaces:
+            try:
+                self._spaces[floor] = free_space(self.scene.mesh, self.scene.floors[floor].height, self.robot)
+            except DeuxError as error:
+                raise DeuxError(f"{self.scene.name}: {error}") from error
+        return self._spaces[floor]
+
+    def body(self, floor: int) -> Body:
+        if floor not in self._bodies:
+            self._bodies[floor] = Body(self.free_space(floor))
+        return self._bodies[floor]
+
+    def renderer(self, camera: Camera) -> Renderer:
+        if camera not in self._renderers:
+            self._renderers[camera] = make_renderer(self.renderer_name, self.scene.mesh, camera)
+        return self._renderers[camera]
+
+    @cached_property
+    def objects(self) -> SceneObjects:
+        return find_objects(self.scene.mesh)
+
+    # Face -1, "none", is the last one.
+    @cached_property
+    def label_of_face(self) -> np.ndarray:
+        return np.append(self.scene.mesh.face_label, -1).astype(np.int32)
+
+    @cached_property
+    def object_of_face(self) -> np.ndarray:
+        return np.append(self.objects.face_object, np.int32(-1))
+
+
+def _untextured(scene: Scene) -> Scene:
+    materials = tuple(Material(material.name) for material in scene.mesh.materials)
+    return replace(scene, mesh=replace(scene.mesh, materials=materials))

@@ -5,8 +5,7 @@ from typing import Any
 import numpy as np
 
 from deux.geometry.camera import Camera
-from deux.scenes.mesh import SceneMesh
-from deux.scenes.scene import Scene
+from deux.contracts import SceneMesh
 from deux.simulator.egl_context import EGLContext, load_pyrender
 from deux.simulator.renderers import RenderedImage
 
@@ -18,23 +17,23 @@ class PyrenderRenderer:
     """Draws a scene by OpenGL. The context is made by the first `render`, in the process and thread that calls it.
 
     Args:
-        scene: what is drawn.
+        mesh: what is drawn.
         camera: the camera that sees it.
 
     Raises:
         DeuxError: the system's OpenGL libraries are missing.
     """
 
-    def __init__(self, scene: Scene, camera: Camera) -> None:
+    def __init__(self, mesh: SceneMesh, camera: Camera) -> None:
         pyrender = load_pyrender()
         self.camera = camera
-        self._mesh = scene.mesh
+        self._mesh = mesh
         self._context: EGLContext | None = None
-        self._surfaces = _colored_surfaces(scene.mesh)
-        self._label_surface: Any = None
+        self._surfaces = _colored_surfaces(mesh)
+        self._face_surface: Any = None
         self._scene = pyrender.Scene(bg_color=[0.0, 0.0, 0.0, 1.0])
         self._scene.add(self._surfaces)
-        diagonal = float(np.linalg.norm(np.diff(scene.mesh.bounds, axis=0)))
+        diagonal = float(np.linalg.norm(np.diff(mesh.bounds, axis=0)))
         lens = pyrender.IntrinsicsCamera(
             camera.focal_length,
             camera.focal_length,
@@ -46,34 +45,27 @@ class PyrenderRenderer:
         )
         self._lens = self._scene.add(lens)
 
-    def render(self, pose: np.ndarray, labels: bool = True) -> RenderedImage:
-        """Render from a 4 x 4 camera-to-world matrix (OpenCV camera axes, metres)."""
+    def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
+        """Render from N x 4 x 4 camera-to-world matrices; OpenGL draws the colours all the same."""
+        return [self._render(pose, colors, faces) for pose in poses]
+
+    def _render(self, pose: np.ndarray, colors: bool, faces: bool) -> RenderedImage:
         if self._context is None:
             self._context = EGLContext(self.camera.width, self.camera.height)
         self._scene.set_pose(self._lens, pose @ _OPENGL_FROM_OPENCV)
         rgb, depth = self._context.render(self._scene)
         depth[(depth < self.camera.min_depth) | (depth > self.camera.max_depth)] = 0.0
-        return RenderedImage(rgb, depth, self._draw_labels() if labels else None)
+        return RenderedImage(depth, rgb if colors else None, self._draw_faces() if faces else None)
 
-    def depth(self, pose: np.ndarray) -> np.ndarray:
-        """The depth alone, H x W float32; OpenGL draws the colours all the same."""
-        return self.render(pose, labels=False).depth
-
-    def labelled_depth(self, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The depth and the labels, H x W int32; OpenGL draws the colours all the same."""
-        image = self.render(pose, labels=True)
-        assert image.labels is not None
-        return image.depth, image.labels
-
-    def _draw_labels(self) -> np.ndarray:
-        """Draw the scene again, coloured by label, as the camera stands."""
+    def _draw_faces(self) -> np.ndarray:
+        """Draw the scene again, each face in a colour of its own, as the camera stands."""
         assert self._context is not None
-        if self._label_surface is None:
-            self._label_surface = _label_surface(self._mesh)
-            self._scene.add(self._label_surface)
-        self._surfaces.is_visible, self._label_surface.is_visible = False, True
+        if self._face_surface is None:
+            self._face_surface = _face_surface(self._mesh)
+            self._scene.add(self._face_surface)
+        self._surfaces.is_visible, self._face_surface.is_visible = False, True
         code, _ = self._context.render(self._scene)
-        self._surfaces.is_visible, self._label_surface.is_visible = True, False
+        self._surfaces.is_visible, self._face_surface.is_visible = True, False
         return code.astype(np.int32) @ np.array([1, 256, 65536], dtype=np.int32) - 1
 
 
@@ -103,9 +95,9 @@ def _colored_surfaces(mesh: SceneMesh) -> Any:
     return pyrender.Mesh(pieces)
 
 
-def _label_surface(mesh: SceneMesh) -> Any:
-    """The mesh in one piece, each face of the one colour that spells its label + 1 in base 256."""
+def _face_surface(mesh: SceneMesh) -> Any:
+    """The mesh in one piece, each face of the one colour that spells its number + 1 in base 256."""
     pyrender = load_pyrender()
-    number = np.repeat(mesh.face_label + 1, 3)
+    number = np.repeat(np.arange(1, len(mesh.faces) + 1), 3)
     code = np.stack([number & 255, number >> 8 & 255, number >> 16 & 255], axis=-1)
     return pyrender.Mesh([pyrender.Primitive(positions=mesh.triangles.reshape(-1, 3), color_0=code)])

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from deux.scenes.mesh import SceneMesh
+from deux.contracts import SceneMesh
 from deux.simulator.textures import TexturePyramids, pack_textures, trilinear_lookup
 
 

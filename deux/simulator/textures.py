@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from deux.scenes.mesh import Material
+from deux.contracts import Material
 
 
 class TexturePyramids(NamedTuple):

@@ -10,8 +10,8 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from deux.configuration import in_sweep
-from deux.data.progress import Progress as Report
-from deux.data.progress import ignore_progress
+from deux.io.progress import Progress as Report
+from deux.io.progress import ignore_progress
 from deux.training.ranks import leads
 
 _console = Console()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from deux.contracts import Explorer, Reward
-from deux.data.exploration import MODEL_NEEDS
+from deux.collection.exploration import MODEL_NEEDS
 from deux.errors import DeuxError
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.registry import registry

@@ -9,21 +9,21 @@ from pathlib import Path
 from typing import Any
 
 from deux.contracts import Frame, Robot
-from deux.data.atomic import make_folder, read_bytes, write_json
-from deux.data.exploration import MODEL_NEEDS
-from deux.data.perception import SOURCES, Percept
-from deux.data.processes import in_processes
-from deux.data.progress import Progress
-from deux.data.specification import episode_seed
-from deux.data.walk import Walk
+from deux.io.atomic import make_folder, read_bytes, write_json
+from deux.collection.exploration import MODEL_NEEDS
+from deux.collection.perception import SOURCES, Percept
+from deux.io.processes import in_processes
+from deux.io.progress import Progress
+from deux.collection.specification import episode_seed
+from deux.collection.walk import Walk
 from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError
-from deux.evaluation.comparison import ExplorationEpisode
-from deux.evaluation.exploration import Exploration, ExplorationMeter
-from deux.evaluation.eye import Eye, SceneEye
+from deux.studies.explorer_comparison import ExplorationEpisode
+from deux.studies.exploration_meter import Exploration, ExplorationMeter
+from deux.studies.eye import Eye, SceneEye
 from deux.geometry.camera import Camera
 from deux.geometry.poses import yaw_of
-from deux.scenes.sources import SceneReference
+from deux.contracts import SceneReference
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.tasks.contenders import RewardStates, make_rewards
 from deux.tasks.settings import PluginChoice

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Any, Literal
 
 from deux.contracts import DepthModel, Robot, Simulator
-from deux.data.exploration import MODEL_NEEDS
-from deux.data.pipeline import build_dataset, read_manifest
-from deux.data.specification import VIEWPOINTS, DatasetSpec, Split
+from deux.collection.exploration import MODEL_NEEDS
+from deux.collection.pipeline import build_dataset, read_manifest
+from deux.collection.specification import VIEWPOINTS, DatasetSpec, Split
 from deux.geometry.camera import Camera
 from deux.scenes.sources import SceneReference, synthetic_scenes
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.tasks.console import progress, say
 from deux.tasks.settings import PluginChoice, Settings
-from deux.training.precision import FastPredictor
-from deux.uncertainty.view import DepthPredictor
+from deux.inference.precision import FastPredictor
+from deux.contracts import DepthPredictor
 
 
 def explored_dataset(

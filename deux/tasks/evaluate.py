@@ -5,7 +5,7 @@ from typing import Any
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder
-from deux.evaluation.results import RESULTS_FILE, Results
+from deux.report.results import RESULTS_FILE, Results
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import viewpoint_dataset
 from deux.tasks.evaluation import evaluate_model

@@ -3,8 +3,8 @@
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder
-from deux.data.pipeline import read_manifest
-from deux.evaluation.results import RESULTS_FILE, Results
+from deux.collection.pipeline import read_manifest
+from deux.report.results import RESULTS_FILE, Results
 from deux.tasks.active_collection import read_rounds
 from deux.tasks.collect import collect
 from deux.tasks.console import quieten_libraries, say

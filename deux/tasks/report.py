@@ -6,14 +6,14 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder, user_path
-from deux.data.atomic import make_folder, write_atomically
+from deux.io.atomic import make_folder, write_atomically
 from deux.errors import DeuxError
-from deux.evaluation.drawing import save_figure
-from deux.evaluation.report.contents import Contents, read_contents
-from deux.evaluation.report.figures import Picture, draw_comparison, draw_error_against_frames
-from deux.evaluation.report.formats import csv_text, latex, markdown
-from deux.evaluation.report.names import Names
-from deux.evaluation.report.page import html_page
+from deux.figures.drawing import save_figure
+from deux.report.contents import Contents, read_contents
+from deux.report.figures import Picture, draw_comparison, draw_error_against_frames
+from deux.report.formats import csv_text, latex, markdown
+from deux.report.names import Names
+from deux.report.page import html_page
 from deux.options import construct
 from deux.tasks.console import say
 from deux.tasks.sections import ReportSettings

@@ -13,8 +13,8 @@ from deux.environment.exploration_env import ExplorationEnv
 from deux.environment.memory import RESOLUTION
 from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError
-from deux.evaluation.drawing import save_figure
-from deux.evaluation.learning_curve import draw_learning_curve
+from deux.figures.drawing import save_figure
+from deux.figures.learning_curve import draw_learning_curve
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.policies.policy_files import POLICY_FILE, TrainedPolicy, save_policy
 from deux.policies.ppo import LearningCurve, train_policy

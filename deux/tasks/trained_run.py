@@ -5,11 +5,11 @@ from typing import Any
 
 from deux.configuration import user_path
 from deux.errors import DeuxError
-from deux.evaluation.report.conditions import Conditions, conditions
-from deux.evaluation.report.runs import read_identity, run_folders
+from deux.report.conditions import Conditions, conditions
+from deux.report.runs import read_identity, run_folders
 from deux.tasks.given import weights_identity
 from deux.tasks.settings import Settings
-from deux.training.model_files import MODEL_FILE, weights_file
+from deux.deployment.model_files import MODEL_FILE, weights_file
 
 
 def chosen_model(settings: Settings, path: str) -> str:

@@ -11,12 +11,12 @@ from lightning import seed_everything
 
 from deux.configuration import user_path
 from deux.contracts import DepthModel, Foundation
-from deux.data.locking import locked
+from deux.io.locking import locked
 from deux.errors import DeuxError
-from deux.evaluation.drawing import save_figure
-from deux.evaluation.metrics import DepthMetrics
-from deux.evaluation.panel_logger import PanelLogger
-from deux.evaluation.training_curve import draw_training_curve
+from deux.figures.drawing import save_figure
+from deux.metrics.depth_errors import DepthMetrics
+from deux.figures.panel_logger import PanelLogger
+from deux.figures.training_curve import draw_training_curve
 from deux.tasks.active_collection import active_collection, show_rounds
 from deux.tasks.console import say, training_bar
 from deux.tasks.datasets import synthetic_dataset, viewpoint_dataset
@@ -25,7 +25,7 @@ from deux.tasks.run_folder import RunFolder, short_hash
 from deux.tasks.sections import ActiveCollectionSettings
 from deux.tasks.settings import PluginChoice, Settings, plugin_choice
 from deux.training.fit import TrainingSettings, fit
-from deux.training.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
+from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.training.pose_source import PoseKind
 from deux.training.ranks import leads, wait_for_all
 

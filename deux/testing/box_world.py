@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from deux.contracts import Action, Frame, Robot
+from deux.contracts import Action, Channel, Channels, Floor, Frame, Robot, SceneReference, Simulator
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.poses import camera_pose
@@ -31,8 +31,24 @@ class Box:
     height: float = 2.5
 
 
-class BoxWorld:
-    """A closed rectangular room with boxes; it implements `deux.contracts.Simulator`.
+@dataclass(frozen=True)
+class BoxScene(SceneReference):
+    """The locator of a box world, which is nowhere but in memory.
+
+    Args:
+        name: the world's name.
+    """
+
+    name: str = "boxes"
+
+    @property
+    def identity(self) -> str:
+        """Its name alone."""
+        return f"boxes:{self.name}"
+
+
+class BoxWorld(Simulator):
+    """A closed rectangular room with boxes.
 
     The floor is at y = 0 and the ceiling at 2.5 m. Depth comes from intersecting each pixel's ray with the boxes.
     The robot slides along what it touches, one axis at a time.
@@ -47,6 +63,7 @@ class BoxWorld:
 
     ceiling = 2.5
     label_names: tuple[str, ...] = ("room", "box")
+    scene = BoxScene()
 
     def __init__(
         self,
@@ -59,6 +76,8 @@ class BoxWorld:
         self.width = width
         self.length = length
         self.boxes = boxes
+        self.object_labels = ("box",) * len(boxes)
+        self.floors = (Floor(0.0, width * length),)
         blocking = [box for box in boxes if box.height > (robot or Robot()).max_climb]
         self._blocking = np.array([(box.x0, box.z0, box.x1, box.z1) for box in blocking]).reshape(-1, 4)
         self.camera = camera or Camera(width=64, height=64)
@@ -66,7 +85,7 @@ class BoxWorld:
         self._rays = self.camera.rays()
         self.reset(width / 2.0, length / 2.0, 0.0)
 
-    def reset(self, x: float, z: float, yaw: float) -> None:
+    def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
         """Put the robot at world (x, z), heading `yaw`."""
         self._x, self._z, self._yaw = x, z, yaw
 
@@ -105,34 +124,37 @@ class BoxWorld:
         boxes = outside + np.minimum(np.maximum(apart_x, apart_z), 0.0)
         return np.concatenate([x, self.width - x, z, self.length - z, boxes], axis=-1).min(axis=-1)
 
-    def observe(self, labels: bool = False) -> Frame:
+    def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
         """Depth and labels by ray casting; the colours tell the room and the boxes apart, with a pattern on both."""
-        pose = self.pose
+        return [self._frame(pose, channels) for pose in poses]
+
+    def _frame(self, pose: np.ndarray, channels: Channels) -> Frame:
         directions = self._rays @ pose[:3, :3].T
         depth = self._leave(pose[:3, 3], directions, (0.0, 0.0, 0.0), (self.width, self.ceiling, self.length))
-        ids = np.zeros(depth.shape, np.int32)
-        for box in self.boxes:
+        objects = np.full(depth.shape, -1, np.int32)
+        for number, box in enumerate(self.boxes):
             entry = self._enter(pose[:3, 3], directions, (box.x0, 0.0, box.z0), (box.x1, box.height, box.z1))
-            ids[entry < depth] = 1
+            objects[entry < depth] = number
             depth = np.minimum(depth, entry)
+        ids = (objects >= 0).astype(np.int32)
         points = pose[:3, 3] + directions * depth[..., None]
         pattern = (np.floor(points / 0.25).sum(axis=-1) % 2.0) * 60.0
         rgb = np.stack([80.0 + pattern, 120.0 + 50.0 * ids, 180.0 - pattern], axis=-1).astype(np.uint8)
         in_range = (depth >= self.camera.min_depth) & (depth <= self.camera.max_depth)
         depth = np.where(in_range, depth, 0.0).astype(np.float32)
-        return Frame(rgb, depth, pose, ids if labels else None)
+        return Frame(
+            rgb if Channel.COLOR in channels else np.zeros((0, 0, 3), np.uint8),
+            depth,
+            pose.copy(),
+            ids if Channel.LABELS in channels else None,
+            objects if Channel.OBJECTS in channels else None,
+        )
 
-    def depth(self) -> np.ndarray:
-        """The depth of `observe`."""
-        return self.observe().depth
+    def another(self, camera: Camera | None = None) -> "BoxWorld":
+        """A further robot in a room of the same boxes, in its middle."""
+        return BoxWorld(self.width, self.length, self.boxes, camera or self.camera, self.robot)
 
-    def labelled_depth(self) -> tuple[np.ndarray, np.ndarray]:
-        """The depth and the labels of `observe`."""
-        frame = self.observe(labels=True)
-        assert frame.labels is not None
-        return frame.depth, frame.labels
-
-    def free_space(self) -> FreeSpace:
+    def free_space(self, floor: int = 0) -> FreeSpace:
         """The floor where the robot's centre can be, on a grid of 5 cm, connected to where the robot stands."""
         frame = GridFrame(0.0, 0.0, math.ceil(self.length / 0.05), math.ceil(self.width / 0.05))
         rows, columns = np.mgrid[: frame.rows, : frame.columns]

@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation, Simulator
+from deux.contracts import COLOR, Action, Channel, Episode, Explorer, ExplorerMap, Need, Observation, Simulator
 from deux.testing.box_world import Box, BoxWorld
 
 Change = Callable[[Observation], Observation]
@@ -33,7 +33,7 @@ def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool)
 
     The residual is 0.1 on boxes and 0.02 elsewhere; before the third frame it is NaN, as in the collector.
     """
-    frame = world.observe(labels=True)
+    frame = world.observe(COLOR | {Channel.LABELS})
     assert frame.labels is not None
     residual = np.where(frame.labels == 1, np.float32(0.1), np.float32(0.02))
     if step < 2:

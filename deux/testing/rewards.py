@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from deux.contracts import Episode, Experience, Need, Observation, Reward
+from deux.contracts import COLOR, Channel, Episode, Experience, Need, Observation, Reward
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
 from deux.geometry.camera import Camera
@@ -73,7 +73,7 @@ def _walk(make_world: MakeWorld, steps: int, seed: int, depth: bool) -> tuple[Ex
     memory = ExplorationMemory(world.camera, world.robot, Crops(pixels=16))
     action, collided = None, False
     for step in range(steps + 1):
-        frame = world.observe(labels=True)
+        frame = world.observe(COLOR | {Channel.LABELS})
         seen = frame.depth if depth else np.zeros_like(frame.depth)
         memory.see(seen, frame.pose, collided)
         known = memory.occupancy

@@ -10,7 +10,8 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.utilities.seed import isolate_rng
 from torch import nn
 
-from deux.contracts import DepthModel
+from deux.contracts import DepthModel, Reader
+from deux.data.dataset_reader import DatasetReader
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError
 from deux.training.module import DepthCompletion
@@ -48,7 +49,7 @@ class ActiveCollection(Callback):
         self.folder = folder
         self.rounds: list[Round] = []
         self._collect, self._report = collect, report
-        self._first: list[Path] = []
+        self._first: list[Reader] = []
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         """Keep the list of datasets that the training begins with."""
@@ -110,7 +111,7 @@ class ActiveCollection(Callback):
     def _hand_over(self, trainer: Trainer) -> None:
         """Tell the data module what to train on from the next epoch on."""
         rounds = self.rounds[-1:] if self.settings.mode == "replace" else self.rounds
-        found = [self.folder / name for one in rounds for name in one.datasets]
+        found = [DatasetReader(self.folder / name) for one in rounds for name in one.datasets]
         _data(trainer).train = found if rounds and self.settings.mode == "replace" else [*self._first, *found]
 
 

@@ -10,7 +10,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.utilities import rank_zero_warn
 
-from deux.data.atomic import make_folder, write_atomically
+from deux.io.atomic import make_folder, write_atomically
 
 
 def resume_checkpoints(folder: Path) -> ModelCheckpoint:

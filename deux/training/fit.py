@@ -11,7 +11,7 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from torchmetrics import Metric
 
-from deux.contracts import DepthModel
+from deux.contracts import DepthModel, Reader
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError, check_range
 from deux.options import construct
@@ -20,7 +20,7 @@ from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
-from deux.training.precision import default_precision
+from deux.inference.precision import default_precision
 from deux.training.schedule import Schedule
 
 
@@ -69,8 +69,8 @@ class TrainingSettings(Schedule):
 def fit(
     model: DepthModel,
     settings: TrainingSettings,
-    train: Sequence[Path],
-    validation: Sequence[Path],
+    train: Sequence[Reader],
+    validation: Sequence[Reader],
     folder: Path,
     objective: Mapping[str, Any] | None = None,
     pose: PoseKind = "simulator",
@@ -84,8 +84,8 @@ def fit(
     Args:
         model: newly made; its weights are replaced if there is a checkpoint to go on from.
         settings: budget and learning rate.
-        train: datasets to train on.
-        validation: datasets to validate on; may be none.
+        train: readers of the datasets to train on.
+        validation: readers of the datasets to validate on; may be none.
         folder: takes `checkpoints/` and `logs/`. A training that was killed goes on from the last checkpoint here.
         objective: loss terms that override the model's own.
         pose: where relative poses come from.

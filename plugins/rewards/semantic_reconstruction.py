@@ -6,9 +6,7 @@ import numpy as np
 
 from deux.contracts import Episode, Experience, Need, Reward
 from deux.errors import DeuxError
-
-STRUCTURE = frozenset({"wall", "floor", "ceiling", "door", "door frame", "window", "stairs", "unlabeled", "undefined"})
-"""Labels that are no objects, by name."""
+from deux.scenes.objects import NO_OBJECTS
 
 Piece = tuple[int, int, int]
 """A label, and the column and row of a cell of the floor."""
@@ -45,7 +43,7 @@ class SemanticReconstructionReward(Reward):
         Raises:
             DeuxError: the scene has no labelled objects.
         """
-        is_object = np.array([name not in STRUCTURE for name in episode.label_names], dtype=bool)
+        is_object = np.array([name not in NO_OBJECTS for name in episode.label_names], dtype=bool)
         if not is_object.any():
             raise DeuxError(
                 "semantic_reconstruction rewards labelled objects, and this scene has none: train in scenes with "

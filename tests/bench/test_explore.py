@@ -4,7 +4,7 @@ import pytest
 
 from deux.bench.explore import ExploreSettings, default_model, measure_exploration
 from deux.bench.timing import Spread
-from deux.data.exploration import MODEL_NEEDS
+from deux.collection.exploration import MODEL_NEEDS
 from deux.errors import DeuxError
 from deux.registry import registry
 

@@ -5,7 +5,7 @@ from deux.bench.scenes import BenchScene, flat, free_poses, split_faces
 from deux.contracts import Robot
 from deux.geometry.camera import Camera
 from deux.scenes.free_space import free_space
-from deux.scenes.scene import Scene
+from deux.contracts import Scene
 from deux.simulator.embree_renderer import EmbreeRenderer
 
 

@@ -15,7 +15,7 @@ from toy_world import ToySimulator, Wanderer, specification
 
 from deux.contracts import Augmentation, Batch, DepthModel, Prediction
 from deux.data.datamodule import TripletDataModule
-from deux.data.pipeline import build_dataset
+from deux.collection.pipeline import build_dataset
 from deux.data.reader import read_split
 from deux.errors import DeuxError
 

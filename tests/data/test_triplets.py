@@ -10,9 +10,9 @@ import torch
 from toy_world import CAMERA, ToySimulator, Wanderer, specification
 
 from deux.contracts import Action, Augmentation, Batch
-from deux.data.calibration import write_matrix
-from deux.data.images import read_depth, read_image, write_depth, write_image
-from deux.data.pipeline import build_dataset
+from deux.io.calibration import write_matrix
+from deux.io.images import read_depth, read_image, write_depth, write_image
+from deux.collection.pipeline import build_dataset
 from deux.data.reader import FileCache, read_split
 from deux.data.triplets import SampleSettings, ShuffledDraws, TripletDataset, collate
 from deux.errors import DeuxError

@@ -7,9 +7,9 @@ import pytest
 from deux.contracts import Robot
 from deux.environment.scene_pool import ScenePool
 from deux.geometry.camera import Camera
-from deux.scenes.apartments import apartment
-from deux.scenes.scene import Scene
-from deux.scenes.sources import SceneReference
+from deux_plugins.scenes.apartments import apartment
+from deux.contracts import Scene
+from deux.contracts import SceneReference
 
 CAMERA = Camera(32, 32)
 

@@ -143,7 +143,7 @@ def test_a_file_appears_whole_or_not_at_all(path, tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("deux.data.atomic.os.replace", fail)
+    monkeypatch.setattr("deux.io.atomic.os.replace", fail)
     with pytest.raises(DeuxError):
         save_policy(path, untrained_policy(seed=1))
     assert path.read_bytes() == before

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from deux.scenes.files import load_scene
-from deux.scenes.mesh import Material, SceneMesh
+from deux_plugins.scenes.files import load_scene
+from deux.contracts import Material, SceneMesh
 from deux.scenes.ray_caster import RayCaster
-from deux.scenes.scene import Scene
+from deux.contracts import Scene
 
 
 @pytest.fixture(scope="session")

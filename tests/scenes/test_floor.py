@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from deux.errors import DeuxError
-from deux.scenes.floor import floor_height
+from deux.scenes.floor import find_floors
 
 
 @pytest.fixture

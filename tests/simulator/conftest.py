@@ -9,11 +9,11 @@ import pytest
 
 from deux.contracts import Robot
 from deux.geometry.poses import camera_pose
-from deux.scenes.apartments import apartment
-from deux.scenes.files import load_scene
+from deux_plugins.scenes.apartments import apartment
+from deux_plugins.scenes.files import load_scene
 from deux.scenes.free_space import free_space
-from deux.scenes.mesh import Material, SceneMesh
-from deux.scenes.scene import Scene
+from deux.contracts import Material, SceneMesh
+from deux.contracts import Scene
 from deux.simulator.starts import random_starts
 
 

@@ -9,7 +9,7 @@ from deux.contracts import Action, Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose, yaw_of
-from deux.scenes.scene import Scene
+from deux.contracts import Scene
 from deux.simulator.mesh_simulator import MeshSimulator
 
 CAMERA = Camera(32, 32)

@@ -9,8 +9,8 @@ import pytest
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux.scenes.mesh import Material
-from deux.scenes.scene import Scene
+from deux.contracts import Material
+from deux.contracts import Scene
 from deux.simulator.egl_context import EGLContext
 from deux.simulator.embree_renderer import EmbreeRenderer
 from deux.simulator.pyrender_renderer import PyrenderRenderer

@@ -4,7 +4,7 @@ import pytest
 
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.scenes.scene import Scene
+from deux.contracts import Scene
 from deux.simulator.embree_renderer import EmbreeRenderer
 from deux.simulator.renderers import make_renderer
 

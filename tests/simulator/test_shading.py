@@ -6,8 +6,8 @@ from scipy.ndimage import map_coordinates
 
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux.scenes.mesh import Material
-from deux.scenes.scene import Scene
+from deux.contracts import Material
+from deux.contracts import Scene
 from deux.simulator.embree_renderer import EmbreeRenderer
 from deux.simulator.shading import mip_level, prepare_surfaces
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from deux.scenes.mesh import Material
+from deux.contracts import Material
 from deux.simulator.textures import bilinear_lookup, pack_textures, trilinear_lookup
 
 

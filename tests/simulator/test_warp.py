@@ -9,7 +9,7 @@ from torch.nn.functional import grid_sample
 
 from deux.contracts import Action, Frame, Robot
 from deux.geometry.camera import Camera
-from deux.scenes.scene import Scene
+from deux.contracts import Scene
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.simulator.starts import random_starts
 

@@ -16,7 +16,7 @@ import trimesh
 
 from deux.__main__ import main
 from deux.registry import registry
-from deux.training.model_files import save_model
+from deux.deployment.model_files import save_model
 
 SMALLEST = [
     "camera.width=48",

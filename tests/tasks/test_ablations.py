@@ -3,7 +3,7 @@
 import pytest
 
 from deux.configuration import compose
-from deux.evaluation.report.conditions import Conditions, conditions
+from deux.report.conditions import Conditions, conditions
 from deux.tasks.settings import Settings
 from deux.uncertainty.measures import MEASURES
 

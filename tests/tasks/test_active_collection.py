@@ -11,8 +11,8 @@ import pytest
 import deux as package
 from deux.configuration import compose
 from deux.data.datamodule import TripletDataModule
-from deux.data.pipeline import read_manifest
-from deux.evaluation.evaluate import evaluate
+from deux.collection.pipeline import read_manifest
+from deux.metrics.model_errors import evaluate
 from deux.tasks import active_collection
 from deux.tasks.active_collection import RoundCollector
 from deux.tasks.given import weights_identity

@@ -18,7 +18,7 @@ import trimesh
 
 import deux as package
 from deux.errors import DeuxError
-from deux.training.model_files import load_model, save_model
+from deux.deployment.model_files import load_model, save_model
 
 MISTAKES = {
     # names

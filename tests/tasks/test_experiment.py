@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from deux.evaluation.metrics import METRIC_NAMES
+from deux.metrics.depth_errors import METRIC_NAMES
 
 
 def test_everything_that_a_run_leaves_behind(finished):

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 import deux
-from deux.data.pipeline import read_manifest
-from deux.training.model_files import save_model
+from deux.collection.pipeline import read_manifest
+from deux.deployment.model_files import save_model
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from PIL import Image
 from scipy.interpolate import griddata
 
 import deux as package
-from deux.data.images import quantise_depth, read_depth, write_depth
+from deux.io.images import quantise_depth, read_depth, write_depth
 from deux.tasks.predict import write_prediction
 
 HEIGHT, WIDTH = 45, 61

@@ -9,10 +9,10 @@ import pytest
 import torch
 
 import deux as package
-from deux.data.calibration import read_intrinsics, read_pose
-from deux.data.images import read_depth, read_image
-from deux.data.layout import sequences
-from deux.data.pipeline import read_manifest
+from deux.io.calibration import read_intrinsics, read_pose
+from deux.io.images import read_depth, read_image
+from deux.io.layout import sequences
+from deux.collection.pipeline import read_manifest
 from deux.errors import DeuxError
 from deux.simulator.egl_context import EGLContext
 

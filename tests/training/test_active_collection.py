@@ -16,7 +16,7 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
-from deux.data.images import read_image
+from deux.io.images import read_image
 from deux.data.reader import read_split
 from deux.errors import DeuxError
 from deux.training.rounds import RoundRequest, RoundSettings, Share, together

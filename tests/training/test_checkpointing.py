@@ -5,7 +5,7 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
-from deux.evaluation.metrics import DepthMetrics
+from deux.metrics.depth_errors import DepthMetrics
 from deux.testing.losses import perfect_sample
 from deux.training.checkpointing import resume_checkpoints, resume_point
 from deux.training.health import HealthCheck

@@ -3,7 +3,7 @@ import io
 import pytest
 import torch
 
-from deux.evaluation.metrics import DepthMetrics
+from deux.metrics.depth_errors import DepthMetrics
 from deux.testing.losses import perfect_sample
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from deux.contracts import Action, Need
-from deux.data.episodes import EpisodePlan
-from deux.data.exploration import explore
+from deux.collection.episodes import EpisodePlan
+from deux.collection.exploration import explore
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.stratify import stratify
@@ -148,7 +148,7 @@ def test_the_oracle_and_no_other_explorer_is_given_the_true_floor(name, tmp_path
 
 
 def test_figures_show_what_its_frames_saw():
-    """A kept map would be drawn as explored (`deux.evaluation.explored`), and the oracle's was given."""
+    """A kept map would be drawn as explored (`deux.collection.explored_map`), and the oracle's was given."""
     explorer = OracleExplorer()
     run(explorer, two_rooms(), 5)
     assert explorer.map() is None

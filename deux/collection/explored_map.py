@@ -1,0 +1,67 @@
+"""What a stored episode explored: its explorer's own map, or one made from its frames."""
+
+import csv
+from collections.abc import Iterable
+from zipfile import BadZipFile
+
+import numpy as np
+
+from deux.contracts import ExplorerMap, Robot
+from deux.io.calibration import read_pose
+from deux.io.images import read_depth
+from deux.io.layout import SequencePaths
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.geometry.grid import GridFrame
+from deux.mapping.occupancy import OccupancyMap
+
+
+def episode_poses(sequence: SequencePaths) -> np.ndarray:
+    """Camera-to-world matrices of an episode's frames, N x 4 x 4, in order of time."""
+    return np.stack([read_pose(sequence.file("absolute_pose", frame)) for frame in sequence.frames()])
+
+
+def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> ExplorerMap:
+    """The map that the explorer kept; where it kept none, one built from the frames' true depth.
+
+    Raises:
+        DeuxError: a file is damaged.
+    """
+    kept = sequence.folder / "map.npz"
+    if not kept.exists():
+        built = _true_map(sequence, camera, robot)
+        return ExplorerMap(built.frame, built.cells)
+    try:
+        with np.load(kept, allow_pickle=False) as arrays:
+            occupancy = arrays["occupancy"]
+            x, z = arrays["origin"]
+            rows, columns = occupancy.shape
+            frame = GridFrame(float(x), float(z), rows, columns, float(arrays["resolution"]))
+            return ExplorerMap(frame, occupancy, arrays.get("uncertainty"))
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
+        raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({error}): delete it.") from error
+
+
+def seen_area(sequence: SequencePaths, camera: Camera, robot: Robot) -> float:
+    """Square metres of floor plan, free or occupied, that an episode's frames tell of by their true depth."""
+    built = _true_map(sequence, camera, robot)
+    return float(np.count_nonzero(built.cells)) * built.resolution**2
+
+
+def mean_uncertainty(episodes: Iterable[SequencePaths]) -> float | None:
+    """Mean of Eq. 8 over all frames that have one; None where the explorers were shown none."""
+    values: list[float] = []
+    for sequence in episodes:
+        record = sequence.folder / "uncertainty.csv"
+        if record.exists():
+            with record.open(newline="") as file:
+                values += [float(row["uncertainty"]) for row in csv.DictReader(file)]
+    known = np.array(values)[np.isfinite(values)]
+    return float(known.mean()) if known.size else None
+
+
+def _true_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> OccupancyMap:
+    built = OccupancyMap(camera, robot)
+    for name, pose in zip(sequence.frames(), episode_poses(sequence), strict=True):
+        built.update(read_depth(sequence.file("ground_truth", name)), pose)
+    return built

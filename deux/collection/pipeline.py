@@ -1,0 +1,163 @@
+"""The four stages in one: from a specification to a finished dataset, once."""
+
+import json
+import os
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from deux.io.atomic import make_folder, write_json
+from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
+from deux.collection.exploration import explore
+from deux.io.layout import sequences
+from deux.io.locking import locked
+from deux.collection.preprocessing import write_lists
+from deux.io.progress import Progress, ignore_progress
+from deux.collection.sparse import sample_sequences
+from deux.collection.specification import VIEWPOINTS, DatasetSpec
+from deux.collection.verification import verify_sequences
+from deux.collection.viewpoints import ViewpointsPlan, collect_viewpoints
+from deux.errors import DeuxError
+from deux.contracts import DepthPredictor
+
+MANIFEST = "manifest.json"
+
+
+def build_dataset(
+    spec: DatasetSpec,
+    root: Path,
+    make_simulator: MakeSimulator,
+    make_explorer: MakeExplorer | None = None,
+    predict_depth: DepthPredictor | None = None,
+    progress: Progress = ignore_progress,
+    processes: int = 1,
+) -> Path:
+    """Return the folder `<root>/<name>-<hash>` of the dataset, making it first if it is not there.
+
+    It is made in a hidden folder beside, `.<name>-<hash>.partial`, and gets its name when it is complete. A build that
+    was killed goes on where it was. Two processes that ask for the same dataset make it once: the second waits.
+
+    Args:
+        spec: what the dataset is; its hash is all that decides whether it exists.
+        root: the folder of all datasets.
+        make_simulator: makes the simulator of one of the specification's scenes.
+        make_explorer: makes an explorer; needed unless the specification asks for viewpoints.
+        predict_depth: the depth model, for explorers that need it.
+        progress: told how far each stage is.
+        processes: number of processes that collect, for explorers that need no depth model.
+
+    Raises:
+        DeuxError: the dataset cannot be made, such as on a full disk, or no frame of it passes verification.
+    """
+    dataset = root / spec.folder_name
+    if dataset.exists():
+        return dataset
+    partial = root / f".{spec.folder_name}.partial"
+    make_folder(root)
+    with locked(root / f".{spec.folder_name}.lock"):
+        if dataset.exists():
+            return dataset
+        make_folder(partial / "data")
+        clock = _Clock()
+        if spec.explorer == VIEWPOINTS:
+            collect_viewpoints(_viewpoint_plans(spec, partial), make_simulator, progress)
+        else:
+            assert make_explorer is not None
+            explore(
+                _episode_plans(spec, partial),
+                make_simulator,
+                make_explorer,
+                predict_depth,
+                sparse=spec.sparse,
+                uncertainty=spec.uncertainty and spec.uncertainty.create(),
+                together=spec.together,
+                processes=processes,
+                progress=progress,
+            )
+        clock.lap("exploration")
+        _prepare(spec, partial, clock, progress)
+        os.replace(partial, dataset)
+    return dataset
+
+
+def read_manifest(dataset: Path) -> dict[str, Any]:
+    """The manifest of a dataset that was made here.
+
+    Raises:
+        DeuxError: there is none.
+    """
+    try:
+        manifest: dict[str, Any] = json.loads((dataset / MANIFEST).read_bytes())
+    except (OSError, ValueError) as error:
+        raise DeuxError(f"{dataset} holds no readable {MANIFEST}, so it is no dataset that deux collected.") from error
+    return manifest
+
+
+def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progress) -> None:
+    """Stages 2 to 4 and the manifest."""
+    found = sequences(partial)
+    sample_sequences(found, spec.sparse, progress)
+    clock.lap("sparse depth")
+    verdicts = verify_sequences(found, spec.verification, spec.sparse, progress=progress)
+    clock.lap("verification")
+    triplets = write_lists(partial, spec.folder_name, spec.split, found, verdicts)
+    clock.lap("preprocessing")
+    rejected = Counter(str(reason) for verdict in verdicts.values() for reason in verdict.values() if reason)
+    if not triplets:
+        reasons = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in rejected.items())
+        raise DeuxError(
+            f"Dataset {spec.folder_name} has no frame that passes verification ({reasons or 'there are too few'}): "
+            "collect more steps or loosen the settings under verification."
+        )
+    manifest = {
+        "name": spec.name,
+        "hash": spec.key(),
+        "specification": spec.description(),
+        "sequences": {paths.name: len(paths.frames()) for paths in found},
+        "frames": sum(len(paths.frames()) for paths in found),
+        "candidates": sum(len(verdict) for verdict in verdicts.values()),
+        "triplets": triplets,
+        "rejected": dict(sorted(rejected.items())),
+        "seconds": clock.seconds,
+    }
+    write_json(partial / MANIFEST, manifest)
+
+
+def _episode_plans(spec: DatasetSpec, partial: Path) -> list[EpisodePlan]:
+    _check_names(spec)
+    return [
+        EpisodePlan(
+            folder=partial / "data" / f"{scene.name}-{episode:02d}",
+            scene=scene,
+            seed=spec.episode_seed(scene, episode),
+            steps=spec.steps,
+        )
+        for scene in spec.scenes
+        for episode in range(spec.episodes)
+    ]
+
+
+def _viewpoint_plans(spec: DatasetSpec, partial: Path) -> list[ViewpointsPlan]:
+    _check_names(spec)
+    return [ViewpointsPlan(partial, scene, spec.episode_seed(scene, 0), spec.steps) for scene in spec.scenes]
+
+
+def _check_names(spec: DatasetSpec) -> None:
+    twice = [name for name, count in Counter(scene.name for scene in spec.scenes).items() if count > 1]
+    if twice:
+        raise DeuxError(
+            f"Two scenes of dataset {spec.name} are named {twice[0]}: their frames need names of their own."
+        )
+
+
+class _Clock:
+    """Seconds of each stage in this run; a resumed build counts from where it was resumed."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        now = time.perf_counter()
+        self.seconds[stage], self._last = round(now - self._last, 3), now

@@ -1,0 +1,90 @@
+"""Everything that makes a dataset what it is, and the hash that names it."""
+
+import hashlib
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+from deux.contracts import SceneReference
+from deux.collection.sparse import SparseSettings
+from deux.collection.verification import VerificationSettings
+from deux.registry import PluginChoice
+from deux.simulator.simulation import Simulation
+
+DATASET_VERSION = 3
+"""Raised by every change of the code that changes the datasets it makes."""
+
+VIEWPOINTS = "viewpoints"
+"""In place of an explorer's name: free poses spread uniformly over the scenes, for evaluation."""
+
+Split = Literal["train", "validation", "test"]
+
+
+@dataclass(frozen=True)
+class DatasetSpec:
+    """What is collected, by whom and how.
+
+    Args:
+        name: short name, the first part of the dataset's folder name.
+        scenes: the scenes, each with `name` and `identity`.
+        explorer: the explorer's registered name, or `VIEWPOINTS`.
+        simulation: simulator, camera and robot.
+        steps: actions, and so frames, of an episode; for `VIEWPOINTS` the number of viewpoints in each scene.
+        episodes: episodes in each scene.
+        sparse: how many sparse points a frame has.
+        verification: which frames are rejected.
+        seed: seed of the starts, the explorers and the viewpoints.
+        model: what identifies the depth model that guides the explorer; None without one.
+        uncertainty: how that model's predictions are judged (Eq. 8); None without one.
+        together: episodes that run in lock-step.
+        split: the prefix of the list files.
+        explorer_settings: all the explorer's options, defaults included; JSON values only.
+    """
+
+    name: str
+    scenes: tuple[SceneReference, ...]
+    explorer: str
+    simulation: Simulation
+    steps: int
+    explorer_settings: Mapping[str, Any] = field(default_factory=dict)
+    episodes: int = 1
+    sparse: SparseSettings = field(default_factory=SparseSettings)
+    verification: VerificationSettings = field(default_factory=VerificationSettings)
+    seed: int = 0
+    model: str | None = None
+    uncertainty: PluginChoice | None = None
+    together: int = 4
+    split: Split = "train"
+
+    def description(self) -> dict[str, Any]:
+        """The specification as JSON values, for the hash and the manifest."""
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        values |= {
+            "scenes": [{"name": scene.name, "identity": scene.identity} for scene in self.scenes],
+            "explorer_settings": dict(self.explorer_settings),
+            "uncertainty": self.uncertainty and self.uncertainty.description,
+            "sparse": asdict(self.sparse),
+            "verification": asdict(self.verification),
+        }
+        return {"version": DATASET_VERSION, **values, **values.pop("simulation").description()}
+
+    def key(self) -> str:
+        """Twelve hexadecimal digits that any change of the specification changes."""
+        canonical = json.dumps(self.description(), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+
+    @property
+    def folder_name(self) -> str:
+        """Name of the dataset's folder."""
+        return f"{self.name}-{self.key()}"
+
+    def episode_seed(self, scene: SceneReference, episode: int) -> int:
+        """Seed of one episode. It depends on nothing but seed, scene and number: all explorers start alike."""
+        return episode_seed(self.seed, scene, episode)
+
+
+def episode_seed(seed: int, scene: SceneReference, episode: int) -> int:
+    """Seed of one episode. It depends on nothing but a run's seed, the scene and the episode's number there."""
+    return zlib.crc32(f"{seed}/{scene.identity}/{episode}".encode())

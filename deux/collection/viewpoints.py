@@ -1,0 +1,134 @@
+"""Test frames that no explorer chose: free poses spread uniformly over a scene."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import Action, Frame, Robot, SceneReference, Simulator
+from deux.collection.episodes import MakeSimulator
+from deux.io.frames import FrameWriter, prepare_folders
+from deux.io.images import quantise_depth
+from deux.io.layout import SequencePaths, frame_name
+from deux.io.progress import Progress, ignore_progress
+from deux.errors import DeuxError
+from deux.geometry.grid import FreeSpace
+from deux.geometry.stratify import stratify
+
+MOTIONS = (
+    (Action.FORWARD, Action.FORWARD),
+    (Action.LEFT, Action.FORWARD),
+    (Action.RIGHT, Action.FORWARD),
+    (Action.FORWARD, Action.LEFT),
+    (Action.FORWARD, Action.RIGHT),
+)
+"""The two actions that may lead to a viewpoint; each moves the camera, so that the frames differ in parallax."""
+
+_ATTEMPTS = 50
+"""Random poses that are tried in a viewpoint's own part of the floor, and then anywhere, before giving up."""
+
+
+@dataclass(frozen=True)
+class ViewpointsPlan:
+    """The viewpoints of one scene.
+
+    Args:
+        dataset: folder whose `data/` takes the sequences.
+        scene: the scene.
+        seed: seed of the poses.
+        count: number of viewpoints.
+    """
+
+    dataset: Path
+    scene: SceneReference
+    seed: int
+    count: int
+
+    def paths(self, index: int) -> SequencePaths:
+        """The three-frame sequence of one viewpoint."""
+        return SequencePaths(self.dataset / "data" / f"{self.scene.name}-view{index:04d}")
+
+
+def collect_viewpoints(
+    plans: Sequence[ViewpointsPlan], make_simulator: MakeSimulator, progress: Progress = ignore_progress
+) -> None:
+    """Store each viewpoint as a sequence of three frames: the pose and the two before it, two actions back.
+
+    Viewpoints that an earlier run finished are not rendered again. What they see is not judged here: verification
+    rejects those that see too little.
+
+    Raises:
+        DeuxError: a scene has no room for one step forward, or the disk is full.
+    """
+    total, done = sum(plan.count for plan in plans), 0
+    for plan in plans:
+        missing = [index for index in range(plan.count) if not _finished(plan.paths(index))]
+        done += plan.count - len(missing)
+        if not missing:
+            continue
+        simulator = make_simulator(plan.scene)
+        parts = stratify(simulator.free_space().free, plan.count)
+        with FrameWriter() as writer:
+            for index in missing:
+                frames = _frames(simulator, parts, index, np.random.default_rng([plan.seed, index]), plan.scene.name)
+                paths = plan.paths(index)
+                prepare_folders(paths, simulator.camera.intrinsics, labels=False)
+                for number, frame in enumerate(frames):
+                    writer.put(paths, number, frame)
+                done += 1
+                progress("viewpoints", done, total)
+
+
+def _finished(paths: SequencePaths) -> bool:
+    return all(paths.file("absolute_pose", frame_name(number)).exists() for number in range(3))
+
+
+def _frames(
+    simulator: Simulator, parts: list[np.ndarray], index: int, rng: np.random.Generator, scene: str
+) -> list[Frame]:
+    """Draw poses in the viewpoint's part of the floor until the robot can come to one of them."""
+    space = simulator.free_space()
+    for cells in (parts[index], np.concatenate(parts)):
+        for _ in range(_ATTEMPTS):
+            row, column = rng.choice(cells) + rng.uniform(-0.5, 0.5, size=2)
+            x, z = space.frame.centre(row, column)
+            yaw, motion = rng.uniform(-math.pi, math.pi), MOTIONS[rng.integers(len(MOTIONS))]
+            poses = poses_before(x, z, yaw, motion, simulator.robot)
+            if all(_is_free(space, *pose[:2]) for pose in poses) and (frames := _record(simulator, poses[0], motion)):
+                return frames
+    raise DeuxError(f"Scene {scene} has no viewpoints: the robot finds no room on its floor for one step forward.")
+
+
+def poses_before(
+    x: float, z: float, yaw: float, motion: Sequence[Action], robot: Robot
+) -> list[tuple[float, float, float]]:
+    """The poses (x, z, yaw) from which `motion` leads to a final pose, first to last, that one included."""
+    poses = [(x, z, yaw)]
+    for action in reversed(motion):
+        if action == Action.FORWARD:  # yaw 0 looks along -Z
+            x, z = x + robot.forward_step * math.sin(yaw), z + robot.forward_step * math.cos(yaw)
+        else:
+            turn = math.radians(robot.turn_angle)
+            yaw += -turn if action == Action.LEFT else turn
+        poses.append((x, z, yaw))
+    return poses[::-1]
+
+
+def _is_free(space: FreeSpace, x: float, z: float) -> bool:
+    rows, columns = space.frame.cells(x, z)
+    return bool(space.frame.contains(rows, columns)) and bool(space.free[rows, columns])
+
+
+def _record(simulator: Simulator, start: tuple[float, float, float], motion: Sequence[Action]) -> list[Frame] | None:
+    """The frames along a motion, or None if something stood in the way."""
+    simulator.reset(*start)
+    if any(simulator.step(action) for action in motion):
+        return None
+    simulator.reset(*start)
+    seen = [simulator.observe()]
+    for action in motion:
+        simulator.step(action)
+        seen.append(simulator.observe())
+    return [Frame(frame.rgb.copy(), quantise_depth(frame.depth), frame.pose.copy()) for frame in seen]

@@ -1,0 +1,121 @@
+"""The contract of a simulator: one robot in one scene, what it can do and what its camera records."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import overload
+
+import numpy as np
+
+from deux.contracts.scene import Floor, SceneReference
+from deux.geometry.camera import Camera
+from deux.geometry.grid import FreeSpace
+from deux.geometry.robot import Robot
+
+
+class Action(IntEnum):
+    """What the robot can do in one step."""
+
+    FORWARD = 0
+    LEFT = 1
+    RIGHT = 2
+    STOP = 3
+
+
+class Channel(StrEnum):
+    """What a frame may hold besides its depth; what is not asked for is not drawn."""
+
+    COLOR = "color"
+    LABELS = "labels"
+    OBJECTS = "objects"
+
+
+Channels = frozenset[Channel]
+
+COLOR: Channels = frozenset({Channel.COLOR})
+"""Depth with colours."""
+
+DEPTH: Channels = frozenset()
+"""Depth alone."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What the robot's camera records at one pose.
+
+    Args:
+        rgb: H x W x 3 uint8; 0 x 0 x 3 unless `Channel.COLOR` was asked for.
+        depth: H x W float32 in metres, 0 where the camera sees nothing within its range.
+        pose: 4 x 4 float64, camera-to-world.
+        labels: H x W int32, index into `Simulator.label_names`, -1 where nothing is labelled; None unless asked for.
+        objects: H x W int32, index into `Simulator.object_labels`, -1 where no object is; None unless asked for.
+    """
+
+    rgb: np.ndarray
+    depth: np.ndarray
+    pose: np.ndarray
+    labels: np.ndarray | None = None
+    objects: np.ndarray | None = None
+
+
+class Simulator(ABC):
+    """One robot in one scene.
+
+    A simulator is made as `cls(scene, camera, robot, colors, **options)`, and keeps the first three under these names.
+    `scene` is a `SceneReference`; `colors` says whether colours will be asked for, without which no texture needs to be
+    loaded. Further parameters of the constructor are its options, each with a default.
+    """
+
+    scene: SceneReference
+    camera: Camera
+    robot: Robot
+
+    label_names: tuple[str, ...]
+    """What the numbers in `Frame.labels` stand for; empty where nothing is labelled."""
+
+    object_labels: tuple[str, ...]
+    """The label of each object that `Frame.objects` numbers; empty where no objects are known."""
+
+    floors: tuple[Floor, ...]
+    """The floors of the scene, the main one first."""
+
+    @abstractmethod
+    def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
+        """Put the robot on a floor at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
+
+        Raises:
+            DeuxError: the robot does not fit there.
+        """
+
+    @abstractmethod
+    def step(self, action: Action) -> bool:
+        """Carry out one action; true if the robot touched something and moved less than it was told to."""
+
+    @property
+    @abstractmethod
+    def pose(self) -> np.ndarray:
+        """The camera's present camera-to-world matrix, 4 x 4 float64."""
+
+    @abstractmethod
+    def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
+        """What the camera records at each of N x 4 x 4 poses, drawn as one batch; the robot stays where it is."""
+
+    @overload
+    def observe(self, channels: Channels = ..., poses: None = None) -> Frame: ...
+
+    @overload
+    def observe(self, channels: Channels, poses: np.ndarray) -> list[Frame]: ...
+
+    def observe(self, channels: Channels = COLOR, poses: np.ndarray | None = None) -> Frame | list[Frame]:
+        """What the camera records where the robot stands or, with N x 4 x 4 poses, at each of these."""
+        return self.render(self.pose[None], channels)[0] if poses is None else self.render(poses, channels)
+
+    @abstractmethod
+    def free_space(self, floor: int = 0) -> FreeSpace:
+        """The true free part of a floor, all of it connected. Privileged: no agent sees it unasked."""
+
+    @abstractmethod
+    def another(self, camera: Camera | None = None) -> Simulator:
+        """A further robot in the same scene, with this camera or another one; what is loaded is shared, not copied."""

@@ -1,0 +1,52 @@
+"""The contract of a measure of uncertainty: how wrong a depth map may be, judged without its ground truth."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from torch import Tensor
+
+DepthPredictor = Callable[[Tensor, Tensor, Tensor], Tensor]
+"""image N x 3 x H x W in [0, 1], sparse depth N x 1 x H x W metres, intrinsics N x 3 x 3 -> depth N x 1 x H x W."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A batch of frames with their source frames and what the depth model made of them. No ground truth is in it.
+
+    All tensors are on the depth model's device.
+
+    Args:
+        image: N x 3 x H x W in [0, 1].
+        sparse_depth: N x 1 x H x W metres, 0 = none; the points that the depth model was given.
+        intrinsics: N x 3 x 3.
+        depth: N x 1 x H x W float32 metres, predicted.
+        sources: N x S x 3 x H x W in [0, 1].
+        source_from_target: N x S x 4 x 4, carries points of the frame's camera into each source camera.
+        predict_depth: the depth model.
+        rebuilt: N x S x 3 x H x W, the frames rebuilt from their sources with the predicted depth (Eq. 1).
+        visible: N x S x 1 x H x W bool, where the rebuilt frames are to be believed.
+    """
+
+    image: Tensor
+    sparse_depth: Tensor
+    intrinsics: Tensor
+    depth: Tensor
+    sources: Tensor
+    source_from_target: Tensor
+    predict_depth: DepthPredictor
+    rebuilt: Tensor
+    visible: Tensor
+
+
+class Uncertainty(ABC):
+    """Judges a prediction pixel by pixel. All options are in the constructor."""
+
+    @abstractmethod
+    def __call__(self, view: View) -> Tensor:
+        """The uncertainty of each pixel.
+
+        Returns:
+            N x H x W float32 on the view's device, not negative: the larger, the less certain. NaN where the measure
+            cannot tell.
+        """

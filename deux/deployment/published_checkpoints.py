@@ -1,0 +1,121 @@
+"""Reads the checkpoint files that the authors of the depth models published."""
+
+import copy
+from collections.abc import Mapping
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import torch
+from torch import Tensor, nn
+
+from deux.contracts import DepthModel
+from deux.errors import DeuxError
+from deux.registry import registry
+from deux.deployment.model_files import load_weights
+
+PREFIX = "module."
+"""What DataParallel puts before every name; some published files have it, some do not."""
+
+
+@runtime_checkable
+class Published(Protocol):
+    """A module with a published checkpoint layout: a depth model, or its pose network."""
+
+    def published_modules(self) -> dict[str, nn.Module]:
+        """The checkpoint's sub-dictionaries and the modules whose state they hold."""
+
+
+def load_published(
+    name: str,
+    path: str | PathLike[str],
+    pose_path: str | PathLike[str] | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> DepthModel:
+    """Make a depth model with the weights of a published checkpoint.
+
+    Args:
+        name: the model's registered name, such as "kbnet".
+        path: the published checkpoint, such as kbnet-void1500.pth.
+        pose_path: the published checkpoint of its pose network. With it, every call of `model.pose_network()` returns
+            a new pose network with these weights, in eval mode.
+        settings: options of the model where the checkpoint was trained with other than the defaults.
+
+    Returns:
+        The model on the CPU, in eval mode.
+
+    Raises:
+        DeuxError: a file cannot be read or is not a checkpoint of this model, or of its pose network.
+    """
+    model: DepthModel = registry().create("depth_models", name, settings or {})
+    if not model.published_modules():
+        raise DeuxError(f"the depth model {name!r} has no published checkpoints: deux.load(path) reads our own.")
+    _load(model, Path(path), name)
+    if pose_path is not None:
+        pose = model.pose_network()
+        if not isinstance(pose, Published):
+            raise DeuxError(f"the depth model {name!r} has no published pose network: leave pose_path out.")
+        _load(pose, Path(pose_path), f"{name}'s pose network")
+        assert isinstance(pose, nn.Module)
+        model.pose_network = partial(copy.deepcopy, pose.eval())
+    return model.eval()
+
+
+def _load(target: Published, path: Path, label: str) -> None:
+    """Fill a model or pose network from a published file; `label` is what messages call it."""
+    checkpoint = _read(path)
+    modules = target.published_modules()
+    missing = [group for group in modules if not isinstance(checkpoint.get(group), Mapping)]
+    problems = [f"it lacks {', '.join(missing)}"] if missing else []
+    for group, module in modules.items() if not missing else ():
+        weights = {str(key).removeprefix(PREFIX): value for key, value in checkpoint[group].items()}
+        if not all(isinstance(value, Tensor) for value in weights.values()):
+            problems.append(f"{group} holds more than tensors")
+        elif problem := load_weights(module, weights):
+            problems.append(f"{group} {problem}")
+    if problems:
+        likeness = _likeness(checkpoint, label)
+        raise DeuxError(f"{path} is not a published checkpoint of {label}: {'; '.join(problems)}{likeness}.")
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    """Read a file of torch.save, without executing what it may contain."""
+    if not path.is_file():
+        raise DeuxError(f"there is no checkpoint {path}.")
+    try:
+        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # a damaged or foreign file fails in many ways, depending on where
+        raise DeuxError(
+            f"{path} cannot be read as a checkpoint of tensors: it is damaged, something else, or holds code, which is "
+            "never run."
+        ) from error
+    if not isinstance(checkpoint, Mapping):
+        raise DeuxError(f"{path} holds a {type(checkpoint).__name__} and not a checkpoint's dictionary.")
+    return checkpoint
+
+
+def _likeness(checkpoint: Mapping[str, Any], label: str) -> str:
+    """Which installed model has the file's sub-dictionaries, as the end of a sentence; "" if none or the same."""
+    names = {str(key) for key in checkpoint}
+    layouts = {other: groups for other, groups in _layouts().items() if groups and groups <= names}
+    # One model's layout may contain another's: the file looks like the one that explains most of it.
+    most = max(map(len, layouts.values()), default=0)
+    alike = [other for other, groups in layouts.items() if len(groups) == most]
+    return f"; it looks like a checkpoint of {' or '.join(alike)}" if alike and label not in alike else ""
+
+
+def _layouts() -> dict[str, set[str]]:
+    """The sub-dictionaries of every installed model's checkpoint, and of its pose network's."""
+    layouts: dict[str, set[str]] = {}
+    for name in registry().names("depth_models"):
+        try:
+            with torch.device("meta"):
+                model = registry().create("depth_models", name, {})
+                pose = model.pose_network()
+        except Exception:  # one broken plugin must not hide what is wrong with the file
+            continue
+        layouts[name] = set(model.published_modules())
+        if isinstance(pose, Published):
+            layouts[f"{name}'s pose network"] = set(pose.published_modules())
+    return layouts

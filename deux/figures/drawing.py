@@ -1,0 +1,37 @@
+"""What all figures share: colours, sizes, and writing them whole or not at all."""
+
+import io
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from deux.io.atomic import make_folder, write_atomically
+
+DEPTH_COLORS = "turbo"
+ERROR_COLORS = "magma"
+TIME_COLORS = "plasma"
+UNCERTAINTY_COLORS = "viridis"
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure of width x height inches that belongs to no global state, so that it is freed when dropped."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def hide_ticks(axes: Axes) -> None:
+    """Leave only the picture: pixel coordinates tell a reader nothing."""
+    axes.set_xticks([])
+    axes.set_yticks([])
+
+
+def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:
+    """Write a PNG, whole or not at all."""
+    content = io.BytesIO()
+    figure.savefig(content, dpi=dpi, format="png")
+    make_folder(path.parent)
+    write_atomically(path, content.getvalue())
+    return path

@@ -1,0 +1,174 @@
+"""Depth from one batch of camera data: what `deux.contracts.DepthModel.predict` does."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from deux.errors import DeuxError
+from deux.geometry.sparse_outliers import remove_outliers
+
+TOLERANCE = 1e-3
+"""How far image values may lie outside [0, 1]: resampling overshoots a little."""
+
+
+class CompletionNetwork(Protocol):
+    """What prediction asks of a depth model; `deux.contracts.DepthModel` describes it."""
+
+    size_multiple: ClassVar[int]
+
+    def __call__(
+        self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
+    ) -> Any:
+        """The network's output, whose `depth` is N x 1 x H x W metres."""
+
+    def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
+        """Further inputs of one sample."""
+
+    def parameters(self) -> Iterator[nn.Parameter]:
+        """Whose device the prediction runs on."""
+
+    def modules(self) -> Iterator[nn.Module]:
+        """The network and its parts."""
+
+    def eval(self) -> Any:
+        """Put all parts into eval mode."""
+
+    def to(self, device: torch.device, /) -> Any:
+        """Move the network to a device and return it."""
+
+    def predict(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
+        """As the function `predict`, with this network."""
+
+
+@torch.no_grad()
+def predict(
+    model: CompletionNetwork,
+    image: Tensor | np.ndarray,
+    sparse_depth: Tensor | np.ndarray,
+    intrinsics: Tensor | np.ndarray,
+) -> Tensor:
+    """Predict dense depth, with all that the model needs before its network.
+
+    Outliers among the sparse points are found, the model's further inputs are prepared, the images are padded to its
+    `size_multiple` and the result is cropped. The model runs in eval mode and is put back into the mode it was in.
+
+    Args:
+        model: the depth model.
+        image: N x 3 x H x W in [0, 1].
+        sparse_depth: N x 1 x H x W metres, 0 = none.
+        intrinsics: N x 3 x 3 camera matrices of these images, [[fx, s, cx], [0, fy, cy], [0, 0, 1]].
+
+    Returns:
+        N x 1 x H x W float32 metres, on the model's device.
+
+    Raises:
+        DeuxError: an input has another shape or impossible values.
+    """
+    device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
+    image, sparse_depth, intrinsics = (
+        torch.as_tensor(x).to(device, torch.float32) for x in (image, sparse_depth, intrinsics)
+    )
+    _check_image(image)
+    _check_sparse_depth(sparse_depth, image)
+    check_intrinsics(intrinsics, len(image))
+    prepared = prepared_inputs(model, sparse_depth)
+    with eval_mode(model):
+        return complete(model, image, sparse_depth, intrinsics, prepared)
+
+
+def complete(
+    model: CompletionNetwork, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor, prepared: Mapping[str, Tensor]
+) -> Tensor:
+    """The part of `predict` that consists of tensor operations alone; what an exported model holds.
+
+    Args:
+        model: the depth model, run in the mode that it is in.
+        image: N x 3 x H x W in [0, 1].
+        sparse_depth: N x 1 x H x W metres, 0 = none.
+        intrinsics: N x 3 x 3.
+        prepared: the model's further inputs, N x C x H x W.
+
+    Returns:
+        N x 1 x H x W float32 metres.
+    """
+    validity = remove_outliers(sparse_depth)
+    height, width = image.shape[2:]
+    pad_to = (-width % model.size_multiple, -height % model.size_multiple)
+    prediction = model(
+        _pad(image, pad_to),
+        _pad(sparse_depth, pad_to),
+        _pad(validity, pad_to),
+        intrinsics,
+        **{name: _pad(value, pad_to) for name, value in prepared.items()},
+    )
+    depth: Tensor = prediction.depth[:, :, :height, :width].float()
+    return depth
+
+
+def prepared_inputs(model: CompletionNetwork, sparse_depth: Tensor) -> dict[str, Tensor]:
+    """What `DepthModel.prepare` makes of each sample of N x 1 x H x W metres, batched, on the same device."""
+    samples = [model.prepare(depth) for depth in sparse_depth[:, 0].cpu().numpy()]
+    return {
+        name: torch.stack([torch.from_numpy(sample[name]) for sample in samples]).to(sparse_depth.device)
+        for name in samples[0]
+    }
+
+
+def check_intrinsics(intrinsics: Tensor, count: int) -> None:
+    """Raise DeuxError unless `intrinsics` is `count` x 3 x 3 and holds camera matrices that can be inverted."""
+    if intrinsics.shape != (count, 3, 3):
+        raise DeuxError(f"intrinsics has the shape {_shape(intrinsics)}: for a batch of {count} it is {count} x 3 x 3.")
+    for i, k in enumerate(intrinsics.tolist()):
+        (fx, _, _), (shear, fy, _), last = k
+        finite = bool(torch.isfinite(intrinsics[i]).all())
+        if not (finite and fx > 0 and fy > 0 and shear == 0 and last == [0, 0, 1]):
+            raise DeuxError(
+                f"intrinsics[{i}] = {k} is singular or no camera matrix: it is [[fx, s, cx], [0, fy, cy], [0, 0, 1]] "
+                "in pixels with fx and fy above 0."
+            )
+
+
+def _check_image(image: Tensor) -> None:
+    if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape:
+        raise DeuxError(f"image has the shape {_shape(image)}: it is N x 3 x H x W.")
+    low, high = image.min().item(), image.max().item()
+    if not -TOLERANCE <= low <= high <= 1 + TOLERANCE:
+        raise DeuxError(f"image goes from {low:g} to {high:g}: its values lie in [0, 1] (8-bit images / 255).")
+
+
+def _check_sparse_depth(sparse_depth: Tensor, image: Tensor) -> None:
+    expected = (len(image), 1, *image.shape[2:])
+    if sparse_depth.shape != expected:
+        raise DeuxError(
+            f"sparse_depth has the shape {_shape(sparse_depth)}: for this image it is {' x '.join(map(str, expected))}."
+        )
+    low, high = sparse_depth.min().item(), sparse_depth.max().item()
+    if not 0 <= low <= high < float("inf"):
+        raise DeuxError(f"sparse_depth goes from {low:g} to {high:g}: it is in metres, finite, with 0 for none.")
+
+
+def _pad(x: Tensor, amounts: tuple[int, int]) -> Tensor:
+    """Add columns at the right and rows at the bottom, where they leave the intrinsics as they are."""
+    columns, rows = amounts
+    return functional.pad(x, (0, columns, 0, rows)) if columns or rows else x
+
+
+@contextmanager
+def eval_mode(model: CompletionNetwork) -> Iterator[None]:
+    """Eval mode for a while; each part gets back its own mode, since some may be frozen in eval mode."""
+    training = [module for module in model.modules() if module.training]
+    model.eval()
+    try:
+        yield
+    finally:
+        for module in training:
+            module.training = True
+
+
+def _shape(x: Tensor) -> str:
+    return " x ".join(map(str, x.shape)) or "a single number"

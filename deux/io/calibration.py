@@ -1,0 +1,62 @@
+"""Camera matrices as text files, with the full precision of float64."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from deux.io.atomic import read_bytes, write_atomically
+from deux.errors import DeuxError
+
+
+def write_matrix(path: Path, matrix: np.ndarray) -> None:
+    """Write a float64 matrix row by row so that reading returns the same bits, atomically."""
+    text = io.BytesIO()
+    np.savetxt(text, matrix, fmt="%.18e")
+    write_atomically(path, text.getvalue())
+
+
+def read_pose(path: Path) -> np.ndarray:
+    """Read a camera-to-world matrix, 4 x 4 float64; the file holds 3 or 4 rows of 4 numbers.
+
+    Raises:
+        DeuxError: the file is missing or does not hold a finite rigid pose.
+    """
+    numbers = _read_numbers(path)
+    if numbers.size not in (12, 16) or not np.isfinite(numbers).all():
+        raise DeuxError(f"{path} does not hold a pose: 3 or 4 rows of 4 finite numbers are expected.")
+    pose = np.eye(4)
+    pose[:3] = numbers[:12].reshape(3, 4)
+    if not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-3):
+        raise DeuxError(f"{path} does not hold a pose: its first 3 x 3 numbers are not a rotation.")
+    return pose
+
+
+def read_intrinsics(path: Path) -> np.ndarray:
+    """Read a camera's 3 x 3 float64 intrinsics.
+
+    Raises:
+        DeuxError: the file is missing or its matrix is not that of a pinhole camera.
+    """
+    return checked_intrinsics(_read_numbers(path), path)
+
+
+def checked_intrinsics(numbers: np.ndarray, path: Path) -> np.ndarray:
+    """Nine numbers as a camera's 3 x 3 intrinsics; `path` is where they were read. Raises as `read_intrinsics`."""
+    if numbers.size != 9 or not np.isfinite(numbers).all():
+        raise DeuxError(f"{path} does not hold intrinsics: 3 rows of 3 finite numbers are expected.")
+    intrinsics = numbers.reshape(3, 3)
+    focal_lengths = intrinsics[[0, 1], [0, 1]]
+    if (focal_lengths <= 0).any() or intrinsics[1, 0] != 0 or not np.array_equal(intrinsics[2], [0.0, 0.0, 1.0]):
+        raise DeuxError(
+            f"{path} does not hold the intrinsics of a pinhole camera: fx s cx, 0 fy cy and 0 0 1 are expected, with "
+            "positive fx and fy."
+        )
+    return intrinsics
+
+
+def _read_numbers(path: Path) -> np.ndarray:
+    try:
+        return np.array(read_bytes(path).split(), dtype=np.float64)
+    except ValueError as error:
+        raise DeuxError(f"{path} is not a text file of numbers.") from error

@@ -1,0 +1,106 @@
+"""Images, depth maps and label maps as PNG files.
+
+Depth is stored as 16-bit PNG, metres x 256, 0 = none, which is how the VOID release and KITTI store it.
+"""
+
+import io
+from pathlib import Path
+
+import cv2
+import numpy as np
+from PIL import Image
+
+from deux.io.atomic import read_bytes, write_atomically
+from deux.errors import DeuxError
+
+DEPTH_SCALE = 256.0
+"""Stored depth values per metre."""
+
+LARGEST_DEPTH = np.iinfo(np.uint16).max / DEPTH_SCALE
+"""In metres, the farthest that a file can hold."""
+
+# Fast to write; on rendered and recorded frames run-length matching also gives the smaller files.
+_PNG_OPTIONS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+_PNG_END = b"IEND\xaeB`\x82"
+_16_BIT_MODES = ("I;16", "I;16B", "I")
+
+
+def quantise_depth(depth: np.ndarray) -> np.ndarray:
+    """Depth as it comes back from a file: rounded to 1/256 m, 0 where it is not finite or not representable.
+
+    Args:
+        depth: H x W, metres, 0 = none.
+
+    Returns:
+        H x W float32.
+    """
+    return _depth_code(depth).astype(np.float32) / np.float32(DEPTH_SCALE)
+
+
+def write_image(path: Path, image: np.ndarray) -> None:
+    """Write an H x W x 3 uint8 RGB image as PNG, atomically."""
+    _write_png(path, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+
+
+def read_image(path: Path) -> np.ndarray:
+    """Read an RGB image, H x W x 3 uint8.
+
+    Raises:
+        DeuxError: the file is missing, truncated, damaged or not an 8-bit RGB image.
+    """
+    return _read_png(path, ("RGB",), "an 8-bit RGB image")
+
+
+def write_depth(path: Path, depth: np.ndarray) -> None:
+    """Write H x W metres (0 = none) as 16-bit PNG, atomically. `quantise_depth` tells what reading returns."""
+    _write_png(path, _depth_code(depth))
+
+
+def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
+    """Read a depth map, H x W float32 metres, 0 = none; `scale` is the number of stored values per metre.
+
+    Raises:
+        DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
+    """
+    return _read_png(path, _16_BIT_MODES, "a 16-bit depth map").astype(np.float32) / np.float32(scale)
+
+
+def write_labels(path: Path, labels: np.ndarray) -> None:
+    """Write H x W label indices (-1 = none) as 16-bit PNG of index + 1, atomically."""
+    _write_png(path, (labels + 1).astype(np.uint16))
+
+
+def read_labels(path: Path) -> np.ndarray:
+    """Read label indices, H x W int32, -1 = none.
+
+    Raises:
+        DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
+    """
+    return _read_png(path, _16_BIT_MODES, "a 16-bit label map").astype(np.int32) - 1
+
+
+def _depth_code(depth: np.ndarray) -> np.ndarray:
+    """Depth as uint16 multiples of 1/256 m."""
+    code = np.rint(np.nan_to_num(depth.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0) * DEPTH_SCALE)
+    return np.where((code < 0) | (code > np.iinfo(np.uint16).max), 0, code).astype(np.uint16)
+
+
+def _write_png(path: Path, pixels: np.ndarray) -> None:
+    _, content = cv2.imencode(".png", pixels, _PNG_OPTIONS)
+    write_atomically(path, content.tobytes())
+
+
+def _read_png(path: Path, modes: tuple[str, ...], expected: str) -> np.ndarray:
+    """Decode with Pillow, which refuses damaged files; some versions of OpenCV return what they could decode."""
+    content = read_bytes(path)
+    # Pillow is content once it has all pixels; without its end the file was cut all the same.
+    if _PNG_END not in content[-1024:]:
+        raise DeuxError(f"{path} is truncated or no PNG file ({len(content)} bytes).")
+    try:
+        with Image.open(io.BytesIO(content)) as image:
+            if image.mode in modes:
+                return np.array(image)
+            found = f"an image of mode {image.mode}"
+    except (OSError, SyntaxError, ValueError) as error:
+        raise DeuxError(f"{path} is damaged ({len(content)} bytes): {error}.") from error
+    raise DeuxError(f"{path} is {found} where {expected} is expected.")

@@ -1,0 +1,93 @@
+"""The folder layout of the VOID release, in which every dataset is written and read.
+
+    <dataset>/
+        data/<sequence>/
+            image/ sparse_depth/ validity_map/ ground_truth/   NNNNNN.png
+            absolute_pose/                                     NNNNNN.txt, camera-to-world
+            K.txt
+        <split>_{image,sparse_depth,validity_map,ground_truth,absolute_pose,intrinsics}.txt
+        <split>_triplets.txt, manifest.json
+
+The six list files of a split have one line per target frame, all in the same order. As in the release, a line starts
+with the dataset's own folder name, `<dataset>/data/<sequence>/image/000002.png`. The triplet list and the manifest
+are not part of the release; a dataset without them is read all the same.
+
+Collected sequences also hold `episode.json` (seed, start, actions), `verification.json` and, where there are any,
+`uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+SUFFIXES = {
+    "image": ".png",
+    "sparse_depth": ".png",
+    "validity_map": ".png",
+    "ground_truth": ".png",
+    "absolute_pose": ".txt",
+    "labels": ".png",
+}
+"""File suffix of each kind of file that a frame may have."""
+
+PUBLISHED_KINDS = ("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose")
+"""The kinds that the release has for each frame."""
+
+
+@dataclass(frozen=True)
+class SequencePaths:
+    """Where the files of one sequence lie.
+
+    Args:
+        folder: the sequence's folder, `<dataset>/data/<sequence>`.
+    """
+
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """The sequence's name."""
+        return self.folder.name
+
+    @property
+    def intrinsics(self) -> Path:
+        """K.txt, the sequence's camera matrix."""
+        return self.folder / "K.txt"
+
+    def file(self, kind: str, frame: str) -> Path:
+        """The file of one kind (a key of `SUFFIXES`) of the frame with the given name."""
+        return self.folder / kind / f"{frame}{SUFFIXES[kind]}"
+
+    def frames(self) -> list[str]:
+        """Names of the frames that have an image, in the order of time."""
+        folder = self.folder / "image"
+        suffix = SUFFIXES["image"]
+        # Files that begin with a dot are unfinished ones of a run that was killed.
+        found = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
+        return sorted(name.removesuffix(suffix) for name in found if name.endswith(suffix) and name[0] != ".")
+
+
+def frame_name(index: int) -> str:
+    """Name of a collected frame, six digits."""
+    return f"{index:06d}"
+
+
+def sequences(dataset: Path) -> list[SequencePaths]:
+    """All sequences of a dataset, by name."""
+    return [SequencePaths(folder) for folder in sorted((dataset / "data").iterdir()) if folder.is_dir()]
+
+
+def neighbours(frames: Sequence[str], offsets: tuple[int, ...]) -> list[tuple[str, ...]]:
+    """The frames of a sequence that have all their source frames, each followed by these.
+
+    Args:
+        frames: in the order of time.
+        offsets: the source frames, in frames from the target.
+    """
+    first, last = max(0, -min(offsets)), len(frames) - max(0, *offsets)
+    return [(frames[i], *(frames[i + offset] for offset in offsets)) for i in range(first, last)]
+
+
+def list_file(dataset: Path, split: str, kind: str) -> Path:
+    """The list file of one kind ("triplets", "intrinsics" or one of `PUBLISHED_KINDS`) of a split."""
+    return dataset / f"{split}_{kind}.txt"

@@ -1,0 +1,154 @@
+"""The runs below a folder: what they found, and what they were made of."""
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from deux.errors import DeuxError
+from deux.report.conditions import Conditions, Facts, conditions
+from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
+
+_CONFIG_FILE = Path(".hydra", "config.yaml")
+_OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
+
+_MEASURING = ("experiment", "evaluate")
+"""The tasks whose results belong into the tables."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of an experiment or of the evaluation of a trained model.
+
+    Args:
+        path: its folder.
+        conditions: what it was made of; of an evaluation, what its model was made of and the frames it was tested on.
+        own_testing: the test frames of the training run itself; others than those of `conditions` in a transfer.
+        results: what it found; None if it was begun and is not finished.
+        overrides: what its command said.
+    """
+
+    path: Path
+    conditions: Conditions
+    own_testing: Facts
+    results: Results | None
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def transferred(self) -> bool:
+        """Whether the model was tested on other frames than its training run would have been."""
+        return self.conditions.testing != self.own_testing
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """The errors of a finished run."""
+        assert self.results is not None
+        return self.results.metrics
+
+
+@dataclass(frozen=True)
+class FoundRuns:
+    """What lies below a folder.
+
+    Args:
+        finished: runs with results.
+        begun: experiments without results: stopped, failed or still running.
+        left_out: finished runs that fit into no table, with the reason.
+    """
+
+    finished: tuple[Run, ...]
+    begun: tuple[Run, ...]
+    left_out: tuple[tuple[Path, str], ...]
+
+
+def find_runs(folder: Path) -> FoundRuns:
+    """Read all runs below a folder, or the folder's own.
+
+    Raises:
+        DeuxError: there is no such folder, no finished run, or a run's file is damaged.
+    """
+    if not folder.is_dir():
+        raise DeuxError(f"{folder} is no folder: name one that has runs or sweeps below it.")
+    finished, begun, left_out = [], [], []
+    for path in run_folders(folder):
+        identity = read_identity(path)
+        if identity is not None and identity.get("task") not in _MEASURING:
+            continue
+        if (path / RESULTS_FILE).exists():
+            run = _finished(path, identity)
+            if isinstance(run, str):
+                left_out.append((path, run))
+            else:
+                finished.append(run)
+        elif identity and identity.get("task") == "experiment" and not identity.get("training_data"):
+            made_of = conditions(identity)
+            begun.append(Run(path, made_of, made_of.testing, None, _overrides(path)))
+    if not finished and not left_out:
+        unfinished = f", {len(begun)} begun and not finished" if begun else ""
+        raise DeuxError(
+            f"there is no finished run below {folder}{unfinished}: a run is finished once it has results.json."
+        )
+    return FoundRuns(tuple(finished), tuple(begun), tuple(left_out))
+
+
+def run_folders(folder: Path) -> Iterator[Path]:
+    """Folders of runs at or below a folder, by name; datasets and hidden folders are not looked into."""
+    for found, below, files in os.walk(folder, followlinks=True):
+        below[:] = sorted(name for name in below if not name.startswith("."))
+        if RESULTS_FILE in files or IDENTITY_FILE in files:
+            below.clear()
+            yield Path(found)
+        elif "manifest.json" in files:
+            below.clear()
+
+
+def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
+    """A run with results, or why it fits into no table."""
+    results = Results.load(path)
+    if identity is None:
+        named = {"model": {"name": results.model}, "explore": {"name": results.explore}, "random_seed": results.seed}
+        identity = {"task": "experiment" if results.explore else "evaluate", **named}
+    tested = conditions(identity)
+    trained_by = identity if identity["task"] == "experiment" else (results.trained or {}).get("settings")
+    if not isinstance(trained_by, Mapping):
+        return "it is not known on what its model was trained"
+    if trained_by.get("training_data"):
+        return "its model was trained on a given dataset, which no explorer collected for it"
+    made_of = conditions(trained_by)
+    return Run(path, replace(made_of, testing=tested.testing), made_of.testing, results, _overrides(path))
+
+
+def read_identity(path: Path) -> dict[str, Any] | None:
+    """A run's whole configuration, from `run.json` or else from what Hydra composed; None if neither is there.
+
+    Raises:
+        DeuxError: the file is damaged.
+    """
+    try:
+        if (path / IDENTITY_FILE).exists():
+            found = json.loads((path / IDENTITY_FILE).read_text())
+        elif (path / _CONFIG_FILE).exists():
+            found = OmegaConf.to_container(OmegaConf.load(path / _CONFIG_FILE), resolve=True)
+        else:
+            return None
+        if not isinstance(found, dict):
+            raise TypeError("it holds no options")
+        conditions(found)
+        return found
+    except (OSError, ValueError, TypeError, AttributeError, yaml.YAMLError, OmegaConfBaseException) as error:
+        raise DeuxError(f"the configuration of the run {path} is damaged ({error}): delete the folder.") from error
+
+
+def _overrides(path: Path) -> tuple[str, ...]:
+    """What the run's command said, as far as it is known."""
+    try:
+        said = yaml.safe_load((path / _OVERRIDES_FILE).read_text())
+    except (OSError, ValueError, yaml.YAMLError):
+        return ()
+    return tuple(map(str, said)) if isinstance(said, list) else ()

@@ -1,0 +1,38 @@
+"""Checks that every source of scenes owes its splits: no scene twice, none in two splits, none missing."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+from deux.contracts import SceneReference, SceneSplits
+from deux.errors import DeuxError
+
+SPLITS = ("train", "validation", "test")
+
+
+def make_splits(scenes: Mapping[str, Sequence[SceneReference]]) -> SceneSplits:
+    """The splits of a source, by the names in `SPLITS`.
+
+    Raises:
+        DeuxError: a split lists a scene twice.
+    """
+    for split, references in scenes.items():
+        name, count = Counter(scene.name for scene in references).most_common(1)[0] if references else ("", 0)
+        if count > 1:
+            raise DeuxError(f"scenes.{split} lists {name} {count} times: once is enough.")
+    return SceneSplits(**{split: tuple(scenes.get(split, ())) for split in SPLITS})
+
+
+def check_disjoint(splits: Mapping[str, Sequence[Any]], noun: str, hint: str = "") -> None:
+    """Raise DeuxError if an item, called by the noun, is in two splits; the hint ends the sentence."""
+    for (first, some), (second, others) in combinations(splits.items(), 2):
+        for item in sorted(set(some) & set(others))[:1]:
+            raise DeuxError(f"{noun} {item} is in scenes.{first} and scenes.{second}: it must be in one only{hint}.")
+
+
+def check_not_empty(splits: SceneSplits, needed: Sequence[str]) -> None:
+    """Raise DeuxError if a split that is needed has no scene."""
+    for split in needed:
+        if not getattr(splits, split):
+            raise DeuxError(f"scenes.{split} names no scene: at least one is needed.")

@@ -1,0 +1,216 @@
+"""One walk through a scene, in which measures of uncertainty are held against the depth model's true error."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import torch
+from scipy import stats
+from torch import Tensor
+
+from deux.metrics.sparsification import ause, sparsification_curve
+from deux.geometry.camera import Camera
+from deux.uncertainty import frame_uncertainty
+from deux.contracts import Uncertainty, View
+
+CONTROLS = ("distance", "chance")
+"""Rows beside the measures: pixels in order of their predicted depth, and in an order drawn by lot."""
+
+CELL = 0.5
+"""Edge in metres of a place: a cell of the floor plan."""
+
+CELL_PIXELS = 100
+"""Pixels that a place needs, over all frames, to have an error of its own."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What one measure says of one frame, over the pixels of which it says something and whose true depth is known.
+
+    Args:
+        delta: its uncertainty as one number (Eq. 8).
+        share: of the pixels with true depth that it judges.
+        rank_correlation: Spearman's, of uncertainty and true error over the pixels.
+        ause: area between its sparsification curve and the oracle's.
+        curve: its sparsification curve over the mean error, starting from 1.
+        oracle: likewise of the error itself.
+    """
+
+    delta: float
+    share: float
+    rank_correlation: float
+    ause: float
+    curve: Sequence[float]
+    oracle: Sequence[float]
+
+
+@dataclass(frozen=True)
+class JudgedFrame:
+    """One frame.
+
+    Args:
+        step: its number in the episode.
+        moved: metres that the camera moved since the first source frame.
+        turned: degrees that it turned since then.
+        distance: mean predicted depth in metres.
+        texture: mean absolute difference of neighbouring pixels, images in [0, 1].
+        error: mean absolute error of the depth in mm.
+        judgements: of each measure that says something of the frame.
+    """
+
+    step: int
+    moved: float
+    turned: float
+    distance: float
+    texture: float
+    error: float
+    judgements: Mapping[str, Judgement]
+
+
+@dataclass(frozen=True)
+class Place:
+    """What one measure makes of one cell of the floor plan, over all frames.
+
+    Args:
+        uncertainty: mean of the pixels that show it.
+        error: mean absolute error of their depth in mm.
+    """
+
+    uncertainty: float
+    error: float
+
+
+@dataclass(frozen=True)
+class JudgedScene:
+    """A walk's frames and places.
+
+    Args:
+        scene: the scene's name.
+        frames: in order of time.
+        places: the cells that were seen often enough, for each measure.
+    """
+
+    scene: str
+    frames: Sequence[JudgedFrame]
+    places: Mapping[str, Sequence[Place]]
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Self:
+        """The inverse of `dataclasses.asdict`."""
+        frames = [
+            JudgedFrame(**{**frame, "judgements": {n: Judgement(**j) for n, j in frame["judgements"].items()}})
+            for frame in content["frames"]
+        ]
+        places = {name: [Place(**place) for place in places] for name, places in content["places"].items()}
+        return cls(content["scene"], frames, places)
+
+
+class SceneJudge:
+    """Judges the frames of one walk as they come.
+
+    Args:
+        scene: the scene's name.
+        camera: the robot's camera.
+        measures: that are judged, by name.
+        seed: of the order by chance.
+    """
+
+    def __init__(self, scene: str, camera: Camera, measures: Mapping[str, Uncertainty], seed: int = 0) -> None:
+        self._measures = measures
+        self._scene = scene
+        self._camera = camera
+        self._rng = torch.Generator().manual_seed(seed)
+        self._frames: list[JudgedFrame] = []
+        self._cells: dict[str, dict[tuple[int, int], np.ndarray]] = defaultdict(_cells)
+
+    def see(self, step: int, view: View, truth: np.ndarray, pose: np.ndarray, moved: float, turned: float) -> None:
+        """Judge one frame by all measures.
+
+        Args:
+            step: its number in the episode.
+            view: the frame, in a batch of one.
+            truth: H x W metres, 0 = none.
+            pose: 4 x 4 camera-to-world.
+            moved: metres since the first source frame.
+            turned: degrees since then.
+        """
+        known = (truth > self._camera.min_depth) & (truth < self._camera.max_depth)
+        if not known.any():
+            return
+        depth = view.depth[0, 0].numpy()
+        error = 1000.0 * np.abs(depth - truth)
+        cells = self._cells_of(truth, pose)
+        judgements = {}
+        for name, uncertainty in self.uncertainties(view).items():
+            judged = known & np.isfinite(uncertainty)
+            if judged.sum() > 1 and error[judged].any():
+                share = float(judged.sum() / known.sum())
+                judgements[name] = _judgement(error[judged], uncertainty[judged], share)
+                self._add(name, cells[judged], uncertainty[judged], error[judged])
+        image = view.image[0].numpy()
+        texture = (np.abs(np.diff(image, axis=1)).mean() + np.abs(np.diff(image, axis=2)).mean()) / 2.0
+        mean_error = float(error[known].mean())
+        self._frames.append(
+            JudgedFrame(step, moved, turned, float(depth[known].mean()), float(texture), mean_error, judgements)
+        )
+
+    def uncertainties(self, view: View) -> dict[str, np.ndarray]:
+        """The H x W maps of all measures and controls for the one frame of a view."""
+        controls: dict[str, Tensor] = dict(
+            zip(CONTROLS, (view.depth[:, 0], torch.rand(view.depth[:, 0].shape, generator=self._rng)), strict=True)
+        )
+        maps = {name: measure(view) for name, measure in self._measures.items()} | controls
+        return {name: uncertainty[0].numpy() for name, uncertainty in maps.items()}
+
+    def result(self) -> JudgedScene:
+        """All that was seen."""
+        places = {
+            name: [
+                Place(float(total / pixels), float(error / pixels))
+                for pixels, total, error in cells.values()
+                if pixels >= CELL_PIXELS
+            ]
+            for name, cells in self._cells.items()
+        }
+        return JudgedScene(self._scene, self._frames, places)
+
+    def _cells_of(self, truth: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """The cell of the floor plan that each pixel shows: H x W x 2 integers."""
+        points = (self._camera.rays() * truth[..., None]) @ pose[:3, :3].T + pose[:3, 3]
+        result: np.ndarray = np.floor(points[..., [0, 2]] / CELL).astype(int)
+        return result
+
+    def _add(self, name: str, cells: np.ndarray, uncertainty: np.ndarray, error: np.ndarray) -> None:
+        """Count pixels, N each, in their cells, N x 2."""
+        places, which = np.unique(cells, axis=0, return_inverse=True)
+        sums = [np.bincount(which.ravel(), weights, len(places)) for weights in (None, uncertainty, error)]
+        for place, *values in zip(places, *sums, strict=True):
+            self._cells[name][int(place[0]), int(place[1])] += values
+
+
+def _cells() -> dict[tuple[int, int], np.ndarray]:
+    """The cells of one measure: number of pixels, sum of their uncertainty, sum of their error."""
+    return defaultdict(lambda: np.zeros(3))
+
+
+def _judgement(error: np.ndarray, uncertainty: np.ndarray, share: float) -> Judgement:
+    """Hold the uncertainty of N pixels against their errors."""
+    curve, oracle = sparsification_curve(error, uncertainty), sparsification_curve(error, error)
+    delta = float(frame_uncertainty(torch.from_numpy(uncertainty)[None, None])[0])
+    return Judgement(
+        delta=delta,
+        share=share,
+        rank_correlation=rank_correlation(uncertainty, error),
+        ause=ause(curve, oracle),
+        curve=(curve / oracle[0]).tolist(),
+        oracle=(oracle / oracle[0]).tolist(),
+    )
+
+
+def rank_correlation(first: Sequence[float] | np.ndarray, second: Sequence[float] | np.ndarray) -> float:
+    """Spearman's coefficient; 0 where one side is constant and so orders nothing."""
+    if len(first) < 2 or np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
+        return 0.0
+    return float(stats.spearmanr(first, second).statistic)

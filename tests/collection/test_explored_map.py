@@ -1,0 +1,78 @@
+import numpy as np
+import pytest
+
+from deux.contracts import Robot
+from deux.io.calibration import write_matrix
+from deux.io.images import write_depth
+from deux.io.layout import SequencePaths
+from deux.collection.explored_map import episode_poses, explored_map, mean_uncertainty, seen_area
+from deux.geometry.camera import Camera
+from deux.geometry.poses import camera_pose
+from deux.mapping.occupancy import FREE, OCCUPIED
+
+CAMERA = Camera(width=32, height=32)
+ROBOT = Robot()
+
+
+def wall_ahead(folder, distance: float = 2.0) -> SequencePaths:
+    """One frame at the origin looking along -Z at a wall, above an endless floor."""
+    paths = SequencePaths(folder)
+    rays = CAMERA.rays()
+    with np.errstate(divide="ignore"):
+        floor = np.where(rays[..., 1] > 0, ROBOT.camera_height / rays[..., 1], np.inf)
+    for kind in ("image", "ground_truth", "absolute_pose"):
+        paths.file(kind, "000000").parent.mkdir(parents=True)
+    paths.file("image", "000000").touch()
+    write_depth(paths.file("ground_truth", "000000"), np.minimum(floor, distance).astype(np.float32))
+    write_matrix(paths.file("absolute_pose", "000000"), camera_pose(0.0, ROBOT.camera_height, 0.0, 0.0))
+    return paths
+
+
+def test_without_a_map_of_its_own_the_frames_make_one(tmp_path):
+    paths = wall_ahead(tmp_path / "sequence")
+    explored = explored_map(paths, CAMERA, ROBOT)
+    assert explored.occupancy[explored.frame.cell(0.0, -1.96)] == OCCUPIED
+    assert explored.occupancy[explored.frame.cell(0.0, -1.5)] == FREE
+    assert explored.uncertainty is None
+    assert np.allclose(episode_poses(paths)[0], camera_pose(0.0, ROBOT.camera_height, 0.0, 0.0))
+
+
+def test_the_explorers_own_map_is_preferred(tmp_path):
+    paths = wall_ahead(tmp_path / "sequence")
+    occupancy, uncertainty = np.full((3, 4), 2, np.int8), np.full((3, 4), 0.25, np.float32)
+    np.savez(
+        paths.folder / "map.npz",
+        occupancy=occupancy,
+        uncertainty=uncertainty,
+        origin=np.array([1.0, -2.0]),
+        resolution=np.array(0.1),
+    )
+    explored = explored_map(paths, CAMERA, ROBOT)
+    assert (explored.occupancy == occupancy).all()
+    assert (explored.uncertainty == uncertainty).all()
+    assert (explored.frame.origin_x, explored.frame.origin_z, explored.frame.resolution) == (1.0, -2.0, 0.1)
+
+
+def test_the_area_is_what_the_camera_looks_over(tmp_path):
+    near, far = (
+        seen_area(wall_ahead(tmp_path / name, metres), CAMERA, ROBOT) for name, metres in (("n", 1.0), ("f", 2.0))
+    )
+    # 90 degrees of view up to a wall at distance d: a triangle of d squared, from which the robot's blind spot is cut.
+    assert 0 < near < 1.2
+    assert far - near == pytest.approx(2.0**2 - 1.0**2, rel=0.15)
+
+
+def test_the_area_is_that_of_the_frames_whatever_the_explorer_took_it_for(tmp_path):
+    paths = wall_ahead(tmp_path / "sequence")
+    known = seen_area(paths, CAMERA, ROBOT)
+    occupancy = np.full((300, 400), 2, np.int8)
+    np.savez(paths.folder / "map.npz", occupancy=occupancy, origin=np.zeros(2), resolution=np.array(0.1))
+    assert seen_area(paths, CAMERA, ROBOT) == known
+
+
+def test_the_uncertainty_is_a_mean_over_frames_and_not_over_episodes(tmp_path):
+    found = [wall_ahead(tmp_path / name) for name in ("a", "b", "c")]
+    assert mean_uncertainty(found) is None
+    (found[0].folder / "uncertainty.csv").write_text("step,uncertainty\n0,nan\n1,nan\n2,0.1\n3,0.1\n4,0.1\n")
+    (found[1].folder / "uncertainty.csv").write_text("step,uncertainty\n0,nan\n1,nan\n2,0.5\n")
+    assert mean_uncertainty(found) == pytest.approx(0.2)

@@ -1,0 +1,214 @@
+"""From a specification to a dataset: made once, whatever happens on the way."""
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer, specification, tree
+
+from deux.contracts import Robot
+from deux.collection.pipeline import build_dataset, read_manifest
+from deux.collection.specification import VIEWPOINTS, DatasetSpec
+from deux.collection.verification import VerificationSettings
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+
+
+def build(root: Path, spec: DatasetSpec | None = None) -> Path:
+    return build_dataset(spec or specification(), root, ToySimulator, Wanderer)
+
+
+def test_the_layout_is_that_of_the_void_release(tmp_path: Path) -> None:
+    dataset = build(tmp_path)
+    assert dataset == tmp_path / f"toy-{specification().key()}"
+    kinds = ["image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose"]
+    for sequence in ("kitchen-00", "hall-00"):
+        folder = dataset / "data" / sequence
+        for kind in kinds:
+            suffix = ".txt" if kind == "absolute_pose" else ".png"
+            assert sorted(path.name for path in (folder / kind).iterdir()) == [f"{i:06d}{suffix}" for i in range(8)]
+        assert (folder / "K.txt").exists()
+    lists = {f"train_{kind}.txt" for kind in [*kinds, "intrinsics", "triplets"]}
+    assert {path.name for path in dataset.iterdir()} == lists | {"data", "manifest.json"}
+    for kind in [*kinds, "intrinsics"]:  # each line leads to a file from the folder above, as in the release
+        assert all((tmp_path / line).is_file() for line in (dataset / f"train_{kind}.txt").read_text().splitlines())
+
+
+def test_the_manifest_counts(tmp_path: Path) -> None:
+    spec = specification(verification=VerificationSettings(min_distance=0.1, min_angle=360.0), episodes=2)
+    manifest = read_manifest(build(tmp_path, spec))
+    assert manifest["frames"] == 2 * 2 * 8
+    assert manifest["candidates"] == 2 * 2 * 6
+    assert manifest["rejected"]["no_motion"] > 0
+    assert manifest["triplets"] + sum(manifest["rejected"].values()) == manifest["candidates"]
+    assert manifest["specification"] == json.loads(json.dumps(spec.description()))
+    assert set(manifest["seconds"]) == {"exploration", "sparse depth", "verification", "preprocessing"}
+
+
+def test_triplets_never_cross_episodes(tmp_path: Path) -> None:
+    dataset = build(tmp_path, specification(episodes=3))
+    lines = (dataset / "train_triplets.txt").read_text().splitlines()
+    assert len(lines) == 2 * 3 * 6
+    for line in lines:
+        frames = [Path(image) for image in line.split("\t")]
+        assert len({frame.parents[1] for frame in frames}) == 1
+        target = int(frames[0].stem)
+        assert [int(frame.stem) for frame in frames[1:]] == [target - 1, target - 2]
+
+
+def test_a_finished_dataset_is_returned_at_once(tmp_path: Path) -> None:
+    dataset = build(tmp_path)
+
+    def never(*_: object) -> None:
+        raise AssertionError("nothing is to be made")
+
+    assert build_dataset(specification(), tmp_path, never, never) == dataset  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"name": "other"},
+        {"scenes": (ToyScene("kitchen", "toy-1"),)},
+        {"scenes": (ToyScene("kitchen", "toy-2"), ToyScene("hall", "toy-22"))},
+        {"explorer": "other"},
+        {"explorer_settings": {"greed": 0.5}},
+        {"camera": Camera(width=48, height=40, hfov=91.0)},
+        {"robot": Robot(radius=0.11)},
+        {"renderer": "other"},
+        {"steps": 9},
+        {"episodes": 2},
+        {"sparse": replace(specification().sparse, density=0.01)},
+        {"verification": VerificationSettings(min_points=0.5)},
+        {"seed": 4},
+        {"model": "kbnet-0123"},
+        {"uncertainty": "ssim"},
+        {"together": 2},
+        {"split": "test"},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_any_setting_changes_the_hash(change: dict[str, object]) -> None:
+    assert specification(**change).folder_name != specification().folder_name
+    assert specification(**change).key() == specification(**change).key()
+
+
+def test_every_field_of_the_specification_is_in_its_hash() -> None:
+    assert set(specification().description()) == {"version", *DatasetSpec.__dataclass_fields__}
+
+
+def test_starts_differ_between_scenes_episodes_and_seeds_but_not_between_explorers() -> None:
+    spec = specification()
+    kitchen, hall = spec.scenes
+    seeds = [spec.episode_seed(kitchen, 0), spec.episode_seed(kitchen, 1), spec.episode_seed(hall, 0)]
+    seeds.append(specification(seed=9).episode_seed(kitchen, 0))
+    assert len(set(seeds)) == 4
+    assert specification(explorer="other", model="m").episode_seed(kitchen, 0) == seeds[0]
+
+
+def run_until(root: Path, lines: int) -> None:
+    """Build in a process of its own and kill it after it has told that many steps."""
+    code = f"import toy_world; toy_world.build_slowly({str(root)!r})"
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=environment)
+    assert process.stdout is not None
+    with process:
+        for _ in range(lines):
+            assert process.stdout.readline(), "the process ended before it was killed"
+        process.send_signal(signal.SIGKILL)
+    assert process.returncode == -signal.SIGKILL
+
+
+def test_a_killed_build_goes_on_where_it_was(tmp_path: Path) -> None:
+    spec = specification(model="guess")
+    whole = build_dataset(spec, tmp_path / "whole", ToySimulator, guided_explorer, GuessingModel())
+    written: dict[Path, int] = {}
+    for lines in (3, 14):  # in the middle of the exploration, and of the sparse depth
+        run_until(tmp_path / "cut", lines)
+        partial = next((tmp_path / "cut").glob(".*.partial"))
+        assert {path: path.stat().st_mtime_ns for path in written} == written
+        for pose in partial.glob("data/*/absolute_pose/[0-9]*.txt"):
+            for kind in ("absolute_pose", "image", "ground_truth", "labels"):
+                file = next((pose.parents[1] / kind).glob(f"{pose.stem}.*"))
+                written[file] = file.stat().st_mtime_ns
+    assert not (tmp_path / "cut" / spec.folder_name).exists()
+    made: list[ToySimulator] = []
+
+    def make_simulator(scene: ToyScene) -> ToySimulator:
+        made.append(ToySimulator(scene))
+        return made[-1]
+
+    cut = build_dataset(spec, tmp_path / "cut", make_simulator, guided_explorer, GuessingModel())
+    assert tree(cut) == tree(whole)
+    assert sum(simulator.rendered for simulator in made) <= 16 - len(written) // 4
+    moved = {cut / file.relative_to(partial): time for file, time in written.items()}
+    assert {path: path.stat().st_mtime_ns for path in moved} == moved
+    assert len(moved) >= 4
+
+
+def test_two_builders_of_one_dataset_make_it_once(tmp_path: Path) -> None:
+    made: list[ToySimulator] = []
+
+    def make_simulator(scene: ToyScene) -> ToySimulator:
+        made.append(ToySimulator(scene, delay=0.005))
+        return made[-1]
+
+    def work() -> None:
+        build_dataset(specification(), tmp_path, make_simulator, Wanderer)
+
+    threads = [threading.Thread(target=work) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(made) == len(specification().scenes)
+
+
+def test_a_full_disk_is_one_sentence_and_the_build_can_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write, left = Path.write_bytes, [20]
+
+    def limited(path: Path, content: bytes) -> int:
+        left[0] -= 1
+        if left[0] < 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", limited)
+    with pytest.raises(DeuxError, match="The disk is full"):
+        build(tmp_path / "full")
+    assert not [path for path in (tmp_path / "full").iterdir() if not path.name.startswith(".")]
+    left[0] = 10**6
+    assert tree(build(tmp_path / "full")) == tree(build(tmp_path / "roomy"))
+
+
+def test_a_dataset_without_a_usable_frame_is_an_error(tmp_path: Path) -> None:
+    spec = specification(verification=VerificationSettings(min_distance=100.0, min_angle=400.0))
+    with pytest.raises(DeuxError, match=r"no frame that passes verification \(12 no motion\)"):
+        build(tmp_path, spec)
+    assert not (tmp_path / spec.folder_name).exists()
+
+
+def test_two_scenes_of_one_name_are_an_error(tmp_path: Path) -> None:
+    spec = specification(scenes=(ToyScene("a", "1"), ToyScene("a", "2")))
+    with pytest.raises(DeuxError, match="Two scenes of dataset toy are named a"):
+        build(tmp_path, spec)
+
+
+def test_viewpoints_become_a_test_split_of_one_triplet_each(tmp_path: Path) -> None:
+    spec = specification(explorer=VIEWPOINTS, steps=5, split="test")
+    dataset = build_dataset(spec, tmp_path, ToySimulator)
+    assert len((dataset / "test_triplets.txt").read_text().splitlines()) == 10
+    assert read_manifest(dataset)["candidates"] == 10
+    assert build_dataset(replace(spec, explorer="wanderer", steps=8), tmp_path, ToySimulator, Wanderer) != dataset
+
+
+def test_a_folder_without_manifest_is_no_dataset_of_ours(tmp_path: Path) -> None:
+    with pytest.raises(DeuxError, match=r"holds no readable manifest\.json"):
+        read_manifest(tmp_path)

@@ -1,0 +1,75 @@
+"""Free test poses: uniform over the floor, three frames each, resumable."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
+
+from deux.contracts import Action
+from deux.io.calibration import read_pose
+from deux.collection.viewpoints import MOTIONS, ViewpointsPlan, collect_viewpoints, poses_before
+from deux.errors import DeuxError
+from deux.geometry.poses import motion, yaw_of
+
+
+def poses(dataset: Path) -> np.ndarray:
+    """Viewpoints x 3 frames x 4 x 4."""
+    folders = sorted((dataset / "data").iterdir())
+    return np.array([[read_pose(folder / f"absolute_pose/00000{i}.txt") for i in range(3)] for folder in folders])
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_poses_before_lead_to_the_pose(motion: tuple[Action, ...]) -> None:
+    simulator = ToySimulator()
+    expected = poses_before(0.3, -0.2, 2.0, motion, ROBOT)
+    simulator.reset(*expected[0])
+    for action, pose in zip(motion, expected[1:], strict=True):
+        assert not simulator.step(action)
+        np.testing.assert_allclose(simulator.state, pose, atol=1e-12)
+    assert expected[-1] == (0.3, -0.2, 2.0)
+
+
+def test_viewpoints_spread_over_floor_and_directions(tmp_path: Path) -> None:
+    collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 64)], ToySimulator)
+    final = poses(tmp_path)[:, 2]
+    quadrants = np.bincount(2 * (final[:, 0, 3] > 0) + (final[:, 2, 3] > 0), minlength=4)
+    assert quadrants.min() >= 14  # of 64, 16 on average
+    assert (np.abs(final[:, [0, 2], 3]) < ROOM[1, [0, 2]]).all()
+    yaws = np.histogram([yaw_of(pose) for pose in final], bins=4, range=(-np.pi, np.pi))[0]
+    assert yaws.min() >= 6
+
+
+def test_each_viewpoint_ends_a_motion_with_a_step_forward(tmp_path: Path) -> None:
+    collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 1, 20)], ToySimulator)
+    for first, second, third in poses(tmp_path):
+        moves = [motion(first, second), motion(second, third)]
+        assert all(np.isclose(d, 0.25) ^ np.isclose(a, 10.0, atol=1e-6) for d, a in moves)
+        assert any(np.isclose(d, 0.25) for d, _ in moves)
+
+
+def test_only_missing_viewpoints_are_rendered(tmp_path: Path) -> None:
+    plan = ViewpointsPlan(tmp_path, ToyScene(), 0, 4)
+    made: list[ToySimulator] = []
+
+    def make(scene: ToyScene) -> ToySimulator:
+        made.append(ToySimulator(scene))
+        return made[-1]
+
+    collect_viewpoints([plan], make)
+    before = tree(tmp_path)
+    (plan.paths(2).folder / "absolute_pose/000002.txt").unlink()
+    collect_viewpoints([plan], make)
+    assert tree(tmp_path) == before
+    assert made[1].rendered == 3
+    collect_viewpoints([plan], make)
+    assert len(made) == 2
+
+
+def test_a_scene_without_room_for_a_step_is_an_error(tmp_path: Path) -> None:
+    class Cell(ToySimulator):
+        def step(self, action: Action) -> bool:
+            return True
+
+    with pytest.raises(DeuxError, match="Scene room has no viewpoints"):
+        collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2)], Cell)

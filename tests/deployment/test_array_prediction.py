@@ -1,0 +1,190 @@
+"""`deux.predict` against `DepthModel.predict`, and the mistakes that arrays invite."""
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+import deux
+from deux.contracts import DepthModel, Prediction
+from deux.errors import DeuxError
+from deux.registry import registry
+from deux.deployment.model_files import save_model
+
+SMALL = {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4, 4, 4, 4, 4), "decoder_filters": (8, 8, 8, 8, 4)}
+HEIGHT, WIDTH = 37, 50
+
+
+class Doubling(DepthModel):
+    """Twice the sparse depth, plus the image's red, plus the focal length in thousands of pixels."""
+
+    min_depth = 0.1
+    max_depth = 10.0
+    size_multiple = 16
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+        assert image.dtype == sparse_depth.dtype == intrinsics.dtype == torch.float32
+        assert not torch.is_autocast_enabled("cpu")
+        return Prediction(2 * sparse_depth + image[:, :1] + intrinsics[:, 0, 0].view(-1, 1, 1, 1) / 1000)
+
+
+@pytest.fixture(scope="module")
+def model():
+    torch.manual_seed(0)
+    return registry().create("depth_models", "kbnet", SMALL).eval()
+
+
+def frame(seed: int = 0) -> dict[str, np.ndarray]:
+    """One frame: image H x W x 3 uint8, points at 5 % of the pixels, a camera of 90 degrees."""
+    rng = np.random.default_rng(seed)
+    points = rng.random((HEIGHT, WIDTH)) < 0.05
+    return {
+        "image": rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8),
+        "sparse_depth": np.where(points, rng.uniform(1, 5, (HEIGHT, WIDTH)), 0.0),
+        "intrinsics": np.array([[25.0, 0.0, 24.5], [0.0, 25.0, 18.0], [0.0, 0.0, 1.0]]),
+    }
+
+
+def test_the_formula_arrives_pixel_by_pixel():
+    data = frame()
+    depth = deux.predict(**data, model=Doubling())
+    expected = 2 * data["sparse_depth"] + data["image"][..., 0] / 255 + 0.025
+    assert (depth.shape, depth.dtype) == ((HEIGHT, WIDTH), np.float32)
+    np.testing.assert_allclose(depth, expected, rtol=1e-6)
+
+
+def test_a_frame_equals_the_tensors_prediction(model):
+    data = frame()
+    image = torch.from_numpy(data["image"]).permute(2, 0, 1)[None] / 255
+    points, camera = (torch.from_numpy(data[name])[None].float() for name in ("sparse_depth", "intrinsics"))
+    expected = model.predict(image, points[None], camera)
+    np.testing.assert_array_equal(deux.predict(**data, model=model), expected[0, 0].numpy())
+
+
+def test_colours_as_bytes_or_as_floats_are_the_same(model):
+    data = frame()
+    expected = deux.predict(**data, model=model)
+    for dtype in (np.float32, np.float64):
+        data["image"] = frame()["image"].astype(dtype) / dtype(255)
+        np.testing.assert_allclose(deux.predict(**data, model=model), expected, rtol=1e-5)
+
+
+def test_a_batch_is_its_frames(model):
+    frames = [frame(seed) for seed in range(3)]
+    batch = {name: np.stack([one[name] for one in frames]) for name in frames[0]}
+    batch["intrinsics"][1, 0, 0] = frames[1]["intrinsics"][0, 0] = 30.0
+    depth = deux.predict(**batch, model=model)
+    assert depth.shape == (3, HEIGHT, WIDTH)
+    for one, alone in zip(depth, frames, strict=True):
+        np.testing.assert_allclose(one, deux.predict(**alone, model=model), rtol=1e-4)
+
+
+def test_a_batch_shares_one_camera(model):
+    one = frame()
+    batch = {name: np.stack([one[name], one[name]]) for name in ("image", "sparse_depth")}
+    depth = deux.predict(**batch, intrinsics=one["intrinsics"], model=model)
+    assert depth.shape == (2, HEIGHT, WIDTH)
+    np.testing.assert_allclose(depth[0], depth[1], rtol=1e-5)
+
+
+def test_arrays_of_any_make(model):
+    """Views with negative strides, read-only memory, Pillow's images, lists, tensors; none of them is written to."""
+    data = frame()
+    expected = deux.predict(**data, model=model)
+    mirrored = {"image": data["image"][..., ::-1].copy()[..., ::-1], "sparse_depth": data["sparse_depth"][::-1][::-1]}
+    foreign = {"image": Image.fromarray(data["image"]), "sparse_depth": torch.from_numpy(data["sparse_depth"])}
+    for arrays in (mirrored, foreign, {"intrinsics": data["intrinsics"].tolist()}):
+        np.testing.assert_array_equal(deux.predict(**{**data, **arrays}, model=model), expected)
+    for array in data.values():
+        array.flags.writeable = False
+    np.testing.assert_array_equal(deux.predict(**data, model=model), expected)
+    assert all(np.array_equal(data[name], value) for name, value in frame().items())
+
+
+def test_half_precision_around_it_changes_nothing(model):
+    expected = deux.predict(**frame(), model=model)
+    with torch.autocast("cpu", torch.bfloat16):
+        np.testing.assert_array_equal(deux.predict(**frame(), model=model), expected)
+        deux.predict(**frame(), model=Doubling())
+
+
+def test_a_path_is_a_model(model, tmp_path):
+    save_model(tmp_path / "model.safetensors", model, "kbnet", SMALL)
+    expected = deux.predict(**frame(), model=model)
+    for path in (tmp_path, str(tmp_path), tmp_path / "model.safetensors"):
+        np.testing.assert_array_equal(deux.predict(**frame(), model=path), expected)
+
+
+def test_no_model(tmp_path):
+    with pytest.raises(DeuxError, match=r"^there is no model .*/model\.safetensors: name a file of weights"):
+        deux.predict(**frame(), model=tmp_path)
+    with pytest.raises(DeuxError, match=r"^model is of the type NoneType: it is a depth model, or the path of a run"):
+        deux.predict(**frame(), model=None)
+
+
+def test_far_away_frames_are_no_mistake():
+    data = frame()
+    data["sparse_depth"] *= 15.0
+    assert deux.predict(**data, model=Doubling()).max() > 100.0
+
+
+MISTAKES = {
+    "grey": ("image", lambda x: x[..., 0], "image has the shape 37 x 50: it is H x W x 3 (red, green, blue), or N x"),
+    "channels first": ("image", lambda x: x.transpose(2, 0, 1), "image has the shape 3 x 37 x 50: it is H x W x 3"),
+    "alpha": ("image", lambda x: np.concatenate([x, x[..., :1]], 2), "image has the shape 37 x 50 x 4: it is H x W x"),
+    "empty": ("image", lambda x: x[:0], "image has the shape 0 x 50 x 3: it is H x W x 3"),
+    "scalar": ("image", lambda x: 0.5, "image has the shape a single number: it is H x W x 3"),
+    "16 bits": ("image", lambda x: x.astype(np.uint16), "image is of the type uint16: it is uint8, or floating point"),
+    "bytes as floats": ("image", lambda x: x.astype(float), "image goes from 0 to 255: its values lie in [0, 1]"),
+    "not a number": ("image", lambda x: x * np.nan, "image goes from nan to nan: its values lie in [0, 1]"),
+    "text": ("image", lambda x: "photo.png", "image is of the type <U9: it is an array of numbers."),
+    "ragged": ("image", lambda x: [[1, 2], [3]], "image cannot be made an array (setting an array element"),
+    "other size": (
+        "sparse_depth",
+        lambda x: x[1:],
+        "sparse_depth has the shape 36 x 50: for an image of 37 x 50 x 3 it",
+    ),
+    "with channel": ("sparse_depth", lambda x: x[..., None], "sparse_depth has the shape 37 x 50 x 1: for an image of"),
+    "batched": ("sparse_depth", lambda x: x[None], "sparse_depth has the shape 1 x 37 x 50: for an image of 37 x 50 x"),
+    "integers": (
+        "sparse_depth",
+        lambda x: (1000 * x).astype(np.uint16),
+        "sparse_depth is of the type uint16: it is met",
+    ),
+    "mask": ("sparse_depth", lambda x: x > 0, "sparse_depth is of the type bool: it is metres in floating point"),
+    "millimetres": ("sparse_depth", lambda x: 1000 * x, "the nearest point of sparse_depth is at 10"),
+    "negative": ("sparse_depth", lambda x: -x, "sparse_depth goes from -"),
+    "unknown as nan": ("sparse_depth", lambda x: x / (x > 0), "sparse_depth goes from nan to nan: it is in metres, fi"),
+    "too large": ("sparse_depth", lambda x: x * 1e300, "sparse_depth goes from 0 to inf: it is in metres, finite"),
+    "4 x 4": (
+        "intrinsics",
+        lambda x: np.eye(4),
+        "intrinsics has the shape 4 x 4: for an image of 37 x 50 x 3 it is 3 x 3.",
+    ),
+    "batched camera": ("intrinsics", lambda x: x[None], "intrinsics has the shape 1 x 3 x 3: for an image of 37 x 50 "),
+    "singular": (
+        "intrinsics",
+        np.zeros_like,
+        "intrinsics[0] = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]] is sing",
+    ),
+    "transposed": ("intrinsics", lambda x: x.T, "intrinsics[0] = "),
+}
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_one_sentence(mistake):
+    name, change, sentence = MISTAKES[mistake]
+    data = frame()
+    data[name] = change(data[name])
+    with pytest.raises(DeuxError) as caught:
+        deux.predict(**data, model=Doubling())
+    assert str(caught.value).startswith(sentence)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_camera_for_each_frame_or_one_for_all():
+    data = {name: np.stack([value] * 2) for name, value in frame().items()}
+    data["intrinsics"] = np.stack([data["intrinsics"][0]] * 3)
+    with pytest.raises(DeuxError, match=r"^intrinsics has the shape 3 x 3 x 3: .* it is 3 x 3, or 2 x 3 x 3\.$"):
+        deux.predict(**data, model=Doubling())

@@ -1,0 +1,57 @@
+import pytest
+import torch
+
+from deux.contracts import DepthModel, Prediction
+from deux.inference.precision import FastPredictor, default_device, default_precision
+
+
+@pytest.mark.parametrize(
+    ("amx", "avx512_bf16", "expected"),
+    [(True, True, "bf16-mixed"), (False, True, "bf16-mixed"), (False, False, "32-true")],
+)
+def test_processor(monkeypatch, amx, avx512_bf16, expected):
+    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: amx)
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: avx512_bf16)
+    assert default_precision("cpu") == expected
+
+
+@pytest.mark.parametrize(("native", "expected"), [(True, "bf16-mixed"), (False, "32-true")])
+def test_graphics_card(monkeypatch, native, expected):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda including_emulation: native)
+    assert default_precision("auto") == expected
+
+
+def test_the_device_is_the_processor_without_a_graphics_card(monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert default_device("auto") == torch.device("cpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert default_device("auto") == torch.device("cuda")
+    assert default_device("cpu") == torch.device("cpu")
+
+
+class Multiplied(DepthModel):
+    """A matrix product, which autocast does in the precision that is on."""
+
+    min_depth, max_depth = 0.1, 10.0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.factor = torch.nn.Parameter(torch.eye(8) / 3.0)
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+        self.product = sparse_depth @ self.factor
+        return Prediction(self.product)
+
+
+@pytest.mark.parametrize(("amx", "dtype"), [(True, torch.bfloat16), (False, torch.float32)])
+def test_the_fast_predictor_computes_in_the_fastest_precision_and_answers_in_float32(monkeypatch, amx, dtype):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: amx)
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: False)
+    model = Multiplied()
+    intrinsics = torch.tensor([[8.0, 0.0, 3.5], [0.0, 8.0, 3.5], [0.0, 0.0, 1.0]])[None]
+    depth = FastPredictor(model)(torch.zeros(1, 3, 8, 8), torch.ones(1, 1, 8, 8), intrinsics)
+    assert model.product.dtype == dtype
+    assert depth.dtype == torch.float32
+    assert torch.allclose(depth, torch.full_like(depth, 1 / 3), atol=2e-3)

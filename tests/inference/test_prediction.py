@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+import torch
+
+from deux.contracts import DepthModel, Prediction
+from deux.errors import DeuxError
+from deux.testing.depth_models import camera_data
+from deux.inference.prediction import predict
+
+
+class Recorder(DepthModel):
+    """Keeps what it was called with; predicts the pixel's column, in metres."""
+
+    min_depth = 0.1
+    max_depth = 100.0
+    size_multiple = 16
+
+    def prepare(self, sparse_depth):
+        return {"doubled": 2 * sparse_depth[None]}
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+        self.seen = {"image": image, "sparse_depth": sparse_depth, "validity": validity, **prepared}
+        columns = torch.arange(image.shape[3], dtype=torch.float64)
+        return Prediction(columns.expand(len(image), 1, *image.shape[2:]))
+
+
+def test_pads_to_the_multiple_and_crops():
+    model, data = Recorder(), camera_data((20, 40))
+    depth = predict(model, **data)
+    assert depth.shape == (2, 1, 20, 40)
+    assert depth.dtype == torch.float32
+    assert torch.equal(depth[0, 0, 0], torch.arange(40.0))
+    for value in model.seen.values():
+        assert value.shape[2:] == (32, 48)
+        assert not value[:, :, 20:].any()
+        assert not value[:, :, :, 40:].any()
+    assert torch.equal(model.seen["doubled"], 2 * model.seen["sparse_depth"])
+
+
+def test_outliers_lose_their_validity_but_stay_in_the_sparse_depth():
+    model, data = Recorder(), camera_data((16, 16), points=0.0)
+    data["sparse_depth"][:, :, 8, 8], data["sparse_depth"][:, :, 8, 9] = 2.0, 6.0
+    predict(model, **data)
+    assert model.seen["validity"].sum() == 2
+    assert torch.equal(model.seen["sparse_depth"], data["sparse_depth"])
+
+
+def test_takes_arrays_of_any_precision():
+    data = {name: value.numpy().astype(np.float64) for name, value in camera_data((16, 16)).items()}
+    assert predict(Recorder(), **data).shape == (2, 1, 16, 16)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("image", lambda x: x[0], "image has the shape 3 x 16 x 16"),
+        ("image", lambda x: 255 * x, r"its values lie in \[0, 1\]"),
+        ("image", lambda x: x * torch.nan, "image goes from nan"),
+        ("sparse_depth", lambda x: x[:, 0], "sparse_depth has the shape 2 x 16 x 16: .* 2 x 1 x 16 x 16"),
+        ("sparse_depth", lambda x: -x, "sparse_depth goes from -"),
+        ("sparse_depth", lambda x: x / 0, "sparse_depth goes from"),
+        ("intrinsics", lambda x: x[0], "intrinsics has the shape 3 x 3: for a batch of 2 it is 2 x 3 x 3"),
+        ("intrinsics", torch.zeros_like, r"intrinsics\[0\] = .* is singular"),
+        ("intrinsics", lambda x: x.transpose(1, 2), "no camera matrix"),
+        ("intrinsics", lambda x: x * torch.nan, "no camera matrix"),
+    ],
+)
+def test_impossible_inputs_are_refused(name, change, message):
+    data = camera_data((16, 16), points=0.5)
+    data[name] = change(data[name])
+    with pytest.raises(DeuxError, match=message):
+        predict(Recorder(), **data)
+
+
+def test_mode_comes_back_after_an_error():
+    class Failing(Recorder):
+        def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+            assert not self.training
+            raise RuntimeError("failed")
+
+    model = Failing().train()
+    with pytest.raises(RuntimeError, match="failed"):
+        predict(model, **camera_data((16, 16)))
+    assert model.training

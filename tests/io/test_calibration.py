@@ -1,0 +1,54 @@
+"""Camera matrices in text files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from deux.io.calibration import read_intrinsics, read_pose, write_matrix
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.geometry.poses import camera_pose
+
+
+def test_every_bit_of_a_pose_comes_back(tmp_path: Path) -> None:
+    pose = camera_pose(1 / 3, 1.25, -np.pi, 0.1234567)
+    write_matrix(tmp_path / "p.txt", pose)
+    np.testing.assert_array_equal(read_pose(tmp_path / "p.txt"), pose)
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "p.txt"), pose)
+
+
+def test_a_pose_of_three_rows_is_read(tmp_path: Path) -> None:
+    pose = camera_pose(1.0, 2.0, 3.0, 0.5)
+    np.savetxt(tmp_path / "p.txt", pose[:3])
+    np.testing.assert_array_equal(read_pose(tmp_path / "p.txt"), pose)
+
+
+@pytest.mark.parametrize("text", ["", "1 2 3", "nan " * 16, "one two", "2 0 0 0  0 1 0 0  0 0 1 0"])
+def test_what_is_no_pose_is_refused_by_name(tmp_path: Path, text: str) -> None:
+    (tmp_path / "p.txt").write_text(text)
+    with pytest.raises(DeuxError, match=r"p\.txt"):
+        read_pose(tmp_path / "p.txt")
+
+
+def test_intrinsics_round_trip(tmp_path: Path) -> None:
+    write_matrix(tmp_path / "K.txt", Camera(hfov=77.0).intrinsics)
+    np.testing.assert_array_equal(read_intrinsics(tmp_path / "K.txt"), Camera(hfov=77.0).intrinsics)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0 0 0 0 0 0 0 0 0",
+        "0 0 20 0 30 20 0 0 1",
+        "30 0 20 0 -30 20 0 0 1",
+        "30 0 20 0 30 20 0 0 0",
+        "30 0 20 1 30 20 0 0 1",
+        "inf 0 20 0 30 20 0 0 1",
+        "30 0 20",
+    ],
+)
+def test_singular_and_other_wrong_intrinsics_are_refused_by_name(tmp_path: Path, text: str) -> None:
+    (tmp_path / "K.txt").write_text(text)
+    with pytest.raises(DeuxError, match=r"K\.txt does not hold"):
+        read_intrinsics(tmp_path / "K.txt")

@@ -1,0 +1,52 @@
+import numpy as np
+import pytest
+import torch
+
+from deux.metrics.functional import depth_errors
+from deux.metrics.depth_errors import METRIC_NAMES, DepthMetrics
+
+
+def test_errors_of_one_pixel_by_hand():
+    errors = depth_errors(torch.full((1, 1, 1, 1), 2.5), torch.full((1, 1, 1, 1), 2.0))
+    assert errors["mae"].item() == pytest.approx(500.0)
+    assert errors["rmse"].item() == pytest.approx(500.0)
+    assert errors["imae"].item() == pytest.approx(100.0)  # 1/0.0020 - 1/0.0025 km
+    assert errors["irmse"].item() == pytest.approx(100.0)
+
+
+def rms(values: list[float]) -> float:
+    return (sum(value * value for value in values) / len(values)) ** 0.5
+
+
+def test_errors_agree_with_a_loop_over_pixels():
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(-1.0, 12.0, (3, 1, 7, 5)).clip(0).astype(np.float32)
+    predicted = rng.uniform(0.2, 9.0, truth.shape).astype(np.float32)
+    errors = depth_errors(torch.from_numpy(predicted), torch.from_numpy(truth), 0.2, 5.0)
+    for image in range(3):
+        pairs = [(p, t) for p, t in zip(predicted[image].flat, truth[image].flat, strict=True) if 0.2 < t < 5.0]
+        absolute = [abs(float(p) - float(t)) * 1e3 for p, t in pairs]
+        inverse = [abs(1 / float(p) - 1 / float(t)) * 1e3 for p, t in pairs]
+        assert errors["mae"][image].item() == pytest.approx(sum(absolute) / len(pairs))
+        assert errors["rmse"][image].item() == pytest.approx((sum(a * a for a in absolute) / len(pairs)) ** 0.5)
+        assert errors["imae"][image].item() == pytest.approx(sum(inverse) / len(pairs))
+        assert errors["irmse"][image].item() == pytest.approx((sum(i * i for i in inverse) / len(pairs)) ** 0.5)
+
+
+def test_the_range_is_open_at_both_ends():
+    truth = torch.tensor([0.1, 10.0, 1.0]).reshape(1, 1, 1, 3)
+    assert depth_errors(truth + 1.0, truth, 0.1, 10.0)["mae"].item() == pytest.approx(1000.0)
+    assert depth_errors(torch.ones(1, 1, 1, 2), truth[..., :2], 0.1, 10.0)["mae"].isnan().all()
+
+
+def test_metric_averages_images_not_pixels_and_leaves_out_images_without_truth():
+    metric = DepthMetrics()
+    truth = torch.zeros(3, 1, 1, 4)
+    truth[0] = 2.0  # four pixels, error 1 m
+    truth[1, ..., 0] = 2.0  # one pixel, error 1 m as well
+    predicted = torch.full_like(truth, 3.0)
+    predicted[1] = 5.0  # error 3 m
+    metric.update(predicted[:1], truth[:1])
+    metric.update(predicted[1:], truth[1:])
+    assert metric.compute()["mae"].item() == pytest.approx(2000.0)
+    assert tuple(metric.compute()) == METRIC_NAMES

@@ -1,0 +1,26 @@
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from deux.metrics.intervals import estimate
+
+
+def test_the_interval_is_students():
+    values = np.random.default_rng(0).normal(3.0, 2.0, 20)
+    mean, half_width = estimate(values.tolist())
+    reference = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    assert (mean - half_width, mean + half_width) == pytest.approx((reference.low, reference.high))
+
+
+def test_it_holds_the_true_mean_19_times_in_20():
+    rng = np.random.default_rng(1)
+    found = [estimate(rng.normal(1.0, 1.0, 5).tolist()) for _ in range(2000)]
+    assert np.mean([abs(mean - 1.0) <= half_width for mean, half_width in found]) == pytest.approx(0.95, abs=0.015)
+
+
+def test_one_value_says_nothing_of_its_spread_and_none_nothing_at_all():
+    assert estimate([4.0]).mean == 4.0
+    assert math.isnan(estimate([4.0]).half_width)
+    assert math.isnan(estimate([]).mean)

@@ -1,0 +1,76 @@
+import numpy as np
+import pytest
+import torch
+
+from deux.contracts import Batch, DepthModel, Prediction
+from deux.errors import DeuxError
+from deux.metrics.model_errors import evaluate
+from deux.metrics.functional import depth_errors
+from deux.figures.samples import depth_samples
+from deux.geometry.scaffolding import interpolate
+
+
+class Constant(DepthModel):
+    """Predicts the same depth everywhere."""
+
+    min_depth, max_depth = 0.1, 10.0
+
+    def __init__(self, depth: float) -> None:
+        super().__init__()
+        self.depth = torch.nn.Parameter(torch.tensor(depth))
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+        return Prediction(self.depth.expand_as(sparse_depth))
+
+
+def batch(seed: int = 0, frames: int = 2, size: int = 16) -> Batch:
+    rng = np.random.default_rng(seed)
+    truth = torch.from_numpy(rng.uniform(1.0, 4.0, (frames, 1, size, size))).float()
+    sparse = torch.where(torch.from_numpy(rng.random(truth.shape) < 0.2), truth, 0.0)
+    image = torch.from_numpy(rng.random((frames, 3, size, size))).float()
+    intrinsics = torch.tensor([[8.0, 0.0, 7.5], [0.0, 8.0, 7.5], [0.0, 0.0, 1.0]]).expand(frames, 3, 3)
+    still = torch.eye(4).expand(frames, 2, 4, 4)
+    sources = image[:, None].expand(-1, 2, -1, -1, -1)
+    return Batch(image, sources, sparse, (sparse > 0).float(), sparse, intrinsics, still, ground_truth=truth)
+
+
+def test_the_model_and_both_baselines_are_measured_on_the_same_frames():
+    batches = [batch(0), batch(1)]
+    counted = []
+    found = evaluate(Constant(2.0), batches, progress=counted.append)
+    assert (found.images, counted) == (4, [2, 2])
+    frames = [(b.ground_truth[i : i + 1], b.sparse_depth[i, 0].numpy()) for b in batches for i in range(2)]
+    mine = np.mean([depth_errors(torch.full_like(truth, 2.0), truth)["mae"].item() for truth, _ in frames])
+    linear = [torch.from_numpy(interpolate(sparse))[None, None] for _, sparse in frames]
+    theirs = np.mean(
+        [depth_errors(dense, truth)["rmse"].item() for dense, (truth, _) in zip(linear, frames, strict=True)]
+    )
+    assert found.metrics["mae"] == pytest.approx(mine)
+    assert found.baseline["rmse"] == pytest.approx(theirs)
+    assert found.constant["mae"] > 0
+
+
+def test_a_frame_without_points_keeps_the_baselines_finite():
+    empty = batch()
+    empty.sparse_depth = torch.zeros_like(empty.sparse_depth)
+    found = evaluate(Constant(2.0), [empty])
+    assert all(np.isfinite(value) for value in (*found.baseline.values(), *found.constant.values()))
+
+
+def test_it_says_what_is_missing():
+    blind = batch()
+    blind.ground_truth = None
+    with pytest.raises(DeuxError, match="loaded without it"):
+        evaluate(Constant(2.0), [blind])
+    with pytest.raises(DeuxError, match="none of the 0 test frames"):
+        evaluate(Constant(2.0), [])
+    with pytest.raises(DeuxError, match=r"none of the 2 test frames has ground truth between 5\.0 and 6\.0 m"):
+        evaluate(Constant(2.0), [batch()], min_depth=5.0, max_depth=6.0)
+
+
+def test_samples_hold_what_the_model_saw_and_a_robot_that_stood_still_leaves_no_residual():
+    samples = depth_samples(Constant(2.0), batch())
+    assert len(samples) == 2
+    assert samples[0].rgb.dtype == np.uint8
+    assert (samples[0].predicted_depth == 2.0).all()
+    assert np.nanmax(samples[0].residual) < 1e-4

@@ -1,0 +1,291 @@
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from deux.errors import DeuxError
+from deux_plugins.scenes.files import check_scene_file, file_identity, load_scene
+
+SQUARE = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 4], [0, 0, 4]], np.float32)
+TWO_TRIANGLES = np.array([0, 1, 2, 0, 2, 3], np.uint16)
+GLTF_UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)  # origin at the image's top left
+CORNER_COLORS = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [9, 8, 7, 255]], np.uint8)
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """wall.png, 16 x 8 pixels of noise."""
+    pixels = np.random.default_rng(6).integers(0, 255, (8, 16, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "wall.png")
+    return pixels
+
+
+def write_gltf(path: Path) -> Path:
+    """A file with every way to colour a square, two nodes for one mesh, and a line.
+
+    Meshes: 0 textured and tinted, 1 the same texture untinted, 2 a base colour, 3 vertex colours, 4 a line, 5 nothing.
+    """
+    blobs = [SQUARE, TWO_TRIANGLES, GLTF_UV, CORNER_COLORS]
+    types = [(5126, "VEC3"), (5123, "SCALAR"), (5126, "VEC2"), (5121, "VEC4")]
+    path.with_suffix(".bin").write_bytes(b"".join(blob.tobytes() for blob in blobs))
+    offsets = np.cumsum([0, *(blob.nbytes for blob in blobs)])[:-1].tolist()
+    corners, textured = {"POSITION": 0}, {"POSITION": 0, "TEXCOORD_0": 2}
+    primitives = [
+        {"attributes": textured, "indices": 1, "material": 0},
+        {"attributes": textured, "indices": 1, "material": 1},
+        {"attributes": corners, "indices": 1, "material": 2},
+        {"attributes": {**corners, "COLOR_0": 3}, "indices": 1},
+        {"attributes": corners, "mode": 1},
+        {"attributes": corners, "indices": 1},
+    ]
+    nodes = [{"mesh": k, "translation": [5.0 * k, 0, 0]} for k in range(6)]
+    nodes.append({"mesh": 0, "translation": [0, 0, 5], "scale": [2, 2, 2]})
+    texture = {"index": 0}
+    materials = [
+        {
+            "name": "tinted",
+            "pbrMetallicRoughness": {"baseColorTexture": texture, "baseColorFactor": [1, 0.5, 0, 1]},
+        },
+        {"name": "plain", "pbrMetallicRoughness": {"baseColorTexture": texture}},
+        {"name": "paint", "pbrMetallicRoughness": {"baseColorFactor": [0.2, 0.4, 0.6, 1]}},
+    ]
+    header = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": list(range(len(nodes)))}],
+        "nodes": nodes,
+        "meshes": [{"primitives": [primitive]} for primitive in primitives],
+        "materials": materials,
+        "textures": [{"source": 0}],
+        "images": [{"uri": "wall.png"}],
+        "buffers": [{"uri": path.with_suffix(".bin").name, "byteLength": sum(blob.nbytes for blob in blobs)}],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": offset, "byteLength": blob.nbytes}
+            for offset, blob in zip(offsets, blobs, strict=True)
+        ],
+        "accessors": [
+            {
+                "bufferView": k,
+                "componentType": component,
+                "type": kind,
+                "count": blob.size if kind == "SCALAR" else 4,
+            }
+            for k, (blob, (component, kind)) in enumerate(zip(blobs, types, strict=True))
+        ],
+    }
+    header["accessors"][0] |= {"min": [0, 0, 0], "max": [4, 0, 4]}
+    path.write_text(json.dumps(header))
+    return path
+
+
+def texel(texture, uv):
+    """The pixel under texture coordinates, as trimesh rounds them."""
+    height, width = texture.shape[:2]
+    columns = (uv[:, 0] * (width - 1)).round().astype(int) % width
+    rows = ((1 - uv[:, 1]) * (height - 1)).round().astype(int) % height
+    return texture[rows, columns]
+
+
+def test_gltf_colours_transforms_and_instances(tmp_path, picture):
+    mesh = load_scene(write_gltf(tmp_path / "rooms.gltf")).mesh
+    assert len(mesh.faces) == 2 * 6, "six squares; the line is left out"
+    by_name = {material.name: material for material in mesh.materials}
+    tinted, plain, paint = by_name["tinted"], by_name["plain"], by_name["paint"]
+    assert (tinted.color, plain.color, paint.color) == ((255, 128, 0), (255, 255, 255), (51, 102, 153))
+    assert sum(material.texture is not None for material in mesh.materials) == 2
+    np.testing.assert_array_equal(plain.texture, picture)
+    assert tinted.texture is plain.texture, "one image is kept once"
+
+    corners = mesh.triangles.reshape(-1, 6, 3)
+    extents = sorted(map(tuple, np.concatenate([corners.min(axis=1), corners.max(axis=1)], axis=1)[:, [0, 2, 3, 5]]))
+    assert extents == [
+        (0, 0, 4, 4),
+        (0, 5, 8, 13),
+        (5, 0, 9, 4),
+        (10, 0, 14, 4),
+        (15, 0, 19, 4),
+        (25, 0, 29, 4),
+    ]
+
+    # The corner at the origin has the picture's top left pixel, (u, v) = (0, 1) from the bottom left.
+    at_origin = np.argwhere((mesh.triangles == 0).all(axis=2))[0]
+    np.testing.assert_array_equal(mesh.uv[tuple(at_origin)], [0, 1])
+
+
+def test_gltf_vertex_colours(tmp_path, picture):
+    mesh = load_scene(write_gltf(tmp_path / "rooms.gltf")).mesh
+    for x, z, color in [(15, 0, CORNER_COLORS[0]), (19, 4, CORNER_COLORS[2])]:
+        here = (mesh.vertices == (x, 0, z)).all(axis=1)
+        np.testing.assert_array_equal(mesh.vertex_colors[here], [color[:3]])
+    painted = (mesh.vertices[:, 0] >= 10) & (mesh.vertices[:, 0] <= 14)
+    assert (mesh.vertex_colors[painted] == 255).all(), "vertices without a colour change nothing"
+
+
+def test_obj_with_material_library(tmp_path, picture):
+    (tmp_path / "flat.mtl").write_text("newmtl wall\nKd 0 0 0\nmap_Kd wall.png\nnewmtl red\nKd 1 0 0\n")
+    square = "v 0 0 0\nv 4 0 0\nv 4 0 4\nv 0 0 4\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    faces = "usemtl wall\nf 1/1 2/2 3/3\nusemtl red\nf 1/1 3/3 4/4\n"
+    (tmp_path / "flat.obj").write_text("mtllib flat.mtl\n" + square + faces)
+    mesh = load_scene(tmp_path / "flat.obj").mesh
+    by_name = {material.name: material for material in mesh.materials}
+    np.testing.assert_array_equal(by_name["wall"].texture, picture)
+    assert by_name["wall"].color == (255, 255, 255), "a textured material's Kd is not to be relied on"
+    assert (by_name["red"].color, by_name["red"].texture) == ((255, 0, 0), None)
+    wall = [mesh.materials[k].name == "wall" for k in mesh.face_material]
+    np.testing.assert_array_equal(np.sort(mesh.uv[wall].reshape(-1, 2), axis=0), [[0, 0], [1, 0], [1, 1]])
+
+
+def test_ply_face_colours_are_not_blended(tmp_path):
+    box = trimesh.creation.box([4, 4, 4])
+    colors = np.random.default_rng(4).integers(0, 255, (12, 4), dtype=np.uint8)
+    box.visual.face_colors = colors
+    box.export(tmp_path / "box.ply")
+    mesh = load_scene(tmp_path / "box.ply").mesh
+    np.testing.assert_array_equal(mesh.vertex_colors[mesh.faces], np.repeat(colors[:, None, :3], 3, axis=1))
+    np.testing.assert_allclose(mesh.triangles, box.triangles)
+
+
+def test_a_file_without_colours_is_grey(tmp_path):
+    (tmp_path / "bare.obj").write_text("v 0 0 0\nv 4 0 0\nv 4 0 4\nf 1 2 3\n")
+    mesh = load_scene(tmp_path / "bare.obj").mesh
+    assert mesh.vertex_colors is None
+    (material,) = mesh.materials
+    assert material.texture is None
+    assert len(set(material.color)) == 1
+
+
+def test_z_up_files_are_turned(tmp_path):
+    box = trimesh.creation.box(bounds=[[0, 0, 0], [5, 2, 3]])
+    box.export(tmp_path / "box.ply")
+    turned = load_scene(tmp_path / "box.ply", up="z")
+    np.testing.assert_allclose(turned.mesh.bounds, [[0, 0, -2], [5, 3, 0]])
+    assert turned.identity != load_scene(tmp_path / "box.ply").identity
+    corner = load_scene(tmp_path / "box.ply").mesh.vertices, turned.mesh.vertices
+    np.testing.assert_allclose(corner[1], np.stack([corner[0][:, 0], corner[0][:, 2], -corner[0][:, 1]], axis=1))
+
+
+def test_identity_is_the_content_not_the_place(tmp_path, picture):
+    first, second = tmp_path, tmp_path / "copy"
+    second.mkdir()
+    one = write_gltf(first / "rooms.gltf")
+    for name in ("rooms.gltf", "rooms.bin", "wall.png"):
+        (second / name).write_bytes((first / name).read_bytes())
+    assert file_identity(one) == file_identity(second / "rooms.gltf")
+    assert file_identity(one) == load_scene(one).identity
+    assert file_identity(one).startswith("file:")
+    Image.fromarray(picture[::-1]).save(second / "wall.png")
+    assert file_identity(one) != file_identity(second / "rooms.gltf"), "its textures are part of a scene"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("missing.glb", None, "no scene file"),
+        ("scene.fbx", b"", "must end in one of"),
+        ("broken.glb", b"glTF nothing", "cannot be read"),
+        ("broken.gltf", b"{", "cannot be read"),
+        ("broken.ply", b"ply\nformat", "cannot be read"),
+        ("empty.obj", b"v 0 0 0\n", "nothing to see"),
+        ("wall.obj", b"v 0 0 0\nv 4 0 0\nv 4 3 0\nf 1 2 3\n", "no floor"),
+        ("inches.obj", b"v 0 0 0\nv 4000 0 0\nv 4000 0 4000\nf 1 2 3\n", "is it in metres"),
+        ("paint.obj", b"mtllib paint.mtl\nv 0 0 0\nv 4 0 0\nv 4 0 4\nf 1 2 3\n", r"needs paint\.mtl"),
+    ],
+)
+def test_mistakes_are_named_with_the_file(tmp_path, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(DeuxError, match=message) as error:
+        load_scene(tmp_path / name)
+    assert str(tmp_path / name) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("part", ["wall.png", "rooms.bin"])
+def test_a_missing_or_broken_part_is_named(tmp_path, picture, part):
+    path = write_gltf(tmp_path / "rooms.gltf")
+    content = (tmp_path / part).read_bytes()
+    (tmp_path / part).write_bytes(content[: len(content) // 2])
+    with pytest.raises(DeuxError, match="cannot be read"):
+        load_scene(path)
+    (tmp_path / part).unlink()
+    with pytest.raises(DeuxError, match=f"needs {part}"):
+        load_scene(path)
+
+
+def test_textures_that_trimesh_would_skip_are_an_error(tmp_path, picture):
+    path = write_gltf(tmp_path / "rooms.gltf")
+    header = json.loads(path.read_text())
+    header["images"] = [{"uri": "wall.png", "mimeType": "image/ktx2"}]
+    path.write_text(json.dumps(header))
+    with pytest.raises(DeuxError, match="KTX2"):
+        load_scene(path)
+
+
+def test_a_misspelt_file_name_gets_its_neighbour(tmp_path):
+    (tmp_path / "small_house.glb").touch()
+    with pytest.raises(DeuxError, match=r"did you mean small_house\.glb"):
+        check_scene_file(tmp_path / "smal_house.glb")
+
+
+def test_small_house_has_the_colours_that_trimesh_samples(shared_data, small_house):
+    mesh = small_house.mesh
+    loaded = trimesh.load_scene(shared_data("scenes") / "small_house.glb")
+    rng, first = np.random.default_rng(5), 0
+    for node in loaded.graph.nodes_geometry:
+        geometry = loaded.geometry[loaded.graph[node][1]]
+        faces = rng.integers(0, len(geometry.faces), 20)
+        weights = rng.dirichlet([1, 1, 1], 20)
+        material = mesh.materials[mesh.face_material[first + faces[0]]]
+        uv = np.einsum("fk,fkc->fc", weights, geometry.visual.uv[geometry.faces[faces]])
+        expected = geometry.visual.material.to_color(uv)[..., :3]
+        if material.texture is None:
+            np.testing.assert_array_equal(material.color, expected)
+        else:
+            assert material.color == (255, 255, 255)
+            ours = texel(material.texture, np.einsum("fk,fkc->fc", weights, mesh.uv[first + faces]))
+            # float32 coordinates may round to the neighbouring pixel.
+            assert (ours == expected).all(axis=1).mean() >= 0.9
+        first += len(geometry.faces)
+    assert first == len(mesh.faces) == 145_937
+    assert sum(material.texture is None for material in mesh.materials) == 2
+
+
+def test_small_house_has_the_colours_that_habitat_renders(shared_data, small_house, house_caster):
+    mesh = small_house.mesh
+    with np.load(shared_data("habitat") / "pose_05.npz") as view:
+        rgb, depth, world_to_camera = view["rgb"], view["depth"], view["camera_matrix_world_to_cam"]
+    v, u = np.mgrid[4:400:8, 4:400:8].reshape(2, -1)
+    rays = np.stack([(u + 0.5 - 200) / 200, -(v + 0.5 - 200) / 200, -np.ones(len(u))], axis=-1)
+    camera_to_world = np.linalg.inv(world_to_camera)
+    origins = np.tile(camera_to_world[:3, 3], (len(u), 1))
+    hits = house_caster.cast(origins, rays @ camera_to_world[:3, :3].T)
+    met = hits.face >= 0
+    np.testing.assert_allclose(hits.distance[met], depth[v, u][met], rtol=0, atol=0.05)
+    error = []
+    for k in np.flatnonzero(met):
+        face = hits.face[k]
+        material = mesh.materials[mesh.face_material[face]]
+        color = np.array(material.color, float)
+        if material.texture is not None:
+            b, c = hits.barycentric[k]
+            uv = np.array([1 - b - c, b, c]) @ mesh.uv[face]
+            color = color * texel(material.texture, uv[None])[0] / 255
+        error.append(np.abs(color - rgb[v[k], u[k]]).mean())
+    assert np.median(error) < 3.0
+    assert np.mean(error) < 15.0
+
+
+def test_lounge_has_its_vertex_colours(shared_data, lounge):
+    content = (shared_data("scenes") / "lounge.ply").read_bytes()
+    start = content.index(b"end_header\n") + len(b"end_header\n")
+    vertex = struct.Struct("<dddBBB")  # as its header says: x, y, z, red, green, blue
+    for index in (0, 1000, 100_000):
+        values = vertex.unpack_from(content, start + index * vertex.size)
+        np.testing.assert_allclose(lounge.mesh.vertices[index], values[:3], rtol=1e-6)
+        np.testing.assert_array_equal(lounge.mesh.vertex_colors[index], values[3:])
+    assert lounge.name == "lounge"
+    assert len(lounge.mesh.faces) == 500_000

@@ -1,0 +1,62 @@
+import pytest
+
+from deux.errors import DeuxError
+from deux.report.contents import read_contents
+
+
+def test_runs_become_the_papers_three_tables(write_run, outputs, names, here, there):
+    for seed in range(2):
+        for explorer in ("random", "frontier", "deux"):
+            write_run(explorer, "kbnet", seed, 20.0, folder="one")
+            write_run(explorer, "kbnet", seed, 30.0, place=there, trained_in=here, folder="three")
+        for explorer in ("random", "deux"):
+            write_run(explorer, "kbnet", seed, 25.0, place=there, folder="two")
+    contents = read_contents(outputs, names, starred=["deux"])
+    assert [section.title for section in contents.sections] == [
+        "Table I: Depth completion on the apartments test set",
+        "Table II: Depth completion on the files hall test set",
+        "Table III: Zero-shot transfer: trained on apartments, tested on files hall",
+    ]
+    assert [section.table.name for section in contents.sections] == ["table1", "table2", "table3"]
+    rows = [row.labels[1] for row in contents.sections[1].table.parts[1]]
+    assert rows == ["Random", "DEUX", "DEUX*"]
+    assert (contents.finished, contents.missing) == (16, 0)
+    swapped = read_contents(outputs, names, first="files hall")
+    assert [section.title.partition(" set")[0] for section in swapped.sections[:2]] == [
+        "Table I: Depth completion on the files hall test",
+        "Table II: Depth completion on the apartments test",
+    ]
+
+
+def test_other_budgets_get_tables_of_their_own(write_run, outputs, names):
+    for explorer in ("random", "deux"):
+        write_run(explorer, "kbnet", 0, 20.0)
+    write_run("deux", "kbnet", 0, 20.0, folder="long", training__steps=900, collect__steps=150)
+    first, second = read_contents(outputs, names).sections
+    assert second.title == f"{first.title}, with collect.steps=150, training.steps=900"
+    assert (first.table.name, second.table.name) == ("table1", "table1_2")
+
+
+def test_missing_runs_and_commands_are_listed(write_run, write_sweep, outputs, names):
+    write_sweep(["explore=deux,random", "model=kbnet,voiced", "random_seed=0,1,2"])
+    write_run("random", "kbnet", 0, 20.0)
+    write_run("deux", "kbnet", 2, None)
+    write_run("frontier", "kbnet", 0, 20.0, folder="alone", overrides=("explore=frontier", "scenes.test=[1, 2]"))
+    write_sweep(["explore=novelty", "random_seed=5,6"], folder="never")
+    contents = read_contents(outputs, names)
+    (section,) = contents.sections
+    assert "Random, VOICED: seeds 0, 1, 2" in section.missing
+    assert "DEUX, KBNet: seeds 0, 1, 2 (begun: 2)" in section.missing
+    assert [line.partition(",")[0] for line in section.missing] == ["Random"] * 2 + ["Frontier"] + ["DEUX"] * 2
+    assert contents.missing == len(section.comparison.missing)
+    assert section.commands == (
+        "python -m deux -m explore=deux,random model=kbnet,voiced random_seed=0,1,2",
+        "python -m deux explore=frontier 'scenes.test=[1, 2]'",
+    )
+    assert contents.notes == ("Nothing is finished of 2 runs: python -m deux -m explore=novelty random_seed=5,6",)
+
+
+def test_an_unknown_first_dataset_is_a_mistake(write_run, outputs, names):
+    write_run("random", "kbnet", 0, 20.0)
+    with pytest.raises(DeuxError, match=r"report\.first=mp3d is no dataset"):
+        read_contents(outputs, names, first="mp3d")

@@ -1,0 +1,90 @@
+from html.parser import HTMLParser
+
+import pytest
+from PIL import Image
+
+from deux.report.contents import read_contents
+from deux.report.figures import Picture
+from deux.report.page import html_page
+
+VOID = {"meta", "img", "br", "link"}
+
+
+class Reader(HTMLParser):
+    """Checks that elements nest, and collects what they refer to and the cells of the tables."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.references: list[str] = []
+        self.ids: set[str] = set()
+        self.rows: list[list[str]] = []
+        self.marked: dict[str, list[str]] = {"b": [], "u": []}
+        self.text = ""
+
+    def handle_starttag(self, tag, attrs):
+        named = dict(attrs)
+        self.references += [named[key] for key in ("src", "href", "srcset", "data") if key in named]
+        self.ids |= {named["id"]} if "id" in named else set()
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+        if {"td", "th"} & set(self.open):
+            self.rows[-1][-1] += data
+        if self.open and self.open[-1] in self.marked:
+            self.marked[self.open[-1]].append(data)
+
+
+@pytest.fixture
+def page(write_run, write_sweep, outputs, names, tmp_path):
+    write_sweep(["explore=deux,random", "random_seed=0,1"])
+    write_run("random", "kbnet", 0, 20.0)
+    write_run("random", "kbnet", 1, 22.0)
+    write_run("deux", "kbnet", 0, 15.0)
+    write_run("<wall> & co", "kbnet", 0, 99.0)
+    Image.new("RGB", (8, 8), "red").save(tmp_path / "a.png")
+    contents = read_contents(outputs, names)
+    reader = Reader()
+    text = html_page(contents, {"table1": [Picture(tmp_path / "a.png", 'A "picture" <b>')]})
+    reader.feed(text)
+    reader.close()
+    return text, reader
+
+
+def test_it_is_well_formed_and_refers_to_nothing_outside(page):
+    text, reader = page
+    assert reader.open == []
+    assert text.startswith("<!DOCTYPE html>")
+    for reference in reader.references:
+        assert reference.startswith("data:image/png;base64,") or reference.removeprefix("#") in reader.ids
+    assert len(reader.references) == 2
+    assert "http" not in text
+    assert "url(" not in text
+    assert "@import" not in text
+    assert "<script" not in text
+
+
+def test_numbers_and_marks_are_in_their_cells(page):
+    _, reader = page
+    rows = {row[0]: row[1:] for row in reader.rows}
+    assert rows["Random"][0] == "21.0 ± 12.7 (n=2)"  # t(0.975, 1) = 12.706, s / sqrt(2) = 1
+    assert rows["DEUX"][0] == "15.0"
+    assert rows["<wall> & co"][0] == "99.0"
+    assert "15.0" in reader.marked["b"]
+    assert "21.0" in reader.marked["u"]
+
+
+def test_it_tells_what_is_missing_and_how_the_runs_were_made(page):
+    _, reader = page
+    assert "DEUX, KBNet: seed 1" in reader.text
+    assert "python -m deux -m explore=deux,random random_seed=0,1" in reader.text
+    assert "4 finished runs, 2 missing" in reader.text

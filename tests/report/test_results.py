@@ -1,0 +1,48 @@
+import json
+
+import pytest
+from rich.console import Console
+
+from deux.errors import DeuxError
+from deux.report.results import Results
+
+ERRORS = {"mae": 1.0, "rmse": 2.0, "imae": 3.0, "irmse": 4.0}
+
+
+def results(**changes) -> Results:
+    values = {"model": "kbnet", "explore": "deux", "seed": 3, "frames": 12, "seconds": {"collect": 1.5}}
+    errors = {"metrics": ERRORS, "baseline": ERRORS, "constant": ERRORS}
+    return Results(**{**values, **errors, **changes})
+
+
+def test_round_trip(tmp_path):
+    results().save(tmp_path)
+    assert Results.load(tmp_path) == results()
+    assert not list(tmp_path.glob("*.partial"))
+    assert json.loads((tmp_path / "results.json").read_text())["metrics"] == ERRORS
+
+
+def test_results_of_a_version_that_knew_no_rounds_are_read(tmp_path):
+    rounds = [{"round": 1, "step": 40, "frames": 12, "area": 8.5, "uncertainty": None, "mae": 250.0}]
+    results(rounds=rounds).save(tmp_path)
+    assert Results.load(tmp_path).rounds == rounds
+    content = json.loads((tmp_path / "results.json").read_text())
+    del content["rounds"]
+    (tmp_path / "results.json").write_text(json.dumps(content))
+    assert Results.load(tmp_path) == results()
+
+
+def test_reading_says_what_is_wrong(tmp_path):
+    with pytest.raises(DeuxError, match="holds no finished run"):
+        Results.load(tmp_path)
+    (tmp_path / "results.json").write_text('{"model": 1}')
+    with pytest.raises(DeuxError, match="no results file of deux"):
+        Results.load(tmp_path)
+
+
+def test_the_table_marks_the_lowest_error():
+    console = Console(width=140, color_system="standard", force_terminal=True)
+    with console.capture() as capture:
+        console.print(results(baseline={**ERRORS, "mae": 0.5}).table())
+    assert "\x1b[1m0.5\x1b[0m" in capture.get()
+    assert "\x1b[1m1.0\x1b[0m" not in capture.get()

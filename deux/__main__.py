@@ -29,8 +29,8 @@ from deux.configuration import (
     in_sweep,
     register_configuration,
 )
-from deux.io.atomic import write_failure
 from deux.errors import DeuxError, near_matches
+from deux.io.atomic import write_failure
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 

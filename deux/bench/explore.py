@@ -14,15 +14,24 @@ from deux.bench.installed import installed
 from deux.bench.report import Table, Value
 from deux.bench.scenes import flat
 from deux.bench.timing import Spread, Stopwatch, in_turn, times_the_slowest
-from deux.contracts import Action, DepthModel, Episode, Explorer, ExplorerMap, Frame, Observation, Robot
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import MODEL_NEEDS, explore
+from deux.contracts import (
+    Action,
+    DepthModel,
+    DepthPredictor,
+    Episode,
+    Explorer,
+    ExplorerMap,
+    Frame,
+    Observation,
+    Robot,
+    Scene,
+)
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.registry import registry
-from deux.contracts import Scene
 from deux.simulator.mesh_simulator import MeshSimulator
-from deux.contracts import DepthPredictor
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ from deux.bench.timing import Spread, in_turn, rate, times_the_slowest
 from deux.contracts import Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux_plugins.scenes.files import check_scene_file
-from deux_plugins.scenes.files import FileReference
 from deux.simulator.renderers import RENDERERS, make_renderer
+from deux_plugins.scenes.files import FileReference, check_scene_file
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import numpy as np
 import torch
 
 from deux.bench.scenes import flat
-from deux.contracts import Action, Batch, DepthModel, Frame, Robot
 from deux.collection.sparse import SparseSettings, sample_sparse
+from deux.contracts import Action, Batch, DepthModel, Frame, Robot
 from deux.data.triplets import collate
 from deux.geometry.camera import Camera
 from deux.geometry.poses import source_from_target

@@ -4,11 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deux.contracts import Robot
+from deux.contracts import Robot, Scene, SceneMesh
 from deux.geometry.poses import camera_pose
 from deux.scenes.free_space import free_space
-from deux.contracts import SceneMesh
-from deux.contracts import Scene
 from deux.scenes.sources import ApartmentReference, SceneReference
 from deux.simulator.starts import random_starts
 

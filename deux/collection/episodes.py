@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from deux.collection.perception import SOURCES, Percept
+from deux.collection.walk import Walk
 from deux.contracts import Explorer, Frame, SceneReference, Simulator
+from deux.errors import DeuxError
 from deux.io.atomic import write_atomically, write_json
 from deux.io.frames import FrameWriter, prepare_folders, read_frame
 from deux.io.layout import SequencePaths
-from deux.collection.perception import SOURCES, Percept
-from deux.collection.walk import Walk
-from deux.errors import DeuxError
-
 
 MakeSimulator = Callable[[SceneReference], Simulator]
 """Makes the simulator of a scene."""

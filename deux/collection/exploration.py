@@ -3,15 +3,14 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from deux.contracts import Need, Uncertainty
 from deux.collection.episodes import EpisodePlan, EpisodeRun, MakeExplorer, MakeSimulator
-from deux.io.frames import FrameWriter
 from deux.collection.perception import Percept, perceive
+from deux.collection.sparse import SparseSettings
+from deux.contracts import DepthPredictor, Need, Uncertainty
+from deux.errors import DeuxError
+from deux.io.frames import FrameWriter
 from deux.io.processes import in_processes
 from deux.io.progress import Progress, ignore_progress
-from deux.collection.sparse import SparseSettings
-from deux.errors import DeuxError
-from deux.contracts import DepthPredictor
 
 MODEL_NEEDS = frozenset({Need.PREDICTED_DEPTH, Need.RESIDUAL})
 """The needs that take a depth model."""

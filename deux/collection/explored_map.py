@@ -7,12 +7,12 @@ from zipfile import BadZipFile
 import numpy as np
 
 from deux.contracts import ExplorerMap, Robot
-from deux.io.calibration import read_pose
-from deux.io.images import read_depth
-from deux.io.layout import SequencePaths
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
+from deux.io.calibration import read_pose
+from deux.io.images import read_depth
+from deux.io.layout import SequencePaths
 from deux.mapping.occupancy import OccupancyMap
 
 

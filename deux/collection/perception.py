@@ -7,11 +7,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from deux.contracts import Frame, Uncertainty
 from deux.collection.sparse import SparseSettings, sample_sparse
+from deux.contracts import DepthPredictor, Frame, Uncertainty, View
 from deux.geometry.poses import source_from_target
 from deux.uncertainty import frame_uncertainty, make_view
-from deux.contracts import DepthPredictor, View
 
 SOURCES = 2
 """Frames before the present one that it is rebuilt from."""

@@ -7,19 +7,19 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from deux.io.atomic import make_folder, write_json
 from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
 from deux.collection.exploration import explore
-from deux.io.layout import sequences
-from deux.io.locking import locked
 from deux.collection.preprocessing import write_lists
-from deux.io.progress import Progress, ignore_progress
 from deux.collection.sparse import sample_sequences
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
 from deux.collection.verification import verify_sequences
 from deux.collection.viewpoints import ViewpointsPlan, collect_viewpoints
-from deux.errors import DeuxError
 from deux.contracts import DepthPredictor
+from deux.errors import DeuxError
+from deux.io.atomic import make_folder, write_json
+from deux.io.layout import sequences
+from deux.io.locking import locked
+from deux.io.progress import Progress, ignore_progress
 
 MANIFEST = "manifest.json"
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from deux.collection.verification import Rejection
 from deux.io.atomic import write_atomically
 from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, SequencePaths, list_file, neighbours
-from deux.collection.verification import Rejection
 
 
 def write_lists(

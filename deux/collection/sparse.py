@@ -9,11 +9,11 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from deux.errors import check_range
 from deux.io.atomic import make_folder
 from deux.io.images import read_depth, read_image, write_depth
 from deux.io.layout import SequencePaths
 from deux.io.progress import Progress, ignore_progress
-from deux.errors import check_range
 
 _GRID = 8
 """Corners are spread over a grid of this many cells along either side of the image."""

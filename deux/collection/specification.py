@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
-from deux.contracts import SceneReference
 from deux.collection.sparse import SparseSettings
 from deux.collection.verification import VerificationSettings
+from deux.contracts import SceneReference
 from deux.registry import PluginChoice
 from deux.simulator.simulation import Simulation
 

@@ -9,14 +9,14 @@ from enum import StrEnum
 
 import numpy as np
 
+from deux.collection.sparse import SparseSettings, point_count
+from deux.errors import DeuxError, check_range
+from deux.geometry.poses import motion
 from deux.io.atomic import write_json
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import read_depth, read_image
 from deux.io.layout import SequencePaths, neighbours
 from deux.io.progress import Progress, ignore_progress
-from deux.collection.sparse import SparseSettings, point_count
-from deux.errors import DeuxError, check_range
-from deux.geometry.poses import motion
 
 
 class Rejection(StrEnum):

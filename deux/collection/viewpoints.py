@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import Action, Frame, Robot, SceneReference, Simulator
 from deux.collection.episodes import MakeSimulator
+from deux.contracts import Action, Frame, Robot, SceneReference, Simulator
+from deux.errors import DeuxError
+from deux.geometry.grid import FreeSpace
+from deux.geometry.stratify import stratify
 from deux.io.frames import FrameWriter, prepare_folders
 from deux.io.images import quantise_depth
 from deux.io.layout import SequencePaths, frame_name
 from deux.io.progress import Progress, ignore_progress
-from deux.errors import DeuxError
-from deux.geometry.grid import FreeSpace
-from deux.geometry.stratify import stratify
 
 MOTIONS = (
     (Action.FORWARD, Action.FORWARD),

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from deux.collection.perception import Percept
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Frame, Need, Observation, Simulator
 from deux.io.images import quantise_depth
-from deux.collection.perception import Percept
 from deux.simulator.starts import random_starts
 
 

@@ -1,4 +1,4 @@
-"""The contract of scenes: geometry and appearance, a locator that is cheap to keep and send, and where scenes come from."""
+"""The contract of scenes: geometry and appearance, a locator that is cheap to keep and send, and their sources."""
 
 from __future__ import annotations
 

@@ -7,8 +7,8 @@ import torch
 from numpy.typing import ArrayLike
 
 from deux.contracts import DepthModel
-from deux.errors import DeuxError
 from deux.deployment.model_files import load_model
+from deux.errors import DeuxError
 
 OTHER_UNIT = 10.0
 """If even the nearest point lies this many times beyond the model's range, the points are not in metres."""

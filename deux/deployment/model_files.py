@@ -13,8 +13,8 @@ from torch import Tensor, nn
 
 from deux import __version__
 from deux.contracts import DepthModel
-from deux.io.atomic import write_atomically
 from deux.errors import DeuxError
+from deux.io.atomic import write_atomically
 from deux.options import full_settings
 from deux.registry import registry
 

@@ -11,9 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from deux.contracts import DepthModel
+from deux.deployment.model_files import load_weights
 from deux.errors import DeuxError
 from deux.registry import registry
-from deux.deployment.model_files import load_weights
 
 PREFIX = "module."
 """What DataParallel puts before every name; some published files have it, some do not."""

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from deux.compilation import compiled
 from deux.errors import DeuxError, check_range
 from deux.geometry.grid import GridFrame
 from deux.mapping.occupancy import FREE, OCCUPIED, UNKNOWN
@@ -66,7 +66,7 @@ def egocentric_crop(
     return _crop(occupancy, visited, lattice, (pose[0, 3], pose[2, 3]), (forward[0], forward[1]), edge, pixels)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _crop(occupancy, visited, lattice, place, forward, edge, pixels):  # type: ignore[no-untyped-def]
     origin_x, origin_z, resolution = lattice
     rows, columns = occupancy.shape

@@ -7,8 +7,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from deux.contracts import COLOR, DEPTH, Channel, Channels, Episode, Need, Reward, Robot, SceneReference, SceneSource
 from deux.configuration import compose
+from deux.contracts import COLOR, DEPTH, Channel, Channels, Episode, Need, Reward, Robot, SceneReference, SceneSource
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
 from deux.environment.scene_pool import ScenePool

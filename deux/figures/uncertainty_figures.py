@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from deux.figures.drawing import ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
-from deux.studies.judged_scene import CONTROLS
 from deux.metrics.sparsification import REMOVED
+from deux.studies.judged_scene import CONTROLS
 from deux.studies.uncertainty_study import MOVED, Kept, UncertaintyStudy
 
 

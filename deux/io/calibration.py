@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.io.atomic import read_bytes, write_atomically
 from deux.errors import DeuxError
+from deux.io.atomic import read_bytes, write_atomically
 
 
 def write_matrix(path: Path, matrix: np.ndarray) -> None:

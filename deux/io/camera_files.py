@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from deux.errors import DeuxError
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_intrinsics, read_intrinsics
 from deux.io.images import DEPTH_SCALE, read_depth
-from deux.errors import DeuxError
 
 ARRAY_SUFFIX = ".npy"
 

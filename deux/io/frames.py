@@ -7,11 +7,11 @@ from types import TracebackType
 import numpy as np
 
 from deux.contracts import Frame
+from deux.errors import DeuxError
 from deux.io.atomic import make_folder
 from deux.io.calibration import read_pose, write_matrix
 from deux.io.images import read_depth, read_image, read_labels, write_depth, write_image, write_labels
 from deux.io.layout import SequencePaths, frame_name
-from deux.errors import DeuxError
 
 _MOST_PENDING = 8
 """Frames that may wait to be written before the collector has to wait for them."""

@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from deux.io.atomic import read_bytes, write_atomically
 from deux.errors import DeuxError
+from deux.io.atomic import read_bytes, write_atomically
 
 DEPTH_SCALE = 256.0
 """Stored depth values per metre."""

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from deux.compilation import compiled
 from deux.contracts import Robot
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
@@ -169,7 +169,7 @@ class OccupancyMap:
         self.cells[window][inside] = OCCUPIED if log_odds > 0 else FREE
 
 
-@njit(cache=True)
+@compiled
 def _classify(depth, pose, lens, floor, band, max_range, lattice, shape):  # type: ignore[no-untyped-def]
     """What each pixel shows, its distance along the floor, and the cells that obstacles fall into."""
     f, cx, cy = lens
@@ -219,7 +219,7 @@ def _classify(depth, pose, lens, floor, band, max_range, lattice, shape):  # typ
     return kinds, ranges, hits
 
 
-@njit(cache=True)
+@compiled
 def _relabel_feet(kinds, depth, hits, pose, lens, lattice):  # type: ignore[no-untyped-def]
     """Make the foot of an obstacle, which is as low as the floor, part of the obstacle.
 
@@ -238,7 +238,7 @@ def _relabel_feet(kinds, depth, hits, pose, lens, lattice):  # type: ignore[no-u
                     kinds[v, u] = _OBSTACLE
 
 
-@njit(cache=True)
+@compiled
 def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, relative, log_odds, cells, views, seen):  # type: ignore[no-untyped-def]
     """Add one frame's evidence to every cell within range of the camera."""
     f, cx, cy = lens

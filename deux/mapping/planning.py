@@ -8,7 +8,8 @@ import heapq
 import math
 
 import numpy as np
-from numba import njit
+
+from deux.compilation import compiled
 
 _SQRT2 = math.sqrt(2.0)
 
@@ -47,7 +48,7 @@ def path_length(path: np.ndarray) -> float:
     return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
 
-@njit(cache=True)
+@compiled
 def line_is_clear(traversable: np.ndarray, start: tuple[int, int], end: tuple[int, int]) -> bool:
     """Whether every cell under the straight line between two cells' centres is traversable."""
     rows, columns = end[0] - start[0], end[1] - start[1]
@@ -60,7 +61,7 @@ def line_is_clear(traversable: np.ndarray, start: tuple[int, int], end: tuple[in
     return True
 
 
-@njit(cache=True)
+@compiled
 def _may_step(traversable, row, column, down, right):  # type: ignore[no-untyped-def]
     """Whether the step from (row, column) stays inside, on traversable cells, and cuts no corner."""
     to_row, to_column = row + down, column + right
@@ -71,13 +72,13 @@ def _may_step(traversable, row, column, down, right):  # type: ignore[no-untyped
     return down == 0 or right == 0 or (traversable[to_row, column] and traversable[row, to_column])
 
 
-@njit(cache=True)
+@compiled
 def _octile(rows, columns):  # type: ignore[no-untyped-def]
     """Length of the shortest obstacle-free path over a displacement in cells."""
     return max(rows, columns) + (_SQRT2 - 1.0) * min(rows, columns)
 
 
-@njit(cache=True)
+@compiled
 def _astar(traversable, start_row, start_column, goal_row, goal_column):  # type: ignore[no-untyped-def]
     """N x 2 path, empty if there is none."""
     rows, columns = traversable.shape
@@ -122,7 +123,7 @@ def _astar(traversable, start_row, start_column, goal_row, goal_column):  # type
     return path
 
 
-@njit(cache=True)
+@compiled
 def _dijkstra(traversable, start_row, start_column):  # type: ignore[no-untyped-def]
     """Distances from the start to all cells, rows x columns."""
     rows, columns = traversable.shape

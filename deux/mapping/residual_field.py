@@ -7,8 +7,8 @@ from typing import Protocol
 
 import cv2
 import numpy as np
-from numba import njit
 
+from deux.compilation import compiled
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
 from deux.mapping.growing_grid import GrowingGrid
@@ -174,7 +174,7 @@ class SurfaceResidualField:
         return 1.0 - np.exp(-self._cells["total"] / np.maximum(count, 1)), count > 0
 
 
-@njit(cache=True)
+@compiled
 def _project(depth, residual, pose, lens, max_range, lattice, total, count):  # type: ignore[no-untyped-def]
     """Add each pixel's residual to the cell that its point falls into."""
     f, cx, cy = lens

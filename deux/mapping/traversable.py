@@ -4,8 +4,8 @@ import math
 
 import cv2
 import numpy as np
-from numba import njit
 
+from deux.compilation import compiled
 from deux.mapping.occupancy import FREE, OCCUPIED, UNKNOWN
 from deux.mapping.planning import line_is_clear
 
@@ -45,7 +45,7 @@ def process_map(
     return traversable
 
 
-@njit(cache=True)
+@compiled
 def approaches(
     open_cells: np.ndarray, distance: np.ndarray, cells: np.ndarray, reach: int
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -9,9 +9,9 @@ from torch import Tensor
 
 from deux.contracts import Batch, DepthModel
 from deux.errors import DeuxError
+from deux.geometry.scaffolding import interpolate
 from deux.metrics.baseline import constant
 from deux.metrics.depth_errors import DepthMetrics
-from deux.geometry.scaffolding import interpolate
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from deux.io.atomic import write_atomically
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError, check_range
+from deux.io.atomic import write_atomically
 from deux.policies.network import PolicyNetwork
 
 POLICY_FILE = "policy.safetensors"

@@ -15,9 +15,9 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor, VecNormalize
 from torch import Tensor
 
-from deux.io.progress import Progress, ignore_progress
 from deux.environment.exploration_env import ExplorationEnv
 from deux.errors import DeuxError
+from deux.io.progress import Progress, ignore_progress
 from deux.policies.network import FEATURES, MapEncoder, PolicyNetwork
 from deux.policies.ppo_settings import PPOSettings
 from deux.policies.training_state import CHECKPOINT_FILE, TrainingState, load_training_state, save_training_state

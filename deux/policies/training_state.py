@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from deux.io.atomic import read_bytes, write_atomically
 from deux.errors import DeuxError
+from deux.io.atomic import read_bytes, write_atomically
 
 CHECKPOINT_FILE = "checkpoint.pt"
 """Its name in a run folder."""

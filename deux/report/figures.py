@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from deux.io.atomic import make_folder, write_atomically
 from deux.figures.drawing import hide_ticks, new_figure, save_figure
+from deux.io.atomic import make_folder, write_atomically
 from deux.report.comparison import Comparison
 from deux.report.names import Key, Names
 from deux.report.runs import Run

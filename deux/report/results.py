@@ -8,8 +8,8 @@ from typing import Any
 
 from rich.table import Table
 
-from deux.io.atomic import write_json
 from deux.errors import DeuxError
+from deux.io.atomic import write_json
 from deux.metrics.depth_errors import METRIC_NAMES
 
 RESULTS_FILE = "results.json"

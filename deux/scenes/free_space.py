@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
+from deux.contracts import SceneMesh
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace, GridFrame
-from deux.contracts import SceneMesh
 from deux.scenes.ray_caster import RayCaster
 
 if TYPE_CHECKING:

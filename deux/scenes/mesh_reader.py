@@ -10,8 +10,8 @@ from trimesh.visual import ColorVisuals, TextureVisuals
 from trimesh.visual.color import to_rgba
 from trimesh.visual.material import PBRMaterial
 
-from deux.errors import DeuxError
 from deux.contracts import Material, SceneMesh
+from deux.errors import DeuxError
 
 GREY = (160, 160, 160)  # of surfaces whose file says nothing of their colour
 

@@ -9,9 +9,7 @@ from scipy.spatial import cKDTree
 
 from deux.contracts import SceneMesh
 
-NO_OBJECTS = frozenset(
-    {"wall", "floor", "ceiling", "door frame", "door", "window", "stairs", "unlabeled", "undefined"}
-)
+NO_OBJECTS = frozenset({"wall", "floor", "ceiling", "door frame", "door", "window", "stairs", "unlabeled", "undefined"})
 """Names of labels whose faces belong to no object: the building's, and those that say nothing."""
 
 

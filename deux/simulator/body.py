@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import ndimage
 
+from deux.compilation import compiled
 from deux.geometry.grid import FreeSpace, GridFrame
 
 SUBSTEP = 0.1  # of a cell: how far the body moves between two looks at the floor
@@ -88,12 +88,12 @@ def _ground(free: np.ndarray) -> Ground:
     return Ground(free, away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9))
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _is_free(free: np.ndarray, column: int, row: int) -> bool:
     return 0 <= row < free.shape[0] and 0 <= column < free.shape[1] and free[row, column]
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _can_go(free: np.ndarray, x: float, y: float, dx: float, dy: float) -> bool:
     """Whether a point at (x, y), in cells, can go by (dx, dy), each less than a cell, in a straight line."""
     column, row = math.floor(x), math.floor(y)
@@ -106,7 +106,7 @@ def _can_go(free: np.ndarray, x: float, y: float, dx: float, dy: float) -> bool:
     )
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _slide(
     ground: Ground, x: float, y: float, heading_x: float, heading_y: float, distance: float
 ) -> tuple[float, float]:
@@ -133,7 +133,7 @@ def _slide(
     return x, y
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _detour(
     free: np.ndarray, x: float, y: float, along_x: float, along_y: float, away_x: float, away_y: float
 ) -> float:

@@ -3,8 +3,8 @@
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 
+from deux.compilation import compiled
 from deux.contracts import SceneMesh
 from deux.geometry.camera import Camera
 from deux.scenes.ray_caster import Hits, RayCaster
@@ -59,7 +59,7 @@ class EmbreeRenderer:
 
 
 # By hand and not `rays @ rotation.T`: BLAS keeps its threads spinning for long after so small a product.
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _world_rays(rays: np.ndarray, rotation: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Turn camera rays (N x 3 float32) into the world; also their origins, the camera's centre N times."""
     directions = np.empty_like(rays)

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from deux.geometry.camera import Camera
 from deux.contracts import SceneMesh
+from deux.geometry.camera import Camera
 from deux.simulator.egl_context import EGLContext, load_pyrender
 from deux.simulator.renderers import RenderedImage
 

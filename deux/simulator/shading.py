@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from deux.compilation import compiled
 from deux.contracts import SceneMesh
 from deux.simulator.textures import TexturePyramids, pack_textures, trilinear_lookup
 
@@ -57,7 +57,7 @@ def prepare_surfaces(mesh: SceneMesh) -> Surfaces:
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def mip_level(
     ray: np.ndarray,
     right: np.ndarray,
@@ -98,7 +98,7 @@ def mip_level(
     return 0.5 * math.log2(longest)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def shade(
     face: np.ndarray,
     barycentric: np.ndarray,

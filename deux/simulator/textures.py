@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numba import njit
 
+from deux.compilation import compiled
 from deux.contracts import Material
 
 
@@ -58,7 +58,7 @@ def pack_textures(materials: Sequence[Material]) -> TexturePyramids:
     return TexturePyramids(texels, offsets, sizes, material_texture)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def bilinear_lookup(
     texels: np.ndarray, offset: int, height: int, width: int, s: float, t: float
 ) -> tuple[float, float, float]:
@@ -87,7 +87,7 @@ def bilinear_lookup(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled(nogil=True, error_model="numpy")
 def trilinear_lookup(
     texels: np.ndarray, offsets: np.ndarray, height: int, width: int, s: float, t: float, level: float
 ) -> tuple[float, float, float]:

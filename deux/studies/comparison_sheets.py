@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from deux.studies.explorer_comparison import Comparison
-from deux.studies.exploration_meter import REWARD
 from deux.metrics.intervals import Estimate
 from deux.report.sheet import Cell, Sheet, estimate_cell
+from deux.studies.exploration_meter import REWARD
+from deux.studies.explorer_comparison import Comparison
 
 _MEAN = "mean ± half the 95 % t interval over the scenes"
 

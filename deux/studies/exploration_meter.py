@@ -9,9 +9,9 @@ import numpy as np
 from deux.contracts import Action, Episode, Need, Reward, Robot
 from deux.environment.egocentric import Crops
 from deux.environment.memory import ExplorationMemory
-from deux.studies.eye import Eye, Look
 from deux.geometry.grid import FreeSpace
 from deux.mapping.occupancy import FREE, OccupancyMap
+from deux.studies.eye import Eye, Look
 
 SEEN_PIXELS = 10
 """Pixels, of the 64 x 64 of a frame, in which an object has to appear to count as seen: a quarter of a percent."""

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deux.studies.exploration_meter import MEASURES, REWARD, Exploration
 from deux.metrics.intervals import Estimate, estimate
+from deux.studies.exploration_meter import MEASURES, REWARD, Exploration
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from deux.contracts import Frame
+from deux.contracts import Frame, Scene
 from deux.geometry.camera import Camera
 from deux.scenes.objects import find_objects
-from deux.contracts import Scene
 from deux.simulator.embree_renderer import EmbreeRenderer
 
 PIXELS = 64

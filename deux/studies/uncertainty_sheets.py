@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
-from deux.studies.judged_scene import CONTROLS
 from deux.report.sheet import Cell, Sheet, estimate_cell
+from deux.studies.judged_scene import CONTROLS
 from deux.studies.uncertainty_study import CAUSES, MOVED, Kept, UncertaintyStudy
 
 _MEAN = "mean ± half the 95 % t interval over the scenes"
@@ -29,7 +29,9 @@ def measures_sheet(study: UncertaintyStudy, kept: Kept = "all") -> Sheet:
         numbers.append(("ρ places", [study.places(name) for name in names], 2, max))
     columns = [[estimate_cell(study.share(name, kept), 0, factor=100.0) for name in names]]
     for _, values, digits, best in numbers:
-        winner = best((value.mean for value in values[: len(study.measures)] if math.isfinite(value.mean)), default=math.nan)
+        winner = best(
+            (value.mean for value in values[: len(study.measures)] if math.isfinite(value.mean)), default=math.nan
+        )
         columns.append([estimate_cell(value, digits, bold=value.mean == winner) for value in values])
     frames = _KEPT[kept].format(count=study.count(kept))
     title = f"Uncertainty against the true error (ρ: rank correlation), {frames}, {_MEAN}"

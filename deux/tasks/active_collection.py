@@ -8,15 +8,17 @@ from pathlib import Path
 from lightning import Callback
 from torch import Tensor
 
-from deux.io.atomic import make_folder, write_json
+from deux.collection.explored_map import mean_uncertainty, seen_area
+from deux.collection.pipeline import read_manifest
+from deux.contracts import DepthPredictor
 from deux.data.datamodule import TripletDataModule
+from deux.deployment.model_files import load_model, save_model
+from deux.figures.drawing import save_figure
+from deux.figures.round_curve import draw_rounds
+from deux.io.atomic import make_folder, write_json
 from deux.io.layout import sequences
 from deux.io.locking import locked
-from deux.collection.pipeline import read_manifest
-from deux.figures.drawing import save_figure
-from deux.collection.explored_map import mean_uncertainty, seen_area
 from deux.metrics.depth_errors import DepthMetrics
-from deux.figures.round_curve import draw_rounds
 from deux.tasks.console import say, stop_bars
 from deux.tasks.datasets import round_dataset
 from deux.tasks.given import weights_identity
@@ -24,9 +26,7 @@ from deux.tasks.run_folder import ROUNDS, RunFolder
 from deux.tasks.sections import ActiveCollectionSettings
 from deux.tasks.settings import PluginChoice, Settings
 from deux.training.active_collection import ActiveCollection
-from deux.deployment.model_files import load_model, save_model
 from deux.training.rounds import Round, RoundRequest, Share
-from deux.contracts import DepthPredictor
 
 _ROUNDS_FILE = "rounds.json"
 

@@ -7,28 +7,28 @@ from typing import Any
 import numpy as np
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder
-from deux.io.atomic import write_atomically, write_json
 from deux.collection.perception import perceive
+from deux.configuration import run_folder
+from deux.contracts import SceneReference
 from deux.environment.memory import RESOLUTION
 from deux.errors import DeuxError
-from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
-from deux.studies.comparison_sheets import gains_sheet, measures_sheet, rewards_sheet
 from deux.figures.drawing import save_figure
-from deux.studies.eye import SceneEye
-from deux.report.results import RESULTS_FILE
 from deux.figures.trajectory_grid import Trajectory, draw_trajectory_grid
 from deux.geometry.poses import camera_pose
+from deux.inference.precision import FastPredictor
+from deux.io.atomic import write_atomically, write_json
 from deux.mapping.occupancy import OccupancyMap
+from deux.report.results import RESULTS_FILE
 from deux.scenes.free_space import free_space
-from deux.contracts import SceneReference
+from deux.studies.comparison_sheets import gains_sheet, measures_sheet, rewards_sheet
+from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
+from deux.studies.eye import SceneEye
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.contenders import Contenders, find_contenders
 from deux.tasks.contest import Contest, Perception, hold_contest
 from deux.tasks.given import given_model, weights_identity
 from deux.tasks.run_folder import EPISODES, RunFolder
 from deux.tasks.settings import Settings
-from deux.inference.precision import FastPredictor
 
 
 def run(cfg: DictConfig) -> None:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from deux.contracts import Explorer, Reward
 from deux.collection.exploration import MODEL_NEEDS
+from deux.contracts import Explorer, Reward
 from deux.errors import DeuxError
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.registry import registry

@@ -8,23 +8,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from deux.contracts import Frame, Robot
-from deux.io.atomic import make_folder, read_bytes, write_json
 from deux.collection.exploration import MODEL_NEEDS
 from deux.collection.perception import SOURCES, Percept
-from deux.io.processes import in_processes
-from deux.io.progress import Progress
 from deux.collection.specification import episode_seed
 from deux.collection.walk import Walk
+from deux.contracts import Frame, Robot, SceneReference
 from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError
-from deux.studies.explorer_comparison import ExplorationEpisode
-from deux.studies.exploration_meter import Exploration, ExplorationMeter
-from deux.studies.eye import Eye, SceneEye
 from deux.geometry.camera import Camera
 from deux.geometry.poses import yaw_of
-from deux.contracts import SceneReference
+from deux.io.atomic import make_folder, read_bytes, write_json
+from deux.io.processes import in_processes
+from deux.io.progress import Progress
 from deux.simulator.mesh_simulator import MeshSimulator
+from deux.studies.exploration_meter import Exploration, ExplorationMeter
+from deux.studies.explorer_comparison import ExplorationEpisode
+from deux.studies.eye import Eye, SceneEye
 from deux.tasks.contenders import RewardStates, make_rewards
 from deux.tasks.settings import PluginChoice
 

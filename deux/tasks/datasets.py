@@ -6,17 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from deux.contracts import DepthModel, Robot, Simulator
 from deux.collection.exploration import MODEL_NEEDS
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.collection.specification import VIEWPOINTS, DatasetSpec, Split
+from deux.contracts import DepthModel, DepthPredictor, Robot, Simulator
 from deux.geometry.camera import Camera
+from deux.inference.precision import FastPredictor
 from deux.scenes.sources import SceneReference, synthetic_scenes
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.tasks.console import progress, say
 from deux.tasks.settings import PluginChoice, Settings
-from deux.inference.precision import FastPredictor
-from deux.contracts import DepthPredictor
 
 
 def explored_dataset(

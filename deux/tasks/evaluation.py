@@ -2,19 +2,19 @@
 
 from pathlib import Path
 
+from deux.collection.explored_map import episode_poses, explored_map
 from deux.contracts import DepthModel
 from deux.data.datamodule import TripletDataModule
-from deux.io.layout import sequences
 from deux.data.triplets import TripletDataset, collate
 from deux.figures.depth_panels import draw_depth_panels
 from deux.figures.drawing import save_figure
-from deux.metrics.model_errors import Evaluation, evaluate
-from deux.collection.explored_map import episode_poses, explored_map
 from deux.figures.samples import depth_samples
 from deux.figures.trajectory import draw_trajectory
+from deux.inference.precision import default_device
+from deux.io.layout import sequences
+from deux.metrics.model_errors import Evaluation, evaluate
 from deux.tasks.console import progress
 from deux.tasks.settings import Settings
-from deux.inference.precision import default_device
 
 PANEL_ROWS = 4
 """Test frames that the figure shows."""

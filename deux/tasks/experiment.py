@@ -2,8 +2,8 @@
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder
 from deux.collection.pipeline import read_manifest
+from deux.configuration import run_folder
 from deux.report.results import RESULTS_FILE, Results
 from deux.tasks.active_collection import read_rounds
 from deux.tasks.collect import collect

@@ -3,11 +3,11 @@
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder
+from deux.deployment.onnx_export import ONNX_FILE, check_packages, export_onnx
 from deux.io.atomic import make_folder, write_atomically
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.given import needed_model
 from deux.tasks.settings import Settings
-from deux.deployment.onnx_export import ONNX_FILE, check_packages, export_onnx
 
 
 def run(cfg: DictConfig) -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from deux.configuration import user_path
 from deux.contracts import DepthModel
-from deux.errors import DeuxError
-from deux.tasks.settings import PluginChoice, Settings
 from deux.deployment.model_files import MODEL_FILE, load_model, model_name, weights_file
 from deux.deployment.published_checkpoints import load_published
+from deux.errors import DeuxError
+from deux.tasks.settings import PluginChoice, Settings
 
 PUBLISHED_SUFFIX = ".pth"
 """Of the checkpoint files that the models' authors published."""

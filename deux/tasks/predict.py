@@ -11,21 +11,21 @@ from omegaconf import DictConfig
 
 from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel
-from deux.io.atomic import make_folder, write_atomically
-from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
-from deux.io.images import LARGEST_DEPTH, write_depth
+from deux.deployment.array_prediction import predict_arrays
 from deux.errors import DeuxError
 from deux.figures.depth_map import draw_depth
 from deux.figures.drawing import save_figure
-from deux.metrics.functional import depth_errors
-from deux.report.results import error_table
 from deux.geometry.camera import Camera
 from deux.geometry.scaffolding import interpolate
+from deux.io.atomic import make_folder, write_atomically
+from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
+from deux.io.images import LARGEST_DEPTH, write_depth
+from deux.metrics.functional import depth_errors
+from deux.report.results import error_table
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.given import needed_model
 from deux.tasks.sections import PredictionSettings
 from deux.tasks.settings import Settings
-from deux.deployment.array_prediction import predict_arrays
 
 MANY = 0.1
 """From this part of the points on, it is said that they lie where the model predicts no depth."""

@@ -6,15 +6,15 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder, user_path
-from deux.io.atomic import make_folder, write_atomically
 from deux.errors import DeuxError
 from deux.figures.drawing import save_figure
+from deux.io.atomic import make_folder, write_atomically
+from deux.options import construct
 from deux.report.contents import Contents, read_contents
 from deux.report.figures import Picture, draw_comparison, draw_error_against_frames
 from deux.report.formats import csv_text, latex, markdown
 from deux.report.names import Names
 from deux.report.page import html_page
-from deux.options import construct
 from deux.tasks.console import say
 from deux.tasks.sections import ReportSettings
 

@@ -8,12 +8,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from deux.io.atomic import make_folder, write_json
+from deux.deployment.model_files import MODEL_FILE
 from deux.errors import DeuxError
-from deux.report.results import IDENTITY_FILE, RESULTS_FILE
+from deux.io.atomic import make_folder, write_json
 from deux.policies.policy_files import POLICY_FILE
 from deux.policies.training_state import CHECKPOINT_FILE
-from deux.deployment.model_files import MODEL_FILE
+from deux.report.results import IDENTITY_FILE, RESULTS_FILE
 from deux.training.ranks import leads
 
 _SECONDS_FILE = "seconds.json"

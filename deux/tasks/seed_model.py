@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-from deux.contracts import DepthModel
 from deux.collection.exploration import MODEL_NEEDS
+from deux.contracts import DepthModel
 from deux.tasks.datasets import explored_dataset
 from deux.tasks.given import given_model, weights_identity
 from deux.tasks.settings import PluginChoice, Settings

@@ -7,10 +7,11 @@ from typing import Any
 import torch
 from omegaconf import DictConfig
 
-from deux.configuration import NO_PART_OF_A_RUN, in_sweep, user_path
-from deux.contracts import Robot
 from deux.collection.sparse import SparseSettings
 from deux.collection.verification import VerificationSettings
+from deux.configuration import NO_PART_OF_A_RUN, in_sweep, user_path
+from deux.contracts import Robot
+from deux.deployment.model_files import weights_file
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.options import construct, full_settings, plain
@@ -29,7 +30,6 @@ from deux.tasks.sections import (
     SeedSettings,
 )
 from deux.training.fit import TrainingSettings, make_trainer
-from deux.deployment.model_files import weights_file
 from deux.training.objective import make_objective
 from deux.training.pose_source import make_pose_source
 from deux.training.ranks import starts_the_command_again

@@ -9,33 +9,32 @@ from pathlib import Path
 import numpy as np
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder
-from deux.contracts import Frame
-from deux.io.atomic import make_folder, read_bytes, write_atomically, write_json
 from deux.collection.perception import SOURCES, look, perceive
 from deux.collection.specification import episode_seed
 from deux.collection.walk import Walk
+from deux.configuration import run_folder
+from deux.contracts import Frame, SceneReference
 from deux.errors import DeuxError
 from deux.figures.drawing import save_figure
-from deux.studies.judged_scene import JudgedScene, SceneJudge
-from deux.report.results import RESULTS_FILE
 from deux.figures.uncertainty_figures import (
     JudgedSample,
     draw_frames,
     draw_sparsification,
     draw_uncertainty_maps,
 )
+from deux.geometry.poses import motion
+from deux.inference.precision import FastPredictor
+from deux.io.atomic import make_folder, read_bytes, write_atomically, write_json
+from deux.report.results import RESULTS_FILE
+from deux.simulator.mesh_simulator import MeshSimulator
+from deux.studies.judged_scene import JudgedScene, SceneJudge
 from deux.studies.uncertainty_sheets import causes_sheet, measures_sheet
 from deux.studies.uncertainty_study import UncertaintyStudy
-from deux.geometry.poses import motion
-from deux.contracts import SceneReference
-from deux.simulator.mesh_simulator import MeshSimulator
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.run_folder import EPISODES, RunFolder
 from deux.tasks.seed_model import needs_model, seed_model
 from deux.tasks.settings import Settings
 from deux.tasks.training import chosen_trainee
-from deux.inference.precision import FastPredictor
 
 _SAMPLES = 5
 """Frames of the first scene that are drawn."""

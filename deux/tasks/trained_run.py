@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 from deux.configuration import user_path
+from deux.deployment.model_files import MODEL_FILE, weights_file
 from deux.errors import DeuxError
 from deux.report.conditions import Conditions, conditions
 from deux.report.runs import read_identity, run_folders
 from deux.tasks.given import weights_identity
 from deux.tasks.settings import Settings
-from deux.deployment.model_files import MODEL_FILE, weights_file
 
 
 def chosen_model(settings: Settings, path: str) -> str:

@@ -11,12 +11,13 @@ from lightning import seed_everything
 
 from deux.configuration import user_path
 from deux.contracts import DepthModel, Foundation
-from deux.io.locking import locked
+from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.errors import DeuxError
 from deux.figures.drawing import save_figure
-from deux.metrics.depth_errors import DepthMetrics
 from deux.figures.panel_logger import PanelLogger
 from deux.figures.training_curve import draw_training_curve
+from deux.io.locking import locked
+from deux.metrics.depth_errors import DepthMetrics
 from deux.tasks.active_collection import active_collection, show_rounds
 from deux.tasks.console import say, training_bar
 from deux.tasks.datasets import synthetic_dataset, viewpoint_dataset
@@ -25,7 +26,6 @@ from deux.tasks.run_folder import RunFolder, short_hash
 from deux.tasks.sections import ActiveCollectionSettings
 from deux.tasks.settings import PluginChoice, Settings, plugin_choice
 from deux.training.fit import TrainingSettings, fit
-from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.training.pose_source import PoseKind
 from deux.training.ranks import leads, wait_for_all
 

@@ -11,8 +11,8 @@ from lightning.pytorch.utilities.seed import isolate_rng
 from torch import nn
 
 from deux.contracts import DepthModel, Reader
-from deux.data.dataset_reader import DatasetReader
 from deux.data.datamodule import TripletDataModule
+from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
 from deux.training.module import DepthCompletion
 from deux.training.rounds import Round, RoundRequest, RoundSettings, Share, together

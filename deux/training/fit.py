@@ -14,13 +14,13 @@ from torchmetrics import Metric
 from deux.contracts import DepthModel, Reader
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError, check_range
+from deux.inference.precision import default_precision
 from deux.options import construct
 from deux.training.checkpointing import AtomicCheckpoints, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
-from deux.inference.precision import default_precision
 from deux.training.schedule import Schedule
 
 

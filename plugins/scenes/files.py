@@ -78,7 +78,10 @@ class Files(SceneSource):
         """The files of each split, named after their stems."""
         names = _names({path for paths in self._paths.values() for path in paths})
         return make_splits(
-            {split: [FileReference(names[path], path, self._up) for path in paths] for split, paths in self._paths.items()}
+            {
+                split: [FileReference(names[path], path, self._up) for path in paths]
+                for split, paths in self._paths.items()
+            }
         )
 
 

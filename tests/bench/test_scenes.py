@@ -2,10 +2,9 @@ import numpy as np
 import pytest
 
 from deux.bench.scenes import BenchScene, flat, free_poses, split_faces
-from deux.contracts import Robot
+from deux.contracts import Robot, Scene
 from deux.geometry.camera import Camera
 from deux.scenes.free_space import free_space
-from deux.contracts import Scene
 from deux.simulator.embree_renderer import EmbreeRenderer
 
 

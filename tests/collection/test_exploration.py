@@ -7,15 +7,15 @@ import pytest
 import torch
 from toy_world import CAMERA, GuessingModel, ToyScene, ToySimulator, Wanderer, tree
 
-from deux.contracts import Action, Need
-from deux.io.calibration import read_intrinsics, read_pose
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import MODEL_NEEDS, explore
-from deux.io.images import quantise_depth, read_depth, read_image, read_labels
 from deux.collection.sparse import SparseSettings, sample_sparse
+from deux.contracts import Action, Need
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
 from deux.geometry.reprojection import reproject
+from deux.io.calibration import read_intrinsics, read_pose
+from deux.io.images import quantise_depth, read_depth, read_image, read_labels
 
 STEPS = 6
 ALL_NEEDS = [frozenset()] + [frozenset({need}) for need in Need] + [frozenset(Need)]

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
+from deux.collection.explored_map import episode_poses, explored_map, mean_uncertainty, seen_area
 from deux.contracts import Robot
+from deux.geometry.camera import Camera
+from deux.geometry.poses import camera_pose
 from deux.io.calibration import write_matrix
 from deux.io.images import write_depth
 from deux.io.layout import SequencePaths
-from deux.collection.explored_map import episode_poses, explored_map, mean_uncertainty, seen_area
-from deux.geometry.camera import Camera
-from deux.geometry.poses import camera_pose
 from deux.mapping.occupancy import FREE, OCCUPIED
 
 CAMERA = Camera(width=32, height=32)

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer, specification, tree
 
-from deux.contracts import Robot
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
 from deux.collection.verification import VerificationSettings
+from deux.contracts import Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 

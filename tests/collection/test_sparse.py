@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from toy_world import ToySimulator
 
+from deux.collection.sparse import SparseSettings, point_count, sample_sequences, sample_sparse
 from deux.io.images import read_depth, write_depth, write_image
 from deux.io.layout import SequencePaths
-from deux.collection.sparse import SparseSettings, point_count, sample_sequences, sample_sparse
 
 PAPER = SparseSettings()
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from toy_world import ToySimulator
 
+from deux.collection.preprocessing import write_lists
+from deux.collection.sparse import SparseSettings, sample_sequences
+from deux.collection.verification import Rejection, VerificationSettings, targets, verify_sequences
 from deux.contracts import Action
 from deux.io.calibration import write_matrix
 from deux.io.frames import prepare_folders, write_frame
 from deux.io.images import write_depth, write_image
 from deux.io.layout import SequencePaths
-from deux.collection.preprocessing import write_lists
-from deux.collection.sparse import SparseSettings, sample_sequences
-from deux.collection.verification import Rejection, VerificationSettings, targets, verify_sequences
 
 SPARSE = SparseSettings(0.02)
 FRAMES = 8

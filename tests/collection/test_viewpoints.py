@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
 
-from deux.contracts import Action
-from deux.io.calibration import read_pose
 from deux.collection.viewpoints import MOTIONS, ViewpointsPlan, collect_viewpoints, poses_before
+from deux.contracts import Action
 from deux.errors import DeuxError
 from deux.geometry.poses import motion, yaw_of
+from deux.io.calibration import read_pose
 
 
 def poses(dataset: Path) -> np.ndarray:

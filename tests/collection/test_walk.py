@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from toy_world import ToyScene, ToySimulator, Wanderer, guided_explorer
 
-from deux.contracts import Action, Need
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
-from deux.io.frames import read_frame
 from deux.collection.perception import Percept
 from deux.collection.walk import Walk
+from deux.contracts import Action, Need
+from deux.io.frames import read_frame
 
 
 def walked(explorer: Wanderer, seed: int = 5, steps: int = 12) -> list[np.ndarray]:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from deux.collection.specification import DatasetSpec
 from deux.contracts import (
     Action,
     Channel,
@@ -25,7 +26,6 @@ from deux.contracts import (
     SceneReference,
     Simulator,
 )
-from deux.collection.specification import DatasetSpec
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.poses import camera_pose

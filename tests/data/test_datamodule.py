@@ -13,9 +13,9 @@ from torch import Tensor, nn
 from torch.utils.data._utils.pin_memory import pin_memory
 from toy_world import ToySimulator, Wanderer, specification
 
+from deux.collection.pipeline import build_dataset
 from deux.contracts import Augmentation, Batch, DepthModel, Prediction
 from deux.data.datamodule import TripletDataModule
-from deux.collection.pipeline import build_dataset
 from deux.data.reader import read_split
 from deux.errors import DeuxError
 

@@ -9,14 +9,14 @@ import pytest
 import torch
 from toy_world import CAMERA, ToySimulator, Wanderer, specification
 
-from deux.contracts import Action, Augmentation, Batch
-from deux.io.calibration import write_matrix
-from deux.io.images import read_depth, read_image, write_depth, write_image
 from deux.collection.pipeline import build_dataset
+from deux.contracts import Action, Augmentation, Batch
 from deux.data.reader import FileCache, read_split
 from deux.data.triplets import SampleSettings, ShuffledDraws, TripletDataset, collate
 from deux.errors import DeuxError
 from deux.geometry.reprojection import reproject
+from deux.io.calibration import write_matrix
+from deux.io.images import read_depth, read_image, write_depth, write_image
 
 FULL = SampleSettings(ground_truth=True)
 DROP = Augmentation(drop_points=(0.3, 0.6))

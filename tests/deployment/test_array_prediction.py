@@ -7,9 +7,9 @@ from PIL import Image
 
 import deux
 from deux.contracts import DepthModel, Prediction
+from deux.deployment.model_files import save_model
 from deux.errors import DeuxError
 from deux.registry import registry
-from deux.deployment.model_files import save_model
 
 SMALL = {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4, 4, 4, 4, 4), "decoder_filters": (8, 8, 8, 8, 4)}
 HEIGHT, WIDTH = 37, 50

@@ -8,10 +8,10 @@ from torch import nn
 
 import deux
 from deux.contracts import DepthModel, Prediction
+from deux.deployment.model_files import MODEL_FILE, load_model, model_name, save_model
 from deux.errors import DeuxError
 from deux.registry import registry
 from deux.testing.depth_models import camera_data
-from deux.deployment.model_files import MODEL_FILE, load_model, model_name, save_model
 
 
 class Scaled(DepthModel):

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from deux.contracts import DepthModel, Prediction
-from deux.errors import DeuxError
 from deux.deployment.onnx_export import export_onnx, made_up_inputs
+from deux.errors import DeuxError
 
 
 class Padded(DepthModel):

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from deux.contracts import Robot
+from deux.contracts import Robot, Scene, SceneReference
 from deux.environment.scene_pool import ScenePool
 from deux.geometry.camera import Camera
 from deux_plugins.scenes.apartments import apartment
-from deux.contracts import Scene
-from deux.contracts import SceneReference
 
 CAMERA = Camera(32, 32)
 

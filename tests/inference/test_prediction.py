@@ -4,8 +4,8 @@ import torch
 
 from deux.contracts import DepthModel, Prediction
 from deux.errors import DeuxError
-from deux.testing.depth_models import camera_data
 from deux.inference.prediction import predict
+from deux.testing.depth_models import camera_data
 
 
 class Recorder(DepthModel):

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deux.io.calibration import read_intrinsics, read_pose, write_matrix
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
+from deux.io.calibration import read_intrinsics, read_pose, write_matrix
 
 
 def test_every_bit_of_a_pose_comes_back(tmp_path: Path) -> None:

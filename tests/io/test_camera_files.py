@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deux.io.camera_files import read_any_depth, read_any_image
 from deux.errors import DeuxError
+from deux.io.camera_files import read_any_depth, read_any_image
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from deux.io.processes import in_processes
 from deux.errors import DeuxError
+from deux.io.processes import in_processes
 
 
 def write_own_process(name: str, folder: Path) -> None:

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from deux.metrics.functional import depth_errors
 from deux.metrics.depth_errors import METRIC_NAMES, DepthMetrics
+from deux.metrics.functional import depth_errors
 
 
 def test_errors_of_one_pixel_by_hand():

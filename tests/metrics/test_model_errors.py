@@ -4,10 +4,10 @@ import torch
 
 from deux.contracts import Batch, DepthModel, Prediction
 from deux.errors import DeuxError
-from deux.metrics.model_errors import evaluate
-from deux.metrics.functional import depth_errors
 from deux.figures.samples import depth_samples
 from deux.geometry.scaffolding import interpolate
+from deux.metrics.functional import depth_errors
+from deux.metrics.model_errors import evaluate
 
 
 class Constant(DepthModel):

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from deux_plugins.scenes.files import load_scene
-from deux.contracts import Material, SceneMesh
+from deux.contracts import Material, Scene, SceneMesh
 from deux.scenes.ray_caster import RayCaster
-from deux.contracts import Scene
+from deux_plugins.scenes.files import load_scene
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,6 @@ import pytest
 import trimesh
 
 from deux.errors import DeuxError
-from deux.scenes.floor import find_floors
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from deux.scenes.objects import find_objects
 from deux_plugins.scenes.apartments import apartment
 from deux_plugins.scenes.apartments.mesh_builder import MeshBuilder
-from deux.scenes.objects import find_objects
 
 NAMES = ("floor", "chair", "table")
 

@@ -7,14 +7,12 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from deux.contracts import Robot
+from deux.contracts import Material, Robot, Scene, SceneMesh
 from deux.geometry.poses import camera_pose
+from deux.scenes.free_space import free_space
+from deux.simulator.starts import random_starts
 from deux_plugins.scenes.apartments import apartment
 from deux_plugins.scenes.files import load_scene
-from deux.scenes.free_space import free_space
-from deux.contracts import Material, SceneMesh
-from deux.contracts import Scene
-from deux.simulator.starts import random_starts
 
 
 def quads(corners: np.ndarray, materials: tuple[Material, ...], vertex_colors: np.ndarray | None = None) -> Scene:

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from deux.contracts import Material, Scene
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux.contracts import Material
-from deux.contracts import Scene
 from deux.simulator.embree_renderer import EmbreeRenderer
 
 

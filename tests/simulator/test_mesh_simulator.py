@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deux.contracts import Action, Robot
+from deux.contracts import Action, Robot, Scene
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose, yaw_of
-from deux.contracts import Scene
 from deux.simulator.mesh_simulator import MeshSimulator
 
 CAMERA = Camera(32, 32)

@@ -6,11 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from deux.contracts import Material, Scene
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux.contracts import Material
-from deux.contracts import Scene
 from deux.simulator.egl_context import EGLContext
 from deux.simulator.embree_renderer import EmbreeRenderer
 from deux.simulator.pyrender_renderer import PyrenderRenderer

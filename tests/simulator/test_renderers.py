@@ -2,9 +2,9 @@ import sys
 
 import pytest
 
+from deux.contracts import Scene
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.contracts import Scene
 from deux.simulator.embree_renderer import EmbreeRenderer
 from deux.simulator.renderers import make_renderer
 

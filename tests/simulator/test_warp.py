@@ -7,9 +7,8 @@ import pytest
 import torch
 from torch.nn.functional import grid_sample
 
-from deux.contracts import Action, Frame, Robot
+from deux.contracts import Action, Frame, Robot, Scene
 from deux.geometry.camera import Camera
-from deux.contracts import Scene
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.simulator.starts import random_starts
 

@@ -7,14 +7,14 @@ from deux.contracts import Action, Episode, Experience, Frame, Need, Reward, Rob
 from deux.environment.exploration_env import ExplorationEnv
 from deux.environment.memory import MOVES
 from deux.environment.scene_pool import ScenePool
-from deux.studies.exploration_meter import SEEN_PIXELS, Exploration, ExplorationMeter, floor_covered
-from deux.studies.eye import Look, SceneEye
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.poses import camera_pose
 from deux.mapping.occupancy import OccupancyMap
 from deux.registry import registry
 from deux.scenes.sources import scene_splits
+from deux.studies.exploration_meter import SEEN_PIXELS, Exploration, ExplorationMeter, floor_covered
+from deux.studies.eye import Look, SceneEye
 from deux.testing.box_world import Box, BoxWorld
 
 CAMERA = Camera(64, 64)

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
+from deux.report.sheet import Cell
 from deux.studies.comparison_sheets import gains_sheet, measures_sheet, rewards_sheet
 from deux.studies.exploration_meter import Exploration
-from deux.report.sheet import Cell
+from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
 
 
 def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) -> ExplorationEpisode:

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 
 from deux.contracts import Robot
-from deux.studies.eye import PIXELS, SceneEye
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux_plugins.scenes.apartments import apartment
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.simulator.starts import random_starts
+from deux.studies.eye import PIXELS, SceneEye
+from deux_plugins.scenes.apartments import apartment
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 import torch
 
-from deux.studies.judged_scene import CONTROLS, JudgedScene, SceneJudge, rank_correlation
+from deux.contracts import View
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
+from deux.studies.judged_scene import CONTROLS, JudgedScene, SceneJudge, rank_correlation
 from deux.uncertainty.measures import MEASURES
-from deux.contracts import View
 
 CAMERA = Camera(width=64, height=48, hfov=60.0)
 

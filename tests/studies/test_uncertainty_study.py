@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from deux.studies.judged_scene import JudgedFrame, JudgedScene, Judgement, Place
 from deux.figures.uncertainty_figures import draw_frames, draw_sparsification
+from deux.studies.judged_scene import JudgedFrame, JudgedScene, Judgement, Place
 from deux.studies.uncertainty_sheets import causes_sheet, measures_sheet
 from deux.studies.uncertainty_study import UncertaintyStudy
 

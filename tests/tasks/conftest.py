@@ -15,8 +15,8 @@ import torch
 import trimesh
 
 from deux.__main__ import main
-from deux.registry import registry
 from deux.deployment.model_files import save_model
+from deux.registry import registry
 
 SMALLEST = [
     "camera.width=48",

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 import deux as package
+from deux.collection.pipeline import read_manifest
 from deux.configuration import compose
 from deux.data.datamodule import TripletDataModule
-from deux.collection.pipeline import read_manifest
 from deux.metrics.model_errors import evaluate
 from deux.tasks import active_collection
 from deux.tasks.active_collection import RoundCollector

@@ -17,8 +17,8 @@ import torch
 import trimesh
 
 import deux as package
-from deux.errors import DeuxError
 from deux.deployment.model_files import load_model, save_model
+from deux.errors import DeuxError
 
 MISTAKES = {
     # names

@@ -9,11 +9,11 @@ import pytest
 import torch
 
 import deux as package
+from deux.collection.pipeline import read_manifest
+from deux.errors import DeuxError
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import read_depth, read_image
 from deux.io.layout import sequences
-from deux.collection.pipeline import read_manifest
-from deux.errors import DeuxError
 from deux.simulator.egl_context import EGLContext
 
 

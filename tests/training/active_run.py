@@ -21,9 +21,9 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "data"))
 
 from toy_world import ToySimulator, guided_explorer, specification
 
+from deux.collection.pipeline import build_dataset, read_manifest
 from deux.contracts import DepthModel, LossSettings, Prediction
 from deux.io.layout import sequences
-from deux.collection.pipeline import build_dataset, read_manifest
 from deux.training.active_collection import ActiveCollection, Collect
 from deux.training.fit import TrainingSettings, fit
 from deux.training.rounds import RoundRequest, RoundSettings, Share

@@ -16,9 +16,9 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
-from deux.io.images import read_image
 from deux.data.reader import read_split
 from deux.errors import DeuxError
+from deux.io.images import read_image
 from deux.training.rounds import RoundRequest, RoundSettings, Share, together
 
 PROGRAM = Path(__file__).with_name("active_run.py")

@@ -45,9 +45,7 @@ class Apartments(SceneSource):
         test: number of flats that are kept for the final numbers, or a list of their seeds.
     """
 
-    def __init__(
-        self, train: int | list[int] = 4, validation: int | list[int] = 1, test: int | list[int] = 2
-    ) -> None:
+    def __init__(self, train: int | list[int] = 4, validation: int | list[int] = 1, test: int | list[int] = 2) -> None:
         self._seeds = {
             split: _seeds(split, asked) for split, asked in zip(SPLITS, (train, validation, test), strict=True)
         }

@@ -4,9 +4,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from deux.contracts import Action, Need
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
+from deux.contracts import Action, Need
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.stratify import stratify

@@ -2,8 +2,8 @@
 
 import pytest
 
-from deux_plugins.scenes.apartments import apartment
 from deux.contracts import Scene
+from deux_plugins.scenes.apartments import apartment
 
 SEEDS = (0, 1, 2, 3)
 

@@ -1,0 +1,26 @@
+"""Functions compiled by numba, with the machine code kept on disk where that is possible."""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+from numba import njit
+
+
+def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function when it is first called; a decorator, with or without options of `numba.njit`.
+
+    The machine code is kept beside the module, in the user's cache or in NUMBA_CACHE_DIR. Where none of them can be
+    written, as in a read-only installation, each process compiles anew, which a warning says.
+    """
+    if function is None:
+        return lambda decorated: compiled(decorated, **options)
+    try:
+        return njit(cache=True, **options)(function)
+    except RuntimeError:  # numba found no folder for its cache
+        warnings.warn(
+            "compiled code cannot be kept: the installation and the home folder are read-only, so every start takes "
+            "some seconds longer; set NUMBA_CACHE_DIR to a folder that can be written.",
+            stacklevel=2,
+        )
+        return njit(**options)(function)

@@ -68,7 +68,8 @@ class DatasetSpec:
             "sparse": asdict(self.sparse),
             "verification": asdict(self.verification),
         }
-        return {"version": DATASET_VERSION, **values, **values.pop("simulation").description()}
+        del values["simulation"]
+        return {"version": DATASET_VERSION, **values, **self.simulation.description()}
 
     def key(self) -> str:
         """Twelve hexadecimal digits that any change of the specification changes."""

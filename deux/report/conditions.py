@@ -9,8 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deux.configuration import NO_PART_OF_A_RUN
-
 Facts = tuple[tuple[str, str], ...]
 """Options and their values as JSON, sorted; those that are null or empty are left out, as older runs lack them."""
 
@@ -18,7 +16,9 @@ _SEEN = ("camera", "robot", "renderer", "sampling", "verification")
 """What both the training frames and the test frames depend on."""
 
 _NO_CONDITION = (
-    *NO_PART_OF_A_RUN,
+    "hydra",
+    "paths",
+    "report",
     "task",
     "random_seed",
     "evaluation",

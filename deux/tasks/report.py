@@ -1,30 +1,50 @@
 """`task=report`: finished runs as the paper's tables and figures."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder, user_path
+from deux.configuration import run_folder, sections_of, user_path
 from deux.errors import DeuxError
 from deux.figures.drawing import save_figure
 from deux.io.atomic import make_folder, write_atomically
-from deux.options import construct
 from deux.report.contents import Contents, read_contents
 from deux.report.figures import Picture, draw_comparison, draw_error_against_frames
 from deux.report.formats import csv_text, latex, markdown
 from deux.report.names import Names
 from deux.report.page import html_page
 from deux.tasks.console import say
-from deux.tasks.sections import ReportSettings
 
 MOST_MISSING = 12
 """Lines about what is missing that the console shows for each table."""
 
 
+@dataclass(frozen=True)
+class ReportSettings:
+    """What `task=report` shows.
+
+    Args:
+        runs: a folder with runs and sweeps below it.
+        first: the dataset of Table I; None for the one on which the most explorers were compared.
+        transferred: explorers of which Table II also shows the models that were trained on the first dataset.
+        baseline: the explorer that the others of Table I are compared with, seed by seed; None for none.
+        models: what each depth model is called, in order of the columns.
+        explorers: what each explorer is called, in order of the rows, in parts with a line between them.
+    """
+
+    runs: str | None
+    first: str | None
+    transferred: tuple[str, ...]
+    baseline: str | None
+    models: Mapping[str, str]
+    explorers: tuple[Mapping[str, str], ...]
+
+
 def run(cfg: DictConfig) -> None:
     """Report on the runs and sweeps below `report.runs`, finished or not. A repeated command overwrites its files."""
-    settings = construct(ReportSettings, cfg.report, "report")
+    settings = sections_of(cfg).read("report", ReportSettings)
     if not settings.runs:
         raise DeuxError(
             "task=report needs runs: name a folder with runs or sweeps below it, such as report.runs=outputs."

@@ -24,6 +24,7 @@ from deux.composition_errors import check_names, composition_error, quoted_digit
 from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
 from deux.errors import DeuxError
 from deux.io.atomic import write_failure
+from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugins
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
@@ -67,6 +68,7 @@ def main() -> int:
     0: done; 1: a mistake of the user's, told in one sentence on stderr, or an error of the program, with its stack
     trace, or a sweep in which some job failed; 130: interrupted.
     """
+    leave_out_working_folder()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
     jobs = Jobs()
     try:

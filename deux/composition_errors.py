@@ -44,6 +44,7 @@ _NOUNS = {
 _TEXT = ("paths.outputs", "hydra.run.dir", "hydra.sweep.dir", "training_data")
 """Options that are names of files, also where they read as numbers."""
 
+_NO_OPTION = re.compile(r"Could not load '(?P<group>[^'/]+)/(?P<name>[^']+)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
 _KEY = re.compile(r"[+~]*(?P<key>[^=@]+)")
 _GROUPED_DIGITS = re.compile(r"\d{1,3}(_\d{3})+")
@@ -87,17 +88,20 @@ def quoted_digits(argument: str) -> str:
     return argument
 
 
-def composition_error(error: Exception) -> DeuxError:
+def composition_error(error: Exception, callbacks: Iterable[str] = ()) -> DeuxError:
     """The user's mistake behind an error raised while a configuration was composed.
 
     Args:
         error: a `HydraException`, an `OmegaConfBaseException` or a `yaml.YAMLError`.
+        callbacks: the callbacks that can be chosen, of which Hydra's error says nothing.
 
     Returns:
         The error to raise or print; its sentence names the override or key and what would be right.
     """
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options is not None:
         return _unknown_choice(str(error.missing_cfg_file), list(error.options))
+    if found := _NO_OPTION.search(str(error)):
+        return _unknown_choice(f"{found['group']}/{found['name']}", list(callbacks))
     if isinstance(error, OverrideParseException):
         return _unreadable(error.override)
     if found := _AMBIGUOUS.search(str(error)):

@@ -157,7 +157,7 @@ def run_id(cfg: DictConfig) -> str:
     it was.
     """
     task = TASKS.get(str(cfg.task))
-    content = {name: _plain(cfg[name]) for name in (task.sections if task else cfg)}
+    content = {name: _plain(cfg[name]) for name in (task.sections if task else ())}
     return f"{_run_name(cfg)}-{_hash({'task': cfg.task, **content})}"
 
 

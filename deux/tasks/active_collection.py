@@ -135,13 +135,14 @@ class RoundCollector:
         validation: Sequence[Reader],
         seed: int,
     ) -> None:
-        self._datasets, self._active, self._explorer, self._recipe = datasets, active, explorer, recipe
-        self._folder, self._validation, self._seed = folder, validation, seed
+        self.recipe, self.folder = recipe, folder
+        self._datasets, self._active, self._explorer = datasets, active, explorer
+        self._validation, self._seed = validation, seed
 
     def __call__(self, request: RoundRequest) -> Share:
         """Explore this process's scenes, and judge the model if this is the first process."""
         name = f"round{request.number:02d}"
-        weights = self._kept(request, self._folder / f"{name}.safetensors")
+        weights = self._kept(request, self.folder / f"{name}.safetensors")
         model = load_model(weights).to(next(request.model.parameters()).device)
 
         def predict(image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
@@ -160,7 +161,7 @@ class RoundCollector:
             "seed": self._seed + request.number * 2**32,  # no seed that a user can give
         }
         identity = f"{weights_identity(weights)} in {request.precision}"
-        dataset = self._datasets.explored_in_round(self._explorer, predict, identity, self._folder, changes)
+        dataset = self._datasets.explored_in_round(self._explorer, predict, identity, self.folder, changes)
         found = sequences(dataset)
         simulation = self._datasets.simulation
         return Share(
@@ -177,17 +178,17 @@ class RoundCollector:
         A killed run comes back here by training an epoch again, which on a GPU need not give the same weights to the
         last bit. What had been collected until then stays good.
         """
-        with locked(self._folder / ".lock"):
+        with locked(self.folder / ".lock"):
             if not file.exists():
-                save_model(file, request.model, self._recipe.model.name, self._recipe.model.settings)
+                save_model(file, request.model, self.recipe.model.name, self.recipe.model.settings)
         return file
 
     def _validation_error(self, predict: DepthPredictor) -> float | None:
         if not self._validation:
             return None
-        training, camera = self._recipe.training, self._datasets.simulation.camera
+        training, camera = self.recipe.training, self._datasets.simulation.camera
         data = TripletDataModule(
-            self._recipe.model.create(),
+            self.recipe.model.create(),
             validation=self._validation,
             batch_size=training.batch_size,
             crop=training.crop,

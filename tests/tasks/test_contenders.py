@@ -35,11 +35,11 @@ def contenders(*overrides: str) -> Contenders:
 
 def test_an_explorer_that_needs_a_model_is_left_out_with_a_hint_unless_it_is_named():
     found = contenders()
-    assert "seed.checkpoint=RUN" in found.left_out["deux"]
+    assert "seed_model.checkpoint=RUN" in found.left_out["deux"]
     assert {"random", "frontier"} <= {choice.name for choice in found.explorers}
     with pytest.raises(DeuxError, match=r"deux needs a depth model: name a trained one with seed\.checkpoint=RUN"):
         contenders("compare.explorers=[random,deux]")
-    named = contenders("compare.explorers=[random,deux]", "seed.checkpoint=somewhere")
+    named = contenders("compare.explorers=[random,deux]", "seed_model.checkpoint=somewhere")
     assert [choice.name for choice in named.explorers] == ["random", "deux"]
 
 

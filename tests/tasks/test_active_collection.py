@@ -12,9 +12,11 @@ import deux as package
 from deux.collection.pipeline import read_manifest
 from deux.configuration import compose, sections_of
 from deux.data.datamodule import TripletDataModule
+from deux.data.dataset_reader import DatasetReader
 from deux.metrics.model_errors import evaluate
+from deux.options import construct
 from deux.tasks import active_collection
-from deux.tasks.active_collection import RoundCollector
+from deux.tasks.active_collection import ActiveCollectionSettings, RoundCollector
 from deux.tasks.checkpoints import weights_identity
 from deux.tasks.datasets import Datasets
 from deux.tasks.training import Training

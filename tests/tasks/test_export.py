@@ -104,7 +104,10 @@ def test_a_package_that_is_not_installed(export, model_file, monkeypatch, missin
 @pytest.mark.parametrize(
     ("option", "sentence"),
     [
-        ("export.checkpoint=null", "a trained model is needed: name a run folder, a model file or a published checkpoi"),
+        (
+            "export.checkpoint=null",
+            "a trained model is needed: name a run folder, a model file or a published checkpoi",
+        ),
         ("export.checkpoint=nowhere", "there is no model "),
         ("export.height=0", "export.height is 0: it must be at least 1."),
         ("export.batch=-1", "export.batch is -1: it must be at least 1."),

@@ -14,9 +14,7 @@ from deux.io.images import quantise_depth, read_depth, write_depth
 from deux.tasks.predict import write_prediction
 
 HEIGHT, WIDTH = 45, 61
-SECTION = dict.fromkeys(
-    ("image", "sparse", "sparse_scale", "intrinsics", "ground_truth", "checkpoint"), "predict."
-)
+SECTION = dict.fromkeys(("image", "sparse", "sparse_scale", "intrinsics", "ground_truth", "checkpoint"), "predict.")
 """What the names of the task's own options begin with on the command line."""
 
 FILES = {"depth.png", "depth.npy", "depth_colored.png"}
@@ -114,7 +112,9 @@ def test_a_repeated_command_finds_its_folder_and_overwrites_its_files(predict, f
 
 def checkpoint(folder: Path) -> str:
     """The checkpoint that a run's configuration names."""
-    found = re.search("^predict:\n(?:  .*\n)*?  checkpoint: (.*)$", (folder / ".hydra" / "config.yaml").read_text(), re.MULTILINE)
+    found = re.search(
+        "^predict:\n(?:  .*\n)*?  checkpoint: (.*)$", (folder / ".hydra" / "config.yaml").read_text(), re.MULTILINE
+    )
     assert found
     return found[1]
 
@@ -286,7 +286,10 @@ def test_depth_beyond_what_a_png_holds_is_said(tmp_path, caplog):
     ("kind", "sentence"),
     [
         ("all far points", r"all \d+ points of sparse.png lie outside the 0.1 to 10 m that the model predicts"),
-        ("too small a scale", r"all \d+ points of sparse.png .* holds predict.sparse_scale=1 values per metre; it is 1000 for"),
+        (
+            "too small a scale",
+            r"all \d+ points of sparse.png .* holds predict.sparse_scale=1 values per metre; it is 1000 for",
+        ),
         ("other sizes", "image has 60 x 45 pixels and sparse 61 x 45: they must be of one size."),
         ("other size of the truth", "image has 61 x 45 pixels and ground_truth 61 x 44: they must be of one size."),
         ("no truth", "ground_truth has no pixel between 0.1 and 10 m apart from the sparse points: name another file"),
@@ -321,7 +324,10 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
         ({"ground_truth": "nothing.png"}, ".*/nothing.png is missing.$"),
         ({"sparse_scale": "0"}, "predict.sparse_scale is 0.0: it must be above 0.$"),
         ({"sparse_scale": "inch"}, "predict.sparse_scale must be a number, but is 'inch'.$"),
-        ({"predict.sparse.density": "0.1"}, "there is no option predict.sparse.density: predict.sparse is a single value"),
+        (
+            {"predict.sparse.density": "0.1"},
+            "there is no option predict.sparse.density: predict.sparse is a single value",
+        ),
     ],
 )
 def test_an_option_that_cannot_be(predict, frame, options, sentence):

@@ -60,15 +60,17 @@ class DatasetSpec:
 
     def description(self) -> dict[str, Any]:
         """The specification as JSON values, for the hash and the manifest."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        values |= {
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "simulation"}
+        return {
+            "version": DATASET_VERSION,
+            **values,
+            **self.simulation.description(),
             "scenes": [{"name": scene.name, "identity": scene.identity} for scene in self.scenes],
             "explorer_settings": dict(self.explorer_settings),
             "uncertainty": self.uncertainty and self.uncertainty.description,
             "sparse": asdict(self.sparse),
             "verification": asdict(self.verification),
         }
-        return {"version": DATASET_VERSION, **values, **values.pop("simulation").description()}
 
     def key(self) -> str:
         """Twelve hexadecimal digits that any change of the specification changes."""

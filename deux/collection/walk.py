@@ -174,4 +174,4 @@ def check_perception(explorer: Explorer, perception: Perception | None) -> None:
 
 def _array(values: Tensor) -> np.ndarray:
     """A copy of a tensor, on whatever device, as an array."""
-    return np.array(values.cpu())
+    return values.cpu().numpy().copy()

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import torch
-from toy_world import CAMERA, GuessingModel, ToySimulator
 from torch import Tensor
+from toy_world import CAMERA, GuessingModel, ToySimulator
 
 from deux.collection.perception import SOURCES, Perception
 from deux.collection.sparse import SparseSettings, sample_sparse

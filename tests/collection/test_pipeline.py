@@ -11,7 +11,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from toy_world import L1, SIMULATION, GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer, specification, tree
+from toy_world import (
+    L1,
+    SIMULATION,
+    GuessingModel,
+    ToyScene,
+    ToySimulator,
+    Wanderer,
+    guided_explorer,
+    specification,
+    tree,
+)
 
 from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec

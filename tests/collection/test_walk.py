@@ -141,5 +141,5 @@ def test_a_walk_takes_place_on_its_floor():
 def test_what_an_explorer_needs_has_to_be_there():
     with pytest.raises(DeuxError, match="needs predicted_depth and residual but there is no depth model"):
         steps_of(guided_explorer())
-    with pytest.raises(DeuxError, match="there is no measure of uncertainty: choose one with collect.uncertainty"):
+    with pytest.raises(DeuxError, match=r"there is no measure of uncertainty: choose one with collect\.uncertainty"):
         steps_of(guided_explorer(), perception=Perception(GuessingModel()))

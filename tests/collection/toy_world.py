@@ -97,7 +97,8 @@ class ToySimulator(Simulator):
         time.sleep(self.delay)
         self.rendered += 1
         directions = self.camera.rays() @ pose[:3, :3].T
-        room = ROOM + [0.0, max(floor.height for floor in self.floors if floor.height < pose[1, 3]), 0.0]
+        height = max(floor.height for floor in self.floors if floor.height < pose[1, 3])
+        room = ROOM + np.array([0.0, height, 0.0])
         with np.errstate(divide="ignore"):
             distances = np.maximum((room[0] - pose[:3, 3]) / directions, (room[1] - pose[:3, 3]) / directions)
         depth, axis = distances.min(axis=-1), distances.argmin(axis=-1)

@@ -212,7 +212,7 @@ class UncertaintySuite:
         card = torch.device("cuda")
         view = _views()
         moved = {name: value.to(card) for name, value in _tensors(view).items()}
-        there = self.measure(replace(view, predict_depth=CheckedPredictor(card), **moved))  # type: ignore[arg-type]
+        there = self.measure(replace(view, predict_depth=CheckedPredictor(card), **moved))
         torch.testing.assert_close(there.cpu(), self.measure(view), rtol=1e-2, atol=1e-3, equal_nan=True)
 
 

@@ -34,8 +34,9 @@ def _error_nearby(depth: Tensor, sparse_depth: Tensor) -> Tensor:
     error = torch.where(points, (depth - sparse_depth).abs(), 0.0)
     known = points.to(error.dtype)
     sigma = 0.5 / max(float(known.mean()), 1.0 / known.numel()) ** 0.5
+    mean = error.sum() / known.sum()
     total, weight = _weighted_sum(error, sigma), _weighted_sum(known, sigma)
-    return (total + PRIOR_WEIGHT * error.sum() / known.sum()) / (weight + PRIOR_WEIGHT)
+    return (total + PRIOR_WEIGHT * mean) / (weight + PRIOR_WEIGHT)
 
 
 def _weighted_sum(x: Tensor, sigma: float) -> Tensor:

@@ -1,7 +1,6 @@
 """The figures of a study of uncertainty."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,23 +8,8 @@ from matplotlib.ticker import LogLocator
 
 from deux.figures.drawing import ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
 from deux.metrics.sparsification import REMOVED
-from deux.studies.judged_scene import CONTROLS
+from deux.studies.judged_scene import CONTROLS, JudgedSample
 from deux.studies.uncertainty_study import MOVED, Kept, UncertaintyStudy
-
-
-@dataclass(frozen=True)
-class JudgedSample:
-    """One row of the maps.
-
-    Args:
-        rgb: H x W x 3 uint8.
-        error: H x W absolute error in metres, NaN where the true depth is not known.
-        uncertainties: H x W maps by the measure's name, NaN where it says nothing.
-    """
-
-    rgb: np.ndarray
-    error: np.ndarray
-    uncertainties: Mapping[str, np.ndarray]
 
 
 def draw_sparsification(study: UncertaintyStudy) -> Figure:

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 from deux.metrics.intervals import Estimate
 from deux.report.sheet import Cell, Sheet, estimate_cell
 from deux.studies.exploration_meter import REWARD
-from deux.studies.explorer_comparison import Comparison
+from deux.studies.explorer_comparison import ExplorerComparison as Comparison
 
 _MEAN = "mean ± half the 95 % t interval over the scenes"
 

@@ -35,7 +35,7 @@ class ExplorationEpisode:
     seconds: float
 
 
-class Comparison:
+class ExplorerComparison:
     """The episodes of several explorers in the same scenes.
 
     Scenes are what differs independently: the episodes of one scene are averaged first, and the intervals are over

@@ -27,7 +27,7 @@ def measures_sheet(study: UncertaintyStudy, kept: Kept = "all") -> Sheet:
     ]
     if kept == "all":
         numbers.append(("ρ places", [study.places(name) for name in names], 2, max))
-    columns = [[estimate_cell(study.share(name, kept), 0, factor=100.0) for name in names]]
+    columns = [[estimate_cell(study.coverage(name, kept), 0, factor=100.0) for name in names]]
     for _, values, digits, best in numbers:
         winner = best(
             (value.mean for value in values[: len(study.measures)] if math.isfinite(value.mean)), default=math.nan

@@ -1,24 +1,23 @@
-"""Who takes part in a comparison of explorers, and by which rewards they are judged."""
+"""Which explorers take part in a comparison, and by which rewards they are judged."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from deux.collection.exploration import MODEL_NEEDS
+from deux.collection.perception import MODEL_NEEDS
 from deux.contracts import Explorer, Reward
 from deux.errors import DeuxError
 from deux.policies.learned_explorer import LearnedExplorer
-from deux.registry import registry
-from deux.tasks.settings import PluginChoice, Settings, plugin_choice
+from deux.registry import PluginChoice, registry
 
 RewardStates = Mapping[str, Mapping[str, np.ndarray]]
-"""What each reward has learned, by its name; empty for most."""
+"""What each reward has learned, by the reward's registered name; empty for most."""
 
 
 @dataclass
-class Contenders:
+class Participants:
     """The explorers and the rewards of one comparison.
 
     Args:
@@ -41,25 +40,31 @@ class Contenders:
         return {choice.name: {**choice.settings, "is": self.fingerprints[choice.name]} for choice in self.explorers}
 
 
-def find_contenders(settings: Settings) -> Contenders:
-    """The explorers that `compare.explorers` names, or all installed ones that can take part.
+def find_participants(named: Sequence[str] | None, configured: PluginChoice, has_model: bool) -> Participants:
+    """The explorers that are named, or all installed ones that can take part.
 
-    The one that `explore` names has its options; the others have their defaults. A reward that learns judges by what
-    it learned while the compared explorer that seeks it was trained, and where none seeks it, it does not judge.
+    A reward that learns judges by what it learned while the compared explorer that seeks it was trained, and where
+    none seeks it, it does not judge.
+
+    Args:
+        named: registered names (`compare.explorers`); None for all that are installed.
+        configured: the explorer of `explore`, which keeps its options; the others have their defaults.
+        has_model: whether there is a depth model for explorers that need one.
 
     Raises:
         DeuxError: an explorer that is named cannot take part, or none can.
     """
-    found = Contenders()
+    found = Participants()
     learned: dict[str, Mapping[str, np.ndarray]] = {}
-    named = settings.compare.explorers
     for name in dict.fromkeys(named or registry().names("explorers")):
         try:
-            choice = settings.explorer if name == settings.explorer.name else _with_defaults(name)
+            choice = configured
+            if name != configured.name:
+                choice = registry().choose("explorers", {"name": name}, "compare.explorers")
             explorer: Explorer = choice.create()
             found.fingerprints[name] = explorer.fingerprint()
-            if explorer.needs & MODEL_NEEDS and settings.seed_model.checkpoint is None:
-                raise DeuxError(f"{name} needs a depth model: name a trained one with seed.checkpoint=RUN.")
+            if explorer.needs & MODEL_NEEDS and not has_model:
+                raise DeuxError(f"{name} needs a depth model: name a trained one with seed_model.checkpoint=RUN.")
             if isinstance(explorer, LearnedExplorer):
                 learned.setdefault(explorer.reward, explorer.policy.reward_state)
                 found.own_rewards[name] = explorer.reward
@@ -84,7 +89,3 @@ def make_rewards(states: RewardStates) -> dict[str, Reward]:
         if states[name]:
             reward.load_state(states[name])
     return rewards
-
-
-def _with_defaults(name: str) -> PluginChoice:
-    return plugin_choice("explorers", {"name": name}, "compare.explorers")

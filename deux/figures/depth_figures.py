@@ -1,20 +1,35 @@
-"""The figure that shows a model at work: image, sparse depth, prediction, ground truth, error, uncertainty."""
+"""The figures of a depth model at work: one depth map, or several frames with their errors and uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import torch
+from lightning.fabric.utilities import move_data_to_device
+from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from deux.contracts import Batch, DepthModel
 from deux.figures.drawing import DEPTH_COLORS, ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
+from deux.geometry.photometric_residual import photometric_residual
+from deux.geometry.reprojection import reproject
+from deux.training.module import DepthCompletion
 
 _COLUMNS = ("image", "sparse depth", "prediction", "ground truth", "error", "uncertainty")
+
+_LONGER_SIDE = 7.0
+"""Of the picture of one depth map without its scale, in inches."""
+
+_MOST_ELONGATED = 4.0
+"""Ratio of the sides from which on a depth map stands in an area that is wider or higher than itself."""
 
 
 @dataclass(frozen=True)
 class DepthSample:
-    """One row of the figure.
+    """One row of the figure of depth panels.
 
     Args:
         rgb: H x W x 3 uint8.
@@ -29,6 +44,31 @@ class DepthSample:
     predicted_depth: np.ndarray
     ground_truth: np.ndarray
     residual: np.ndarray
+
+
+@torch.no_grad()
+def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
+    """Predict every frame of a batch that carries ground truth, and rebuild it from its source frames.
+
+    Without poses of the frames there is no residual: it is NaN everywhere.
+    """
+    batch = move_data_to_device(batch, next(model.parameters()).device)
+    assert batch.ground_truth is not None
+    predicted = model.predict(batch.image, batch.sparse_depth, batch.intrinsics)
+    residual = torch.full_like(predicted[:, 0], torch.nan)
+    if batch.source_from_target is not None:
+        images, visible = reproject(batch.sources, predicted, batch.intrinsics, batch.source_from_target)
+        residual = photometric_residual(batch.image, images, visible)
+    return [
+        DepthSample(
+            rgb=(batch.image[i].permute(1, 2, 0) * 255.0).round().byte().cpu().numpy(),
+            sparse_depth=batch.sparse_depth[i, 0].cpu().numpy(),
+            predicted_depth=predicted[i, 0].cpu().numpy(),
+            ground_truth=batch.ground_truth[i, 0].cpu().numpy(),
+            residual=residual[i].cpu().numpy(),
+        )
+        for i in range(len(batch.image))
+    ]
 
 
 def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
@@ -62,6 +102,58 @@ def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
         bar.set_label(label, fontsize=9)
         bar.ax.tick_params(labelsize=8)
     return figure
+
+
+def draw_depth(depth: np.ndarray) -> Figure:
+    """Draw a depth map with a scale in metres.
+
+    The colours run from the 1st to the 99th percentile, so that a few far pixels do not flatten all others.
+
+    Args:
+        depth: H x W metres, 0 = none.
+    """
+    known = np.where(depth > 0, depth, np.nan)
+    nearest, farthest = np.nanpercentile(known, (1, 99)) if (depth > 0).any() else (0.0, 1.0)
+    height, width = depth.shape
+    ratio = min(max(height / width, 1 / _MOST_ELONGATED), _MOST_ELONGATED)
+    size = _LONGER_SIDE * np.array([1.0, ratio]) / max(1.0, ratio)
+    figure = new_figure(size[0] + 1.0, size[1])
+    axes = figure.add_subplot()
+    picture = axes.imshow(known, cmap=DEPTH_COLORS, vmin=nearest, vmax=farthest)
+    axes.set_facecolor("0.85")
+    hide_ticks(axes)
+    bar = figure.colorbar(picture, ax=axes, extend="both", pad=0.02)
+    bar.set_label("depth [m]", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    return figure
+
+
+class PanelLogger(Callback):
+    """A callback that draws the first frames of each validation into the TensorBoard log.
+
+    Args:
+        frames: number of frames, at most one batch of them.
+    """
+
+    def __init__(self, frames: int = 3) -> None:
+        self.frames = frames
+
+    def on_validation_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: Any,
+        batch: Batch,
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Draw the first batch."""
+        if batch_idx > 0 or batch.ground_truth is None or not isinstance(pl_module, DepthCompletion):
+            return
+        figure = draw_depth_panels(depth_samples(pl_module.model, batch)[: self.frames])
+        for logger in trainer.loggers:
+            if isinstance(logger, TensorBoardLogger):
+                logger.experiment.add_figure("validation/frames", figure, trainer.global_step)
 
 
 def _draw_sparse(panel: Axes, sparse_depth: np.ndarray, deepest: float) -> None:

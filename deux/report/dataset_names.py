@@ -5,25 +5,28 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from deux.errors import DeuxError, near_matches
-from deux.report.comparison import Comparison
-from deux.report.conditions import Facts, differences
+from deux.report.comparable_runs import ComparableRuns
+from deux.report.conditions import FlatOptions, differences
+
+_MOST_SCENES = 4
+"""Scenes that a dataset's name lists; it counts them where there are more."""
 
 
-class Datasets:
-    """The datasets of some comparisons, told apart by their test frames.
+class DatasetNames:
+    """The datasets of some groups of runs, told apart by their test frames.
 
     Args:
-        comparisons: the largest first.
+        groups: the largest first.
         first: the name of Table I's dataset; None for the one on which the most explorers were compared.
 
     Raises:
         DeuxError: there is no dataset of that name.
     """
 
-    def __init__(self, comparisons: Sequence[Comparison], first: str | None = None) -> None:
-        self._names: dict[Facts, str] = {}
-        known = [c.testing for c in comparisons if not c.transferred]
-        known += [testing for c in comparisons for testing in (c.own_testing, c.testing)]
+    def __init__(self, groups: Sequence[ComparableRuns], first: str | None = None) -> None:
+        self._names: dict[FlatOptions, str] = {}
+        known = [group.testing for group in groups if not group.transferred]
+        known += [testing for group in groups for testing in (group.own_testing, group.testing)]
         for testing in known:
             if testing not in self._names:
                 self._names[testing] = self._new_name(testing)
@@ -34,11 +37,11 @@ class Datasets:
         chosen = (testing for testing, name in self._names.items() if name == first)
         self.first = next(chosen, known[0] if known else ())
 
-    def name(self, testing: Facts) -> str:
-        """What a dataset is called."""
+    def name(self, testing: FlatOptions) -> str:
+        """What the dataset of some test frames is called."""
         return self._names[testing]
 
-    def _new_name(self, testing: Facts) -> str:
+    def _new_name(self, testing: FlatOptions) -> str:
         """Its source, and what tells it from an earlier dataset of that source."""
         source = _source(testing)
         for other, name in self._names.items():
@@ -47,12 +50,15 @@ class Datasets:
         return source
 
 
-def _source(testing: Facts) -> str:
+def _source(testing: FlatOptions) -> str:
+    """The folder of recorded data, or the source of the scenes, with the test scenes' names where they are chosen."""
     options = {key: json.loads(value) for key, value in testing}
     if data := options.get("evaluation.data"):
         return Path(str(data)).name
-    source = str(options.get("scenes.source", "unknown scenes"))
-    files = options.get("scenes.test", [])
-    if source != "files":
+    source = str(options.get("scenes.name", "unknown scenes"))
+    chosen = options.get("scenes.test")
+    scenes = [chosen] if isinstance(chosen, str) else chosen if isinstance(chosen, list) else []
+    names = [Path(scene).stem for scene in scenes if isinstance(scene, str)]
+    if not names:
         return source
-    return f"{source} {', '.join(Path(str(file)).stem for file in ([files] if isinstance(files, str) else files))}"
+    return f"{source} {', '.join(names) if len(names) <= _MOST_SCENES else f'{len(names)} scenes'}"

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deux.report.comparison import comparisons
-from deux.report.figures import draw_comparison, draw_error_against_frames
+from deux.report.comparable_runs import group_comparable
+from deux.report.report_figures import draw_error_against_frames, draw_runs
 from deux.report.runs import find_runs
 
 
@@ -26,12 +26,12 @@ def drawn(write_run, outputs):
                 picture(figures / "test_frames.png", colors[explorer], (2000, 100))
                 picture(figures / "trajectory_flat-00.png", colors[explorer])
                 picture(figures / "trajectory_annex-00.png" if explorer == "deux" else figures / "training.png", "lime")
-    (comparison,) = comparisons(find_runs(outputs), [])
-    return comparison
+    (runs,) = group_comparable(find_runs(outputs), [])
+    return runs
 
 
 def test_the_runs_pictures_are_shown_in_order(drawn, names, tmp_path):
-    pictures = draw_comparison(drawn, names, tmp_path / "figures", "table1")
+    pictures = draw_runs(drawn, names, tmp_path / "figures", "table1")
     assert [one.file.name for one in pictures] == [
         "table1_frames_random.jpg",
         "table1_frames_deux.jpg",
@@ -50,18 +50,18 @@ def test_the_runs_pictures_are_shown_in_order(drawn, names, tmp_path):
 
 def test_runs_without_pictures_have_no_figures(write_run, outputs, names, tmp_path):
     write_run("random", "kbnet", 0, 20.0)
-    (comparison,) = comparisons(find_runs(outputs), [])
-    assert draw_comparison(comparison, names, tmp_path, "table1") == []
+    (runs,) = group_comparable(find_runs(outputs), [])
+    assert draw_runs(runs, names, tmp_path, "table1") == []
 
 
 def test_error_is_drawn_against_the_mean_number_of_frames(write_run, outputs, names):
     for flats, frames, mae in ((2, 40, 30.0), (4, 80, 20.0), (8, 160, 15.0)):
-        place = {"scenes": {"source": "apartments", "train": flats, "test": 2}}
+        place = {"scenes": {"name": "apartments", "train": flats, "test": 2}}
         for seed in range(2):
             write_run("deux", "kbnet", seed, mae + seed, place=place, frames=frames + 2 * seed, folder=str(flats))
-    compared = comparisons(find_runs(outputs), [])
-    assert len({comparison.but_for_amount for comparison in compared}) == 1
-    figure = draw_error_against_frames(compared, names, "apartments")
+    groups = group_comparable(find_runs(outputs), [])
+    assert len({group.without_amount for group in groups}) == 1
+    figure = draw_error_against_frames(groups, names, "apartments")
     (panel,) = figure.axes
     (container,) = panel.containers
     line, _, (bars,) = container.lines

@@ -1,7 +1,8 @@
 """The report's figures: pictures of the runs side by side, and error against the number of frames."""
 
 import io
-from collections import defaultdict
+import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -14,10 +15,11 @@ from PIL import Image
 
 from deux.figures.drawing import hide_ticks, new_figure, save_figure
 from deux.io.atomic import make_folder, write_atomically
-from deux.report.comparison import Comparison
-from deux.report.names import Key, Names
+from deux.metrics.depth_errors import METRICS
+from deux.metrics.intervals import estimate
+from deux.report.comparable_runs import ComparableRuns
+from deux.report.display_names import DisplayNames, Variant
 from deux.report.runs import Run
-from deux.report.summary import summary
 
 _WIDEST = 1400
 """Pixels of a run's picture in the report."""
@@ -29,7 +31,7 @@ _MARKERS = "osD^vP*Xhd"
 
 
 @dataclass(frozen=True)
-class Picture:
+class CaptionedFigure:
     """A figure of the report.
 
     Args:
@@ -41,92 +43,87 @@ class Picture:
     caption: str
 
 
-def draw_comparison(comparison: Comparison, names: Names, folder: Path, name: str) -> list[Picture]:
+def draw_runs(runs: ComparableRuns, names: DisplayNames, folder: Path, name: str) -> list[CaptionedFigure]:
     """Test frames and trajectories of every explorer, with one depth model and one seed; what the runs still have.
 
     Args:
-        comparison: its runs' folders have the pictures.
+        runs: their folders have the pictures.
         names: of explorers and models.
         folder: takes the figures.
         name: begins the figures' names.
     """
-    model = _fullest(comparison, names)
-    runs = {e: _first(comparison.cells[e, model]) for e in _explorers(comparison, names, model)}
-    pictures = []
-    for explorer, run in runs.items():
+    model = _most_explored(runs, names)
+    explorers = names.ordered_explorers(explorer for explorer, other in runs.cells if other == model)
+    shown = {explorer: _first_seed(runs.cells[explorer, model]) for explorer in explorers}
+    figures = []
+    for explorer, run in shown.items():
         if image := _read(run.path / "figures" / "test_frames.png"):
-            file = folder / f"{name}_frames_{explorer[0]}{'_' * bool(explorer[1])}{_file_part(explorer[1])}.jpg"
+            file = folder / f"{name}_frames_{explorer.name}{'_' * bool(explorer.label)}{_file_part(explorer.label)}.jpg"
             _save_jpeg(image, file)
+            trained = f"trained on {names.explorer(explorer)} frames (seed {run.conditions.seed})"
             what = "image, sparse depth, prediction, ground truth, error, uncertainty"
-            pictures.append(Picture(file, f"{names.model(model)} on test frames, {_of(explorer, run, names)}: {what}."))
-    paths = {names.explorer(e): image for e, run in runs.items() if (image := _trajectory(run, runs.values()))}
+            figures.append(CaptionedFigure(file, f"{names.model(model)} on test frames, {trained}: {what}."))
+    paths = {names.explorer(e): image for e, run in shown.items() if (image := _trajectory(run, shown.values()))}
     if paths:
         file = save_figure(_side_by_side(paths), folder / f"{name}_trajectories.png")
         caption = "From above: trajectories coloured by time; black unexplored, green explored"
-        pictures.append(Picture(file, f"{caption} ({names.model(model)} where an explorer is guided by a model)."))
-    return pictures
+        guided = f"({names.model(model)} where an explorer is guided by a model)"
+        figures.append(CaptionedFigure(file, f"{caption} {guided}."))
+    return figures
 
 
-def draw_error_against_frames(compared: Sequence[Comparison], names: Names, dataset: str) -> Figure:
+def draw_error_against_frames(groups: Sequence[ComparableRuns], names: DisplayNames, dataset: str) -> Figure:
     """The MAE on the same test frames against the number of training frames, a panel for each model.
 
     Args:
-        compared: comparisons that differ in how much was explored alone.
+        groups: of runs; they differ in how much was explored alone.
         names: of explorers and models.
         dataset: what the test frames are called.
     """
-    models = names.ordered_models(set().union(*(c.models for c in compared)))
-    explorers = names.ordered_explorers(set().union(*(c.explorers for c in compared)))
+    models = names.ordered_models(set().union(*(group.models for group in groups)))
+    explorers = names.ordered_explorers(set().union(*(group.explorers for group in groups)))
     figure = new_figure(max(5.0, 3.6 * len(models)), 3.8)
     panels = figure.subplots(1, len(models), squeeze=False, sharey=True)[0]
     for panel, model in zip(panels, models, strict=True):
         for index, explorer in enumerate(explorers):
-            points = _points(compared, explorer, model)
+            points = _points(groups, explorer, model)
             if points:
                 frames, mae, interval = np.array(points).T
                 style = {"marker": _MARKERS[index % len(_MARKERS)], "markersize": 5, "linewidth": 1.2, "capsize": 3}
                 panel.errorbar(frames, mae, interval, color=f"C{index % 10}", label=names.explorer(explorer), **style)
-        panel.axhline(compared[0].baseline[0].mean, color="0.4", linestyle="--", linewidth=1, label="Interpolation")
+        interpolation = groups[0].baseline.estimates["mae"].mean
+        panel.axhline(interpolation, color="0.4", linestyle="--", linewidth=1, label="Interpolation")
         panel.set_title(names.model(model), fontsize=10)
         panel.set_xlabel("training frames")
         panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
         panel.grid(alpha=0.3)
     panels[0].set_ylim(bottom=max(0.0, panels[0].get_ylim()[0]))
-    panels[0].set_ylabel(f"MAE on the {dataset} test set [mm]")
+    panels[0].set_ylabel(f"{METRICS['mae'].title} on the {dataset} test set [{METRICS['mae'].unit}]")
     panels[-1].legend(fontsize=7)
     return figure
 
 
-def _points(compared: Iterable[Comparison], explorer: Key, model: Key) -> list[tuple[float, float, float]]:
+def _points(groups: Iterable[ComparableRuns], explorer: Variant, model: Variant) -> list[tuple[float, float, float]]:
     """Mean number of frames, mean MAE and its interval (0 if there is none) for each budget, by frames."""
     points = []
-    for comparison in compared:
-        runs = comparison.cells.get((explorer, model), {})
-        counted = {seed: run.results.frames for seed, run in runs.items() if run.results and run.results.frames}
-        if counted:
-            mae = summary({seed: runs[seed].errors["mae"] for seed in counted})
-            points.append((float(np.mean(list(counted.values()))), mae.mean, mae.interval or 0.0))
+    for group in groups:
+        runs = group.cells.get((explorer, model), {})
+        frames = {seed: run.results.frames for seed, run in runs.items() if run.results and run.results.frames}
+        if frames:
+            mae = estimate([runs[seed].errors["mae"] for seed in frames])
+            interval = 0.0 if math.isnan(mae.half_width) else mae.half_width
+            points.append((float(np.mean(list(frames.values()))), mae.mean, interval))
     return sorted(points)
 
 
-def _fullest(comparison: Comparison, names: Names) -> Key:
+def _most_explored(runs: ComparableRuns, names: DisplayNames) -> Variant:
     """The first of the models that most explorers were run with."""
-    count: dict[Key, int] = defaultdict(int)
-    for _, model in comparison.cells:
-        count[model] += 1
+    count = Counter(model for _, model in runs.cells)
     return max(names.ordered_models(count), key=lambda model: count[model])
 
 
-def _explorers(comparison: Comparison, names: Names, model: Key) -> list[Key]:
-    return names.ordered_explorers(explorer for explorer, other in comparison.cells if other == model)
-
-
-def _first(runs: dict[int, Run]) -> Run:
+def _first_seed(runs: Mapping[int, Run]) -> Run:
     return runs[min(runs)]
-
-
-def _of(explorer: Key, run: Run, names: Names) -> str:
-    return f"trained on {names.explorer(explorer)} frames (seed {run.conditions.seed})"
 
 
 def _trajectory(run: Run, others: Iterable[Run]) -> Image.Image | None:

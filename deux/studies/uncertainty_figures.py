@@ -1,5 +1,6 @@
 """The figures of a study of uncertainty."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,9 +37,13 @@ def draw_sparsification(study: UncertaintyStudy) -> Figure:
 
 def draw_frames(study: UncertaintyStudy) -> Figure:
     """Draw each frame as a point, its uncertainty against its true error, for each measure."""
-    figure = new_figure(3.4 * 3, 3.2 * ((len(study.measures) + 2) // 3))
-    panels = figure.subplots((len(study.measures) + 2) // 3, 3, squeeze=False)
-    for axes, name in zip(panels.flat, study.measures, strict=True):
+    columns = min(3, len(study.measures))
+    rows = math.ceil(len(study.measures) / columns)
+    figure = new_figure(3.4 * columns, 3.2 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for axes in panels.flat[len(study.measures) :]:
+        axes.set_axis_off()
+    for axes, name in zip(panels.flat, study.measures, strict=False):
         for moved, color, label in ((True, "C0", "the camera moved"), (False, "C1", "it turned only")):
             points = [
                 (frame.judgements[name].delta, frame.error)
@@ -81,7 +86,7 @@ def draw_uncertainty_maps(samples: Sequence[JudgedSample]) -> Figure:
             axes.set_facecolor("0.85")
             hide_ticks(axes)
     for axes, title in zip(panels[0], columns, strict=True):
-        limit = worst if title == "true error" else highest.get(title)  # type: ignore[call-overload]
+        limit = worst if title == "true error" else highest.get(title)
         axes.set_title(title if limit is None else f"{title}\n0 to {limit:.2g}", fontsize=9)
     return figure
 

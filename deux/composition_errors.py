@@ -26,7 +26,7 @@ RENAMED = {
     "scenes.source": "scenes.name",
     "foundation.flats": "foundation.scenes",
     "explorer_training.flats": "explorer_training.scenes",
-    "compare.flats": "compare.scenes",
+    "compare.flats": "scenes.test",
     **{f"callbacks.{option}": f"callbacks.active_collection.{option}" for option in
        ("every", "unit", "rounds", "steps", "episodes", "mode")},
 }  # fmt: skip

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from deux.metrics.intervals import Estimate, estimate
+from deux.metrics.tables import csv_text
 from deux.studies.judged_scene import CONTROLS, JudgedFrame, JudgedScene, Judgement, rank_correlation
 
 MOVED = 0.1
@@ -79,6 +80,18 @@ class UncertaintyStudy:
     def count(self, kept: Kept = "all") -> int:
         """Number of frames."""
         return len(self._frames(kept))
+
+    def frames_csv(self) -> str:
+        """One row for each frame and measure, as CSV."""
+        frame_columns = ("step", "moved", "turned", "distance", "texture", "error")
+        columns = ("delta", "coverage", "rank_correlation", "ause")
+        rows = [
+            [scene.scene, *(getattr(frame, c) for c in frame_columns), name, *(getattr(judged, c) for c in columns)]
+            for scene in self.scenes
+            for frame in scene.frames
+            for name, judged in frame.judgements.items()
+        ]
+        return csv_text(["scene", *frame_columns, "measure", *columns], rows)
 
     def summary(self) -> dict[str, dict[str, float | None]]:
         """The means of all numbers over the scenes, as JSON values."""

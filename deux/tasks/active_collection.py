@@ -16,11 +16,11 @@ from deux.data.datamodule import TripletDataModule
 from deux.deployment.model_files import MODEL_FILE, load_model, save_model
 from deux.errors import check_range
 from deux.figures.drawing import save_figure
-from deux.figures.round_curve import draw_rounds
+from deux.figures.training_curves import draw_rounds
 from deux.io.atomic import make_folder, write_json
 from deux.io.layout import sequences
 from deux.io.locking import locked
-from deux.metrics.depth_errors import DepthMetrics
+from deux.metrics.depth_errors import DepthErrors
 from deux.options import construct
 from deux.registry import PluginChoice
 from deux.task_sections import Sections
@@ -193,7 +193,7 @@ class RoundCollector:
             batch_size=training.batch_size,
             crop=training.crop,
         )
-        metrics = DepthMetrics(camera.min_depth, camera.max_depth, alone=True)
+        metrics = DepthErrors(camera.min_depth, camera.max_depth, alone=True)
         for batch in data.val_dataloader():
             assert batch.ground_truth is not None
             depth = predict(batch.image, batch.sparse_depth, batch.intrinsics)

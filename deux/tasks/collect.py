@@ -60,9 +60,9 @@ class Exploration:
         predictor, identity = None, None
         if self._seed_model is not None:
             with run.stage("seed"):
-                model, weights = self._seed_model.get()
-            predictor = self._training.predictor(model)
-            identity = f"{weights} in {predictor.precision}"
+                guide = self._seed_model.get()
+            predictor = self._training.predictor(guide.model)
+            identity = f"{guide.weights} in {predictor.precision}"
         say(f"Explore with {self.explorer.name}")
         with run.stage("collect"):
             return self._datasets.explored(self.explorer, predictor, identity)

@@ -12,9 +12,8 @@ from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
 from deux.data.triplets import TripletDataset, collate
 from deux.errors import check_range
-from deux.figures.depth_panels import draw_depth_panels
+from deux.figures.depth_figures import depth_samples, draw_depth_panels
 from deux.figures.drawing import save_figure
-from deux.figures.samples import depth_samples
 from deux.geometry.camera import Camera
 from deux.inference.precision import default_device
 from deux.metrics.model_errors import Evaluation, evaluate

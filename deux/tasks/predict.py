@@ -13,14 +13,14 @@ from deux.configuration import run_folder, sections_of, user_path
 from deux.contracts import DepthModel
 from deux.deployment.array_prediction import predict_arrays
 from deux.errors import DeuxError, check_range
-from deux.figures.depth_map import draw_depth
+from deux.figures.depth_figures import draw_depth
 from deux.figures.drawing import save_figure
 from deux.geometry.camera import Camera
 from deux.geometry.scaffolding import interpolate
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
 from deux.io.images import LARGEST_DEPTH, write_depth
-from deux.metrics.functional import depth_errors
+from deux.metrics.depth_errors import depth_errors
 from deux.report.results import error_table
 from deux.tasks.checkpoints import load_needed_model
 from deux.tasks.console import quieten_libraries, say

@@ -1,7 +1,7 @@
 """The seed model: the depth model whose errors tell the explorer where to go."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from deux.configuration import compose
 from deux.contracts import DepthModel
@@ -39,6 +39,20 @@ class SeedModelSettings:
         check_range("seed_model.steps", self.steps, 1)
 
 
+class TrainedModel(NamedTuple):
+    """A depth model and where it comes from.
+
+    Args:
+        name: its registered name.
+        model: in eval mode.
+        weights: what identifies its weights.
+    """
+
+    name: str
+    model: DepthModel
+    weights: str
+
+
 class SeedModel:
     """Trains the seed model, or loads it.
 
@@ -71,8 +85,8 @@ class SeedModel:
             return f"Seed model: {self.settings.checkpoint}"
         return f"Seed model: {self._recipe.model.name} on the {self._explorer.name} frames"
 
-    def get(self) -> tuple[DepthModel, str]:
-        """The seed model in eval mode, and what identifies its weights.
+    def get(self) -> TrainedModel:
+        """The seed model.
 
         It is `seed_model.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the
         model published. Otherwise it is trained on the frames of `seed_model.explore` and kept under
@@ -81,8 +95,7 @@ class SeedModel:
         say(self.description)
         checkpoint = self.settings.checkpoint
         path = self._trained() if checkpoint is None else checkpoint
-        _, model = load_named_model(self._recipe.model, path)
-        return model, weights_identity(path)
+        return TrainedModel(*load_named_model(self._recipe.model, path), weights_identity(path))
 
     def _trained(self) -> str:
         training = replace(self._recipe.training, steps=self.settings.steps)

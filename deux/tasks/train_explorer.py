@@ -16,7 +16,7 @@ from deux.environment.memory import RESOLUTION
 from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError, check_range
 from deux.figures.drawing import save_figure
-from deux.figures.learning_curve import draw_learning_curve
+from deux.figures.training_curves import draw_learning_curve
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.policies.policy_files import POLICY_FILE, TrainedPolicy, save_policy
 from deux.policies.ppo import LearningCurve, train_policy

@@ -14,12 +14,12 @@ from deux.contracts import DepthModel, Foundation, Reader
 from deux.data.dataset_reader import DatasetReader
 from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.errors import DeuxError, check_range
+from deux.figures.depth_figures import PanelLogger
 from deux.figures.drawing import save_figure
-from deux.figures.panel_logger import PanelLogger
-from deux.figures.training_curve import draw_training_curve
+from deux.figures.training_curves import draw_training_curve
 from deux.inference.precision import FastPredictor
 from deux.io.locking import locked
-from deux.metrics.depth_errors import DepthMetrics
+from deux.metrics.depth_errors import DepthErrors
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import load_named_model, weights_identity
@@ -162,7 +162,7 @@ class Training:
             objective=recipe.objective,
             pose=recipe.pose,
             seed=self.seed,
-            metrics=DepthMetrics(camera.min_depth, camera.max_depth) if validation else None,
+            metrics=DepthErrors(camera.min_depth, camera.max_depth) if validation else None,
             trainer_arguments={"enable_progress_bar": bool(bars), **self._trainer},
             callbacks=[*bars, *([PanelLogger()] if validation else []), *callbacks],
         )

@@ -71,7 +71,6 @@ MISTAKES = {
     "training.batch_size=0": "training.batch_size is 0: it must be at least 1.",
     "training.validations=0": "training.validations is 0: it must be at least 1.",
     "evaluation.viewpoints=0": "evaluation.viewpoints is 0: it must be at least 1.",
-    "compare.scenes=0": "compare.scenes is 0: it must be at least 1.",
     "compare.steps=1": "compare.steps is 1: it must be at least 2.",
     "compare.figure_scene=20": "compare.figure_scene is 20: it must be at least 0 and at most 19.",
     "seed=-1": "seed is -1: the random seed is a whole number from 0 to 4294967295.",

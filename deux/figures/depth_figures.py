@@ -1,4 +1,4 @@
-"""The figures of a depth model at work: one depth map, or several frames with their errors and uncertainty."""
+"""Figures of predicted depth: one depth map, or several frames with their errors and uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -69,7 +69,7 @@ def collect_viewpoints(
         if not missing:
             continue
         simulator = make_simulator(plan.scene)
-        parts = stratify(simulator.free_space().free, plan.count)
+        parts = _parts(simulator, plan)
         with FrameWriter() as writer:
             for index in missing:
                 frames = _frames(simulator, parts, index, np.random.default_rng([plan.seed, index]), plan.scene.name)
@@ -83,6 +83,14 @@ def collect_viewpoints(
 
 def _finished(paths: SequencePaths) -> bool:
     return all(paths.file("absolute_pose", frame_name(number)).exists() for number in range(3))
+
+
+def _parts(simulator: Simulator, plan: ViewpointsPlan) -> list[np.ndarray]:
+    """The cells of the floor from which each viewpoint is drawn."""
+    try:
+        return stratify(simulator.free_space().free, plan.count)
+    except DeuxError as error:
+        raise DeuxError(f"Scene {plan.scene.name} has no viewpoints: {error}") from error
 
 
 def _frames(

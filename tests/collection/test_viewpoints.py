@@ -1,5 +1,6 @@
 """Free test poses: uniform over the floor, three frames each, resumable."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
 from deux.collection.viewpoints import MOTIONS, ViewpointsPlan, collect_viewpoints, poses_before
 from deux.contracts import Action
 from deux.errors import DeuxError
+from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import motion, yaw_of
 from deux.io.calibration import read_pose
 
@@ -73,3 +75,20 @@ def test_a_scene_without_room_for_a_step_is_an_error(tmp_path: Path) -> None:
 
     with pytest.raises(DeuxError, match="Scene room has no viewpoints"):
         collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2)], Cell)
+
+
+def test_an_empty_floor_is_an_error_and_a_tiny_one_serves_all_viewpoints(tmp_path: Path) -> None:
+    class Patch(ToySimulator):
+        cells = 0
+
+        def free_space(self, floor: int = 0) -> FreeSpace:
+            space = super().free_space(floor)
+            free = np.zeros_like(space.free)
+            free.reshape(-1)[20 * 60 + 30 : 20 * 60 + 30 + self.cells] = True
+            return replace(space, free=free)
+
+    with pytest.raises(DeuxError, match=r"^Scene room has no viewpoints: there is no free floor: .*\.$"):
+        collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2)], Patch)
+    Patch.cells = 8  # 0.8 m x 0.1 m: room for a step along it, and fewer cells than viewpoints
+    collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 10)], Patch)
+    assert poses(tmp_path).shape == (10, 3, 4, 4)

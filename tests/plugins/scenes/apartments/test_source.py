@@ -1,6 +1,3 @@
-import subprocess
-import sys
-
 import pytest
 
 from deux.contracts import SceneSource
@@ -63,12 +60,3 @@ def test_mistakes_are_one_sentence(settings, message):
     with pytest.raises(DeuxError, match=message) as error:
         construct(Apartments, settings, "scenes").splits()
     assert "\n" not in str(error.value)
-
-
-def test_flats_are_generated_without_the_graphics_libraries():
-    code = (
-        "import sys; from deux_plugins.scenes.apartments import Apartments;"
-        "Apartments(1).splits().train[0].load();"
-        "assert not {'pyrender', 'OpenGL', 'lightning'} & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

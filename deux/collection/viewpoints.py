@@ -71,10 +71,7 @@ def collect_viewpoints(
         if not missing:
             continue
         simulator = make_simulator(plan.scene)
-        space = simulator.free_space(plan.floor)
-        if not space.free.any():
-            raise DeuxError(f"Scene {plan.scene.name} has no viewpoints: floor {plan.floor} has no free place.")
-        parts = stratify(space.free, plan.count)
+        parts = _parts(simulator, plan)
         with FrameWriter() as writer:
             for index in missing:
                 frames = _frames(simulator, plan, parts, index)
@@ -90,13 +87,19 @@ def _finished(paths: SequencePaths) -> bool:
     return all(paths.file("absolute_pose", frame_name(number)).exists() for number in range(3))
 
 
+def _parts(simulator: Simulator, plan: ViewpointsPlan) -> list[np.ndarray]:
+    """The cells of the floor from which each viewpoint is drawn."""
+    try:
+        return stratify(simulator.free_space(plan.floor).free, plan.count)
+    except DeuxError as error:
+        raise DeuxError(f"Scene {plan.scene.name} has no viewpoints: {error}") from error
+
+
 def _frames(simulator: Simulator, plan: ViewpointsPlan, parts: list[np.ndarray], index: int) -> list[Frame]:
     """Draw poses in the viewpoint's part of the floor until the robot can come to one of them."""
     rng = np.random.default_rng([plan.seed, index])
     space = simulator.free_space(plan.floor)
-    anywhere = np.concatenate(parts)
-    # A part is empty where there are fewer free cells than viewpoints.
-    for cells in (parts[index] if len(parts[index]) else anywhere, anywhere):
+    for cells in (parts[index], np.concatenate(parts)):
         for _ in range(_ATTEMPTS):
             row, column = rng.choice(cells) + rng.uniform(-0.5, 0.5, size=2)
             x, z = space.frame.centre(row, column)

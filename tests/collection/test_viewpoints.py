@@ -84,7 +84,7 @@ def test_a_floor_without_a_free_place_is_an_error(tmp_path: Path) -> None:
             space = super().free_space(floor)
             return replace(space, free=np.zeros_like(space.free))
 
-    with pytest.raises(DeuxError, match="Scene room has no viewpoints: floor 1 has no free place"):
+    with pytest.raises(DeuxError, match="Scene room has no viewpoints: there is no free floor"):
         collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2, floor=1)], Blocked)
 
 
@@ -103,3 +103,20 @@ def test_more_viewpoints_than_free_cells(tmp_path: Path) -> None:
 def test_viewpoints_lie_on_their_floor(tmp_path: Path) -> None:
     collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 3, floor=1)], ToySimulator)
     assert (poses(tmp_path)[..., 1, 3] == 3.0 + ROBOT.camera_height).all()
+
+
+def test_an_empty_floor_is_an_error_and_a_tiny_one_serves_all_viewpoints(tmp_path: Path) -> None:
+    class Patch(ToySimulator):
+        cells = 0
+
+        def free_space(self, floor: int = 0) -> FreeSpace:
+            space = super().free_space(floor)
+            free = np.zeros_like(space.free)
+            free.reshape(-1)[20 * 60 + 30 : 20 * 60 + 30 + self.cells] = True
+            return replace(space, free=free)
+
+    with pytest.raises(DeuxError, match=r"^Scene room has no viewpoints: there is no free floor: .*\.$"):
+        collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2)], Patch)
+    Patch.cells = 8  # 0.8 m x 0.1 m: room for a step along it, and fewer cells than viewpoints
+    collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 10)], Patch)
+    assert poses(tmp_path).shape == (10, 3, 4, 4)

@@ -38,7 +38,9 @@ def draw_frames(study: UncertaintyStudy) -> Figure:
     """Draw each frame as a point, its uncertainty against its true error, for each measure."""
     figure = new_figure(3.4 * 3, 3.2 * ((len(study.measures) + 2) // 3))
     panels = figure.subplots((len(study.measures) + 2) // 3, 3, squeeze=False)
-    for axes, name in zip(panels.flat, study.measures, strict=True):
+    for axes in panels.flat[len(study.measures) :]:
+        axes.set_axis_off()
+    for axes, name in zip(panels.flat, study.measures, strict=False):
         for moved, color, label in ((True, "C0", "the camera moved"), (False, "C1", "it turned only")):
             points = [
                 (frame.judgements[name].delta, frame.error)

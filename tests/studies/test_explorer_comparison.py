@@ -7,7 +7,7 @@ import pytest
 from deux.report.sheet import Cell
 from deux.studies.comparison_sheets import gains_sheet, measures_sheet, rewards_sheet
 from deux.studies.exploration_meter import Exploration
-from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
+from deux.studies.explorer_comparison import ExplorationEpisode, ExplorerComparison
 
 
 def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) -> ExplorationEpisode:
@@ -18,7 +18,7 @@ def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) 
 
 
 @pytest.fixture
-def comparison() -> Comparison:
+def comparison() -> ExplorerComparison:
     """Two scenes that differ more than the two explorers do; two episodes of `still` in the first scene."""
     episodes = [
         episode("still", "small", 9.0),
@@ -27,7 +27,7 @@ def comparison() -> Comparison:
         episode("eager", "small", 13.0, collisions=0),
         episode("eager", "large", 33.5, collisions=1),
     ]
-    return Comparison(episodes, {"eager": "growth"})
+    return ExplorerComparison(episodes, {"eager": "growth"})
 
 
 def test_episodes_of_one_scene_are_averaged_first(comparison):
@@ -67,7 +67,7 @@ def test_a_gain_stands_out_where_its_interval_is_above_zero(comparison):
 
 
 def test_what_is_not_known_is_left_empty():
-    comparison = Comparison([episode("still", "file", 9.0, objects_seen=None)], {})
+    comparison = ExplorerComparison([episode("still", "file", 9.0, objects_seen=None)], {})
     assert measures_sheet(comparison).rows[0][3] == Cell("-")
     assert comparison.summary()["still"]["objects_seen"] == {"mean": None, "half_width": None}
     (row,) = csv.DictReader(io.StringIO(comparison.table_csv()))

@@ -137,6 +137,8 @@ def _explore(
 def _read(record: Path) -> ExplorationEpisode:
     try:
         content = json.loads(read_bytes(record))
-        return ExplorationEpisode(**{**content, "exploration": Exploration(**content["exploration"])})
+        content["exploration"] = Exploration(**content["exploration"])
+        content["trajectory"] = [(x, z, yaw) for x, z, yaw in content["trajectory"]]
+        return ExplorationEpisode(**content)
     except (ValueError, TypeError, KeyError) as error:
         raise DeuxError(f"{record} is damaged, it holds no episode ({error}): delete it.") from error

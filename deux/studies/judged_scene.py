@@ -192,9 +192,8 @@ class SceneJudge:
         maps = {
             name: computed[name] if name in computed else measure(view)[0] for name, measure in self._measures.items()
         }
-        maps |= dict(
-            zip(CONTROLS, (view.depth[0, 0], torch.rand(view.depth.shape[2:], generator=self._rng)), strict=True)
-        )
+        by_chance = torch.rand(view.depth.shape[2:], generator=self._rng)
+        maps |= dict(zip(CONTROLS, (view.depth[0, 0], by_chance), strict=True))
         return {name: uncertainty.cpu().numpy() for name, uncertainty in maps.items()}
 
     def result(self) -> JudgedScene:

@@ -45,7 +45,7 @@ def wall_view(
         depth: N x 1 x H x W metres, the prediction; None for the true depth, in a batch of one.
         moves: where the source cameras stood, metres along the frame's camera axes.
         turn: by how many radians they were turned about the vertical axis.
-        points: N x 1 x H x W bool, where the sparse points are, which have the true depth; None for no points.
+        points: N x 1 x H x W bool (or 1 for N), where the sparse points are, of true depth; None for no points.
         predict_depth: the depth model that a measure may ask; it does not change `depth`. None for one that always
             predicts the first frame's depth.
     """
@@ -58,7 +58,7 @@ def wall_view(
         source_from_target[:, i, :3, 3] = -_rotation(turn).T @ torch.tensor(move)
     view = make_view(
         image=_picture(torch.zeros(3), 0.0).repeat(count, 1, 1, 1),
-        sparse_depth=torch.zeros_like(predicted) if points is None else torch.where(points, true, 0.0),
+        sparse_depth=torch.zeros_like(predicted) if points is None else WALL * points.expand_as(predicted),
         intrinsics=INTRINSICS.repeat(count, 1, 1),
         sources=torch.stack([_picture(torch.tensor(move), turn) for move in moves]).repeat(count, 1, 1, 1, 1),
         source_from_target=source_from_target,
@@ -163,11 +163,11 @@ class UncertaintySuite:
     def test_frames_of_a_batch_do_not_touch_each_other(self) -> None:
         """A frame gets the same values alone as among others, which have other points and another depth."""
         view = _views()
-        together = self.measure(view)
+        batched = self.measure(view)
         for i in range(len(view.image)):
             alone = self.measure(frame_of(view, i))
             torch.testing.assert_close(
-                together[i], alone[0], rtol=1e-4, atol=1e-5, equal_nan=True, msg=f"frame {i} depends on the batch"
+                batched[i], alone[0], rtol=1e-4, atol=1e-5, equal_nan=True, msg=f"frame {i} depends on the batch"
             )
 
     def test_leaves_the_view_alone(self) -> None:

@@ -1,3 +1,5 @@
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import torch
@@ -50,9 +52,9 @@ def test_the_view_holds_the_frame_and_those_before_it():
 def test_all_robots_are_seen_in_one_call_and_each_as_if_alone():
     histories = [history(x=x) for x in (-1.0, 0.0, 1.5)]
     model = GuessingModel()
-    together = Perception(model, uncertainty=L1Residual())(histories, CAMERA.intrinsics)
+    batched = Perception(model, uncertainty=L1Residual())(histories, CAMERA.intrinsics)
     assert model.batch_sizes == [3]
-    for one, frames in zip(together, histories, strict=True):
+    for one, frames in zip(batched, histories, strict=True):
         (alone,) = Perception(GuessingModel(), uncertainty=L1Residual())([frames], CAMERA.intrinsics)
         torch.testing.assert_close(one.predicted_depth, alone.predicted_depth)
         torch.testing.assert_close(one.residual, alone.residual, equal_nan=True)
@@ -78,6 +80,27 @@ def test_without_a_measure_there_is_no_residual():
     (percept,) = Perception(GuessingModel())([history()], CAMERA.intrinsics)
     assert (percept.residual, percept.uncertainty) == (None, None)
     assert percept.predicted_depth.shape == (CAMERA.height, CAMERA.width)
+
+
+class OnDevice(GuessingModel):
+    """A model on a device of which no value can be read, so that whatever leaves it is an error."""
+
+    device = torch.device("meta")
+
+    def __call__(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
+        assert {image.device, sparse_depth.device, intrinsics.device} == {self.device}
+        return super().__call__(image, sparse_depth, intrinsics)
+
+
+@pytest.mark.parametrize("length", [1, 3])
+def test_all_is_computed_on_the_models_device_and_stays_there(length, monkeypatch):
+    monkeypatch.setattr(torch, "autocast", lambda *_, **__: nullcontext())  # that device has none
+    percepts = Perception(OnDevice(), uncertainty=L1Residual())([history(length)] * 2, CAMERA.intrinsics)
+    for percept in percepts:
+        tensors = [value for value in vars(percept.view).values() if isinstance(value, Tensor)]
+        assert len(tensors) == 8
+        assert {t.device for t in (*tensors, percept.residual, percept.uncertainty)} == {OnDevice.device}
+        assert percept.residual.shape == percept.predicted_depth.shape == (CAMERA.height, CAMERA.width)
 
 
 @pytest.mark.gpu

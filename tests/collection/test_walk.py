@@ -95,9 +95,9 @@ def test_walks_in_lock_step_are_what_each_is_alone():
     assert [len(steps) for steps in rounds] == [3] * 5 + [2] * 4
     for seed, make in enumerate(makers):
         alone = steps_of(make(), seed, 9)
-        together = [step for steps in rounds for step in steps if step.walk is walks[seed]]
-        assert [step.action for step in together] == [step.action for step in alone]
-        np.testing.assert_array_equal([step.frame.rgb for step in together], [step.frame.rgb for step in alone])
+        mine = [step for steps in rounds for step in steps if step.walk is walks[seed]]
+        assert [step.action for step in mine] == [step.action for step in alone]
+        np.testing.assert_array_equal([step.frame.rgb for step in mine], [step.frame.rgb for step in alone])
 
 
 def test_a_step_carries_the_frames_before_it():

@@ -3,7 +3,7 @@ import pytest
 from deux.metrics.tables import Cell, ResultTable
 from deux.studies.comparison_tables import exploration_table, gains_table, rewards_table
 from deux.studies.exploration_meter import Exploration
-from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
+from deux.studies.explorer_comparison import ExplorationEpisode, ExplorerComparison
 
 
 def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) -> ExplorationEpisode:
@@ -14,7 +14,7 @@ def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) 
 
 
 @pytest.fixture
-def comparison() -> Comparison:
+def comparison() -> ExplorerComparison:
     """Two scenes that differ more than the two explorers do; two episodes of `still` in the first scene."""
     episodes = [
         episode("still", "small", 9.0),
@@ -23,7 +23,7 @@ def comparison() -> Comparison:
         episode("eager", "small", 13.0, collisions=0),
         episode("eager", "large", 33.5, collisions=1),
     ]
-    return Comparison(episodes, {"eager": "growth"})
+    return ExplorerComparison(episodes, {"eager": "growth"})
 
 
 def texts(table: ResultTable, row: int) -> list[str]:
@@ -60,5 +60,5 @@ def test_a_gain_stands_out_where_its_interval_is_above_zero(comparison):
 
 
 def test_what_is_not_known_is_left_empty():
-    comparison = Comparison([episode("still", "file", 9.0, objects_seen=None)], {})
+    comparison = ExplorerComparison([episode("still", "file", 9.0, objects_seen=None)], {})
     assert exploration_table(comparison).rows[0].cells[2] == Cell()

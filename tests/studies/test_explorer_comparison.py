@@ -5,7 +5,7 @@ import math
 import pytest
 
 from deux.studies.exploration_meter import Exploration
-from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
+from deux.studies.explorer_comparison import ExplorationEpisode, ExplorerComparison
 
 
 def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) -> ExplorationEpisode:
@@ -16,7 +16,7 @@ def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) 
 
 
 @pytest.fixture
-def comparison() -> Comparison:
+def comparison() -> ExplorerComparison:
     """Two scenes that differ more than the two explorers do; two episodes of `still` in the first scene."""
     episodes = [
         episode("still", "small", 9.0),
@@ -25,7 +25,7 @@ def comparison() -> Comparison:
         episode("eager", "small", 13.0, collisions=0),
         episode("eager", "large", 33.5, collisions=1),
     ]
-    return Comparison(episodes, {"eager": "growth"})
+    return ExplorerComparison(episodes, {"eager": "growth"})
 
 
 def test_episodes_of_one_scene_are_averaged_first(comparison):
@@ -43,7 +43,7 @@ def test_gains_are_taken_within_each_scene(comparison):
 
 
 def test_what_is_not_known_is_left_empty():
-    comparison = Comparison([episode("still", "file", 9.0, objects_seen=None)], {})
+    comparison = ExplorerComparison([episode("still", "file", 9.0, objects_seen=None)], {})
     assert comparison.summary()["still"]["objects_seen"] == {"mean": None, "half_width": None}
     (row,) = csv.DictReader(io.StringIO(comparison.table_csv()))
     assert (row["objects_seen"], row["area_seen"], row["area_seen_low"]) == ("", "9.0", "")

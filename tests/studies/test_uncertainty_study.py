@@ -4,6 +4,8 @@ import pytest
 from deux.studies.judged_scene import JudgedFrame, JudgedScene, Judgement, Place
 from deux.studies.uncertainty_study import UncertaintyStudy
 
+MEASURES = ("l1", "parallax", "flip", "sparse_error")
+
 
 def judgement(delta: float, rank: float) -> Judgement:
     oracle = np.linspace(1.0, 0.05, 20)
@@ -36,7 +38,7 @@ def scene(name: str, sign: float, rank: float) -> JudgedScene:
 
 @pytest.fixture
 def study() -> UncertaintyStudy:
-    return UncertaintyStudy([scene("a", 1.0, 0.6), scene("b", 1.0, 0.8)], ("l1", "sparse_error", "parallax", "flip"))
+    return UncertaintyStudy([scene("a", 1.0, 0.6), scene("b", 1.0, 0.8)], MEASURES)
 
 
 def test_numbers_are_means_over_scenes_with_their_interval(study):
@@ -57,8 +59,8 @@ def test_what_a_measure_goes_with(study):
 def test_frames_of_which_a_measure_says_nothing(study):
     assert study.count() == 20
     assert study.count("moved") == 10
-    assert study.share("parallax").mean == pytest.approx(0.25)  # half of the pixels of half of the frames
-    assert study.share("parallax", "moved").mean == pytest.approx(0.5)
+    assert study.coverage("parallax").mean == pytest.approx(0.25)  # half of the pixels of half of the frames
+    assert study.coverage("parallax", "moved").mean == pytest.approx(0.5)
     assert study.frames("parallax").mean == pytest.approx(1.0)
     assert np.isnan(study.pixels("flip").mean)
     assert study.summary()["flip"]["rank_correlation_pixels"] is None

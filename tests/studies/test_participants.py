@@ -4,7 +4,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deux.configuration import compose
 from deux.contracts import Episode, Experience, Observation
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError
@@ -13,8 +12,7 @@ from deux.geometry.grid import GridFrame
 from deux.geometry.robot import Robot
 from deux.policies.policy_files import save_policy
 from deux.registry import registry
-from deux.tasks.contenders import Contenders, find_contenders, make_rewards
-from deux.tasks.settings import Settings
+from deux.studies.participants import Participants, find_participants, make_rewards
 from deux.testing.learned_explorers import untrained_policy
 
 
@@ -29,29 +27,30 @@ def policy(tmp_path) -> Path:
     return path
 
 
-def contenders(*overrides: str) -> Contenders:
-    return find_contenders(Settings(compose(["task=compare_explorers", "trainer.accelerator=cpu", *overrides])))
+def participants(*named: str, configured: str = "deux", has_model: bool = False, **options: object) -> Participants:
+    chosen = registry().choose("explorers", {"name": configured, **options})
+    return find_participants(named or None, chosen, has_model)
 
 
 def test_an_explorer_that_needs_a_model_is_left_out_with_a_hint_unless_it_is_named():
-    found = contenders()
+    found = participants()
     assert "seed_model.checkpoint=RUN" in found.left_out["deux"]
     assert {"random", "frontier"} <= {choice.name for choice in found.explorers}
-    with pytest.raises(DeuxError, match=r"deux needs a depth model: name a trained one with seed\.checkpoint=RUN"):
-        contenders("compare.explorers=[random,deux]")
-    named = contenders("compare.explorers=[random,deux]", "seed_model.checkpoint=somewhere")
+    with pytest.raises(DeuxError, match=r"needs a depth model: name a trained one with seed_model\.checkpoint=RUN"):
+        participants("random", "deux")
+    named = participants("random", "deux", has_model=True)
     assert [choice.name for choice in named.explorers] == ["random", "deux"]
 
 
 def test_a_learned_explorer_without_its_policy_is_left_out_unless_it_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(registry().get("explorers", "novelty"), "shipped_weights", tmp_path / "none.safetensors")
-    assert "there is no policy file" in contenders().left_out["novelty"]
+    assert "there is no policy file" in participants().left_out["novelty"]
     with pytest.raises(DeuxError, match="there is no policy file"):
-        contenders("compare.explorers=[novelty]")
+        participants("novelty")
 
 
 def test_the_explorer_that_is_chosen_keeps_its_options(policy):
-    found = contenders("compare.explorers=[coverage,random]", "explore=coverage", f"explore.weights={policy}")
+    found = participants("coverage", "random", configured="coverage", weights=str(policy))
     assert found.explorers[0].settings["weights"] == str(policy)
     assert found.own_rewards == {"coverage": "coverage"}
     assert len(found.identity["coverage"]["is"]) == 16
@@ -59,9 +58,8 @@ def test_the_explorer_that_is_chosen_keeps_its_options(policy):
 
 
 def test_a_reward_that_learns_judges_only_where_an_explorer_sought_it(policy):
-    assert "curiosity" not in contenders("compare.explorers=[random]").rewards
-    chosen = ["compare.explorers=[random,curiosity]", "explore=curiosity", f"explore.weights={policy}"]
-    found = contenders(*chosen)
+    assert "curiosity" not in participants("random").rewards
+    found = participants("random", "curiosity", configured="curiosity", weights=str(policy))
     assert {"coverage", "novelty", "curiosity", "smooth_coverage", "semantic_reconstruction"} <= set(found.rewards)
     assert found.rewards["coverage"] == {}
     # What the policy's model learned judges, and it learns no more: the same in every episode.
@@ -87,4 +85,4 @@ def _curiosity(reward) -> list[float]:
 def test_no_explorer_at_all(monkeypatch):
     monkeypatch.setattr(registry(), "names", lambda kind: ["deux"] if kind == "explorers" else [])
     with pytest.raises(DeuxError, match="there is no explorer to compare: deux needs a depth model"):
-        contenders()
+        participants()

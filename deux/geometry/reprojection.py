@@ -3,7 +3,7 @@
 from typing import Literal
 
 import torch
-import torch.nn.functional as F
+from kornia.geometry import depth_to_3d_v2, project_points, remap, transform_points
 from torch import Tensor
 
 NEAREST = 1e-3
@@ -28,6 +28,7 @@ def reproject(
     Every target pixel q is back-projected with its depth, moved by the relative pose and projected: the source
     image is read bilinearly at K p K^-1 q d(q). Computed in float32 whatever the precision of the inputs and of an
     enclosing autocast (bfloat16 misplaces pixels by whole units); float64 depth is kept, for gradient checks.
+    Nothing here makes the host wait for the device.
 
     Args:
         source_images: N x S x 3 x H x W.
@@ -44,42 +45,85 @@ def reproject(
     dtype = torch.float64 if depth.dtype == torch.float64 else torch.float32
     with torch.autocast(depth.device.type, enabled=False):
         depth = depth.to(dtype)
-        points = _project(depth, intrinsics.to(dtype), source_from_target.to(dtype))
-        distance = points[:, :, 2:]
-        # The clamps keep division and positions finite; what they change is invisible. A NaN must go because
-        # grid_sample's backward pass on the CPU takes it for an address and brings the process down.
-        grid = (points[:, :, :2] / distance.clamp(min=NEAREST)).clamp(-FARTHEST, FARTHEST).nan_to_num(nan=FARTHEST)
-        images = F.grid_sample(
+        positions, distance = _project(depth, intrinsics.to(dtype), source_from_target.to(dtype))
+        # The clamp keeps positions finite; what it changes is invisible. A NaN must go because grid_sample's backward
+        # pass on the CPU takes it for an address and brings the process down.
+        positions = positions.clamp(-FARTHEST, FARTHEST).nan_to_num(nan=FARTHEST)
+        x, y = positions.flatten(0, 1).unbind(1)
+        images = remap(
             source_images.to(dtype).flatten(0, 1),
-            grid.flatten(0, 1).permute(0, 2, 3, 1),
-            mode="bilinear",
+            x,
+            y,
             padding_mode=padding,
             align_corners=True,
+            normalized_coordinates=True,
         )
-    visible = _visible(grid.detach(), distance.detach(), depth.detach())
+    visible = _visible(positions.detach(), distance.detach(), depth.detach())
     return images.unflatten(0, source_images.shape[:2]), visible
 
 
-def _project(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> Tensor:
-    """Homogeneous image points N x S x 3 x H x W in grid_sample's coordinates: -1 and 1 are the outer pixel centres."""
+def _project(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> tuple[Tensor, Tensor]:
+    """Where the target's points project into the source images; arguments as in `reproject`, of one dtype.
+
+    kornia's geometry defines the values. On a CPU the same values come from plain arithmetic in a third of the time
+    (docs/decisions/0012-kornia-geometry.md).
+
+    Returns:
+        positions: N x S x 2 x H x W, (x, y) with -1 and 1 at the centres of the outer pixels.
+        distance: N x S x 1 x H x W metres along the source camera's axis, negative behind it.
+    """
+    project = _project_by_broadcasts if depth.is_cpu else _project_by_kornia
+    return project(depth, intrinsics, source_from_target)
+
+
+def _project_by_kornia(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> tuple[Tensor, Tensor]:
+    """Unproject, transform and project the points with kornia."""
+    sources, (height, width) = source_from_target.shape[1], depth.shape[-2:]
+    points = depth_to_3d_v2(depth[:, 0], intrinsics).flatten(1, 2)[:, None].expand(-1, sources, -1, -1)
+    motion = _without_skew(intrinsics, source_from_target)
+    points = transform_points(motion.flatten(0, 1), points.flatten(0, 1)).view(-1, sources, height, width, 3)
+    distance = points[..., 2:]
+    # kornia mirrors points behind the camera and leaves points in its plane undivided.
+    points = torch.cat([points[..., :2], distance.clamp(min=NEAREST)], dim=-1)
+    x, y = project_points(points, intrinsics[:, None, None, None]).unbind(-1)
+    # Plain numbers, for kornia's normalisation copies them to the device and waits until they are there.
+    positions = torch.stack([x * (2.0 / max(width - 1, 1)) - 1.0, y * (2.0 / max(height - 1, 1)) - 1.0], dim=2)
+    return positions, distance.movedim(-1, 2)
+
+
+def _without_skew(intrinsics: Tensor, source_from_target: Tensor) -> Tensor:
+    """The poses as kornia's camera, which ignores the skew K[0, 1], has to be given them: A p A^-1.
+
+    A camera with skew is one without skew that sees sheared space: K = K' A, A = [[1, K[0, 1] / K[0, 0]], [0, 1]].
+    """
+    identity = torch.eye(4, dtype=intrinsics.dtype, device=intrinsics.device)
+    slope = torch.zeros_like(identity).expand(len(intrinsics), 4, 4).clone()
+    slope[:, 0, 1] = intrinsics[:, 0, 1] / intrinsics[:, 0, 0]
+    return (identity + slope)[:, None] @ source_from_target @ (identity - slope)[:, None]
+
+
+def _project_by_broadcasts(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> tuple[Tensor, Tensor]:
+    """Project with the matrices multiplied beforehand, so that only one map of points is made."""
     height, width = depth.shape[-2:]
     normalise = intrinsics.new_tensor(
         [[2.0 / max(width - 1, 1), 0.0, -1.0], [0.0, 2.0 / max(height - 1, 1), -1.0], [0.0, 0.0, 1.0]]
     )
     camera = (normalise @ intrinsics)[:, None]
     rotation, translation = source_from_target[..., :3, :3], source_from_target[..., :3, 3:]
-    # X K = C R gives X = C R K^-1, exactly as accurate as a triangular solve and without a device synchronisation.
+    # X K = C R gives X = C R K^-1, exactly as accurate as a triangular solve.
     rays = torch.linalg.solve_triangular(intrinsics[:, None], camera @ rotation, upper=True, left=False)
     offset = (camera @ translation)[..., None]
     # A ray is linear in its pixel, so columns and rows are multiplied apart and meet in one broadcast sum.
     columns = rays[..., 0:1] * torch.arange(width, dtype=depth.dtype, device=depth.device)
     rows = rays[..., 1:2] * torch.arange(height, dtype=depth.dtype, device=depth.device) + rays[..., 2:3]
-    return torch.addcmul(offset, columns[..., None, :] + rows[..., None], depth[:, None])
+    points = torch.addcmul(offset, columns[..., None, :] + rows[..., None], depth[:, None])
+    distance = points[:, :, 2:]
+    return points[:, :, :2] / distance.clamp(min=NEAREST), distance
 
 
-def _visible(grid: Tensor, distance: Tensor, depth: Tensor) -> Tensor:
+def _visible(positions: Tensor, distance: Tensor, depth: Tensor) -> Tensor:
     """Which points have depth, lie in front of the source camera and fall inside its image: N x S x 1 x H x W."""
     height, width = depth.shape[-2:]
-    x, y = grid[:, :, 0:1].abs(), grid[:, :, 1:2].abs()
+    x, y = positions[:, :, 0:1].abs(), positions[:, :, 1:2].abs()
     inside = (x <= 1.0 + 2.0 * EDGE_TOLERANCE / width) & (y <= 1.0 + 2.0 * EDGE_TOLERANCE / height)
     return inside & (distance > NEAREST) & (depth[:, None] > 0)

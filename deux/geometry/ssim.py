@@ -1,10 +1,12 @@
 """Structural similarity of an image and its reconstructions (Wang et al., 2004)."""
 
+from collections.abc import Callable
 from typing import Literal
 
 import torch
 import torch.nn.functional as F
-from kornia.filters import get_gaussian_kernel1d
+from kornia.filters import filter2d_separable, get_box_kernel1d, get_gaussian_kernel1d
+from kornia.metrics import ssim as kornia_ssim
 from torch import Tensor
 
 LUMINANCE_CONSTANT = 0.01**2
@@ -24,12 +26,13 @@ def ssim(
 ) -> Tensor:
     """Structural similarity at each pixel and channel, for images in [0, 1].
 
-    The Gaussian window with mirrored borders gives the values of `kornia.metrics.ssim`, about ten times faster
-    where gradients are needed on a CPU: the window is applied as sums of shifted views rather than convolutions.
+    `kornia.metrics.ssim` (without its `eps`) defines the values and computes them on a GPU. On a CPU they are computed
+    several times faster from sums of shifted views instead of convolutions (docs/decisions/0012-kornia-geometry.md).
+    Half-precision images are compared in float32, also in an enclosing autocast.
 
     Args:
         image: N x ... x C x H x W.
-        other: N x ... x C x H x W, broadcastable with `image`; the mean of the smaller one is computed only once.
+        other: N x ... x C x H x W, broadcastable with `image`.
         window: weights of the neighbourhood: a Gaussian of 1.5 pixels, or equal (the published depth models).
         window_size: edge of the neighbourhood in pixels, odd.
         border: mirror the images at their edges, or return only the pixels whose neighbourhood is inside.
@@ -37,16 +40,10 @@ def ssim(
     Returns:
         N x ... x C x H x W in [-1, 1], smaller by `window_size - 1` in both directions with `border="valid"`.
     """
-    if border == "reflect":
-        image, other = _mirrored(image, window_size // 2), _mirrored(other, window_size // 2)
-    weights = _weights(window, window_size)
-    mean, other_mean = _windowed(image, weights), _windowed(other, weights)
-    product = mean * other_mean
-    squares = mean * mean + other_mean * other_mean
-    covariance = _windowed(image * other, weights) - product
-    variances = _windowed(image * image + other * other, weights) - squares
-    similarity = (2.0 * product + LUMINANCE_CONSTANT) * (2.0 * covariance + CONTRAST_CONSTANT)
-    return similarity / ((squares + LUMINANCE_CONSTANT) * (variances + CONTRAST_CONSTANT))
+    dtype = torch.promote_types(torch.promote_types(image.dtype, other.dtype), torch.float32)
+    compare = _by_shifted_views if image.is_cpu else _by_kornia
+    with torch.autocast(image.device.type, enabled=False):
+        return compare(image.to(dtype), other.to(dtype), window, window_size, border)
 
 
 def wholly_visible(visible: Tensor, window_size: int = 3) -> Tensor:
@@ -64,10 +61,39 @@ def wholly_visible(visible: Tensor, window_size: int = 3) -> Tensor:
     return (near_hidden == 0).view_as(visible)
 
 
-def _weights(window: Window, size: int) -> list[float]:
+def _by_kornia(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
+    """SSIM of `kornia.metrics`; the box window, which that does not offer, is built on `kornia.filters`."""
+    image, other = torch.broadcast_tensors(image, other)
+    batch = image.shape[:-3]
+    image, other = image.flatten(0, -4), other.flatten(0, -4)
+    padding = "same" if border == "reflect" else "valid"
+    if window == "gaussian":
+        return kornia_ssim(image, other, size, eps=0.0, padding=padding).unflatten(0, batch)
+    kernel = get_box_kernel1d(size, device=image.device, dtype=image.dtype)
+    similarity = _similarity(image, other, lambda x: filter2d_separable(x, kernel, kernel, padding=padding))
+    return similarity.unflatten(0, batch)
+
+
+def _by_shifted_views(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
+    """SSIM with the window as sums of shifted views; what is broadcast is averaged only once."""
+    if border == "reflect":
+        image, other = _mirrored(image, size // 2), _mirrored(other, size // 2)
     if window == "box":
-        return [1.0 / size] * size
-    return get_gaussian_kernel1d(size, GAUSSIAN_SIGMA, dtype=torch.float64)[0].tolist()
+        weights = [1.0 / size] * size
+    else:
+        weights = get_gaussian_kernel1d(size, GAUSSIAN_SIGMA, dtype=torch.float64)[0].tolist()
+    return _similarity(image, other, lambda x: _windowed(x, weights))
+
+
+def _similarity(image: Tensor, other: Tensor, windowed: Callable[[Tensor], Tensor]) -> Tensor:
+    """Eq. 13 of Wang et al., from the weighted means over the window that `windowed` computes."""
+    mean, other_mean = windowed(image), windowed(other)
+    product = mean * other_mean
+    squares = mean * mean + other_mean * other_mean
+    covariance = windowed(image * other) - product
+    variances = windowed(image * image + other * other) - squares
+    similarity = (2.0 * product + LUMINANCE_CONSTANT) * (2.0 * covariance + CONTRAST_CONSTANT)
+    return similarity / ((squares + LUMINANCE_CONSTANT) * (variances + CONTRAST_CONSTANT))
 
 
 def _mirrored(image: Tensor, margin: int) -> Tensor:

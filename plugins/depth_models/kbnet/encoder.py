@@ -113,14 +113,17 @@ class KBNetEncoder(nn.Module):
             The latent code at 1/32 of the size; the skip connections from 1/16 to 1/2, then none for the full size;
             the five sizes that belong to them.
         """
-        size = finer_size = (image.shape[2], image.shape[3])
+        size = full_size = (image.shape[2], image.shape[3])
+        scale = (1.0, 1.0)
         skips: list[tuple[Tensor, ...]] = [()]
         sizes = [size]
         image, depth, fused = self.conv0_image(image), self.conv0_depth(depth), None
         for level in range(1, CALIBRATED_LEVELS + 1):
             layer = self.get_submodule(f"calibrated_backprojection{level}")
-            image, depth, fused = layer(image, depth, camera_rays(intrinsics, size, finer_size), fused)
-            finer_size, size = size, (depth.shape[2], depth.shape[3])
+            image, depth, fused = layer(image, depth, camera_rays(intrinsics, size, scale), fused)
+            size = (depth.shape[2], depth.shape[3])
+            if level == 1:  # the published network keeps the first halving's ratio at all deeper levels
+                scale = (size[0] / full_size[0], size[1] / full_size[1])
             skips.insert(0, (fused, depth))
             sizes.insert(0, size)
         latent = torch.cat([self.conv5_image(fused), self.conv5_depth(depth)], dim=1)

@@ -3,25 +3,26 @@
 import torch
 from torch import Tensor
 
+Scale = tuple[float, float]
 
-def camera_rays(intrinsics: Tensor, size: tuple[int, int], finer_size: tuple[int, int]) -> Tensor:
+
+def camera_rays(intrinsics: Tensor, size: tuple[int, int], scale: Scale) -> Tensor:
     """K_l^-1 [u v 1] of every pixel of a level: times the depth it is the point in camera axes.
 
-    K_l is K with its rows scaled by the ratio of this level's size to that of the level before it. That is exact at
-    the full and at half the size. Further down K should be scaled by the ratio to the full size, but the published
-    network starts from the full K at each level, and its weights were trained with the rays that this gives.
+    K_l is K with its rows scaled to the level. The published network scales them at all levels below the full size by
+    the ratio of the first halving, and its weights were trained with the rays that this gives; only at the full and
+    at half the size do they point where the pixels look.
     The inverse is written out, for a camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]].
 
     Args:
         intrinsics: N x 3 x 3, of the full size.
         size: (H_l, W_l) of the level.
-        finer_size: size of the level before it; at the first level its own.
+        scale: factors (y, x) of the rows of K: 1 at the full size, (H_1 / H_0, W_1 / W_0) at levels 1, 2 and 3.
 
     Returns:
         N x 3 x H_l x W_l float32, channels last in memory.
     """
-    height, width = size
-    scale_y, scale_x = height / finer_size[0], width / finer_size[1]
+    (height, width), (scale_y, scale_x) = size, scale
     k = intrinsics.float()[:, :, :, None, None]
     u = torch.arange(width, device=k.device, dtype=torch.float32)[None, None, :]
     v = torch.arange(height, device=k.device, dtype=torch.float32)[None, :, None]

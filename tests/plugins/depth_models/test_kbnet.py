@@ -1,5 +1,6 @@
 """KBNet against the published network (cases/kbnet) and the suite of all depth models."""
 
+import numpy as np
 import pytest
 import torch
 from torch.nn import functional
@@ -28,14 +29,40 @@ def test_a_size_that_is_no_multiple_of_anything():
 
 def test_rays_of_the_full_size_are_those_of_the_inverse_intrinsics():
     k = torch.tensor([[[50.0, 0.5, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]]])
-    rays = camera_rays(k, (40, 64), (40, 64))
+    rays = camera_rays(k, (40, 64), (1.0, 1.0))
     pixel = torch.tensor([17.0, 5.0, 1.0])
     torch.testing.assert_close(rays[0, :, 5, 17], torch.linalg.inv(k[0]) @ pixel)
 
 
 def test_rays_of_half_the_size_are_those_of_every_second_pixel():
     k = torch.tensor([[[50.0, 0.0, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]]])
-    torch.testing.assert_close(camera_rays(k, (20, 32), (40, 64)), camera_rays(k, (40, 64), (40, 64))[..., ::2, ::2])
+    every_second = camera_rays(k, (40, 64), (1.0, 1.0))[..., ::2, ::2]
+    torch.testing.assert_close(camera_rays(k, (20, 32), (0.5, 0.5)), every_second)
+
+
+def published_rays(k: np.ndarray, size: tuple[int, int], level: int) -> np.ndarray:
+    """K_l^-1 [u v 1] in float64, rows of K scaled by the ratio of level 1's size to the full size from level 1 on."""
+    halved = [-(-length // 2**level) for length in size]
+    ratio = [-(-length // 2) / length if level else 1.0 for length in size]
+    v, u = np.mgrid[: halved[0], : halved[1]].astype(np.float64)
+    pixels = np.stack([u, v, np.ones_like(u)]).reshape(3, -1)
+    return (np.linalg.inv(np.diag([ratio[1], ratio[0], 1.0]) @ k) @ pixels).reshape(3, *halved)
+
+
+@pytest.mark.parametrize("size", [(33, 47), (49, 83), (97, 131), (131, 97), (66, 98), (64, 96)])
+def test_every_level_is_given_the_published_rays(size):
+    model = KBNet(image_filters=(4,) * 5, depth_filters=(4,) * 5, decoder_filters=(4,) * 5)
+    k = np.array([[0.8 * size[1], 0.3, 0.45 * size[1]], [0.0, 0.9 * size[0], 0.55 * size[0]], [0.0, 0.0, 1.0]])
+    given: list[torch.Tensor] = []
+    for level in range(4):
+        layer = model.encoder.get_submodule(f"calibrated_backprojection{level + 1}")
+        layer.register_forward_pre_hook(lambda _, inputs: given.append(inputs[2]))
+    data = camera_data(size)
+    model.predict(data["image"], data["sparse_depth"], torch.tensor(k).float().repeat(2, 1, 1))
+    assert len(given) == 4
+    for level, rays in enumerate(given):
+        expected = published_rays(k, size, level)
+        np.testing.assert_allclose(rays[1].numpy(), expected, atol=1e-6, rtol=0)
 
 
 def test_the_camera_matters():

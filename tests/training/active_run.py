@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "data"))
 
-from toy_world import ToySimulator, guided_explorer, specification
+from toy_world import L1, ToySimulator, guided_explorer, specification
 
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.contracts import DepthModel, LossSettings, Prediction
@@ -76,7 +76,7 @@ def digest(image: np.ndarray) -> str:
 def dataset(root: Path, name: str, model: nn.Module, **changes: Any) -> Path:
     """What robots collect that a model guides; the dataset's name holds the model's weights."""
     weights = hashlib.sha256(b"".join(value.numpy().tobytes() for value in model.state_dict().values())).hexdigest()
-    spec = specification(name=name, model=weights, **changes)
+    spec = specification(name=name, model=weights, uncertainty=L1, **changes)
     return build_dataset(spec, root, ToySimulator, guided_explorer, model.predict)
 
 

@@ -137,7 +137,8 @@ def told(name, tmp_path):
         return explorer
 
     plan = EpisodePlan(tmp_path / name, SimpleNamespace(name="rooms", identity="rooms"), 0, 1)
-    explore([plan], lambda scene: two_rooms(), make_explorer, lambda image, sparse, intrinsics: image[:, :1] + 1.0)
+    model, l1 = lambda image, sparse, intrinsics: image[:, :1] + 1.0, registry().create("uncertainties", "l1", {})
+    explore([plan], lambda scene: two_rooms(), make_explorer, model, uncertainty=l1)
     return episodes[0]
 
 

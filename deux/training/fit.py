@@ -8,17 +8,17 @@ from typing import Any
 
 from lightning import Callback, Trainer, seed_everything
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
-from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from torchmetrics import Metric
 
 from deux.contracts import DepthModel, Reader
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError, check_range
 from deux.inference.precision import default_precision
-from deux.options import construct
+from deux.training.callbacks import lightning_object
 from deux.training.checkpointing import AtomicCheckpoints, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
+from deux.training.network_precision import network_precision
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.schedule import Schedule
@@ -131,13 +131,12 @@ def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
     """Lightning's Trainer with these arguments.
 
     Raises:
-        DeuxError: an argument is unknown, or Lightning refuses its value.
+        DeuxError: an argument is unknown, or its value is refused.
     """
-    try:
-        return construct(Trainer, arguments, "trainer")
-    except (MisconfigurationException, TypeError, ValueError) as error:
-        sentence = " ".join(str(error).split()).removesuffix(".")
-        raise DeuxError(f"the settings under trainer make no lightning.Trainer: {sentence}.") from error
+    if (plugin := network_precision(arguments.get("precision"))) is not None:
+        others = {name: value for name, value in arguments.items() if name != "precision"}
+        arguments = {**others, "plugins": [*(arguments.get("plugins") or []), plugin]}
+    return lightning_object(Trainer, arguments, "trainer")
 
 
 def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[str, Any]:

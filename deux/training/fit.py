@@ -36,6 +36,7 @@ class TrainingSettings(Schedule):
         num_workers: processes that load data; 0 is fastest while the frames fit in memory.
         validations: number of validations over the whole training.
         offsets: the source frames, in frames from the target, where the dataset does not list them.
+        checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -48,6 +49,7 @@ class TrainingSettings(Schedule):
     num_workers: int = 0
     validations: int = 10
     offsets: tuple[int, ...] = (-1, -2)
+    checkpoint_minutes: float = 10.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,6 +57,7 @@ class TrainingSettings(Schedule):
         check_range("training.epochs", self.epochs, 1)
         check_range("training.num_workers", self.num_workers, 0)
         check_range("training.validations", self.validations, 1)
+        check_range("training.checkpoint_minutes", self.checkpoint_minutes, 0)
         if self.steps is not None:
             check_range("training.steps", self.steps, 1)
         for size in self.crop or ():
@@ -114,7 +117,7 @@ def fit(
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
-            "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
+            "callbacks": [*resume_checkpoints(checkpoints, settings.checkpoint_minutes), HealthCheck(), *callbacks],
             **_budget(settings),
             **own,
         }

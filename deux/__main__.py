@@ -20,17 +20,12 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from deux.composition_errors import composition_error
-from deux.configuration import (
-    CONFIG_NAME,
-    TASKS,
-    check_plugins,
-    config_folder,
-    in_sweep,
-    register_configuration,
-)
-from deux.errors import DeuxError, near_matches
+from deux.composition_errors import check_names, composition_error, quoted_digits
+from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
+from deux.errors import DeuxError
 from deux.io.atomic import write_failure
+from deux.search_path import leave_out_working_folder
+from deux.task_sections import check_plugins
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 
@@ -73,10 +68,13 @@ def main() -> int:
     0: done; 1: a mistake of the user's, told in one sentence on stderr, or an error of the program, with its stack
     trace, or a sweep in which some job failed; 130: interrupted.
     """
+    leave_out_working_folder()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
     jobs = Jobs()
     try:
         register_configuration()
+        sys.argv[1:] = [quoted_digits(argument) for argument in sys.argv[1:]]
+        check_names(argument for argument in sys.argv[1:] if "=" in argument and not argument.startswith("-"))
         with _quiet_log_writers():
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
     except KeyboardInterrupt:
@@ -101,8 +99,6 @@ def run_task(cfg: DictConfig) -> None:
     Raises:
         DeuxError: an unknown task, a plugin that is not installed, or what the task itself finds wrong.
     """
-    if cfg.task not in TASKS:
-        raise DeuxError(f"there is no task called {cfg.task!r}: {near_matches(str(cfg.task), TASKS)}")
     check_plugins(cfg)
     importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
 

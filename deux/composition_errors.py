@@ -1,43 +1,118 @@
-"""Hydra's and OmegaConf's errors, said in one sentence of ours."""
+"""What a user may write wrongly on the command line, said in one sentence: Hydra's errors, and checks of our own."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig
-from omegaconf.errors import ConfigAttributeError, ConfigKeyError
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, InterpolationKeyError
 
 from deux.errors import DeuxError, near_matches
+
+RENAMED = {
+    "random_seed": "seed",
+    "seed.checkpoint": "seed_model.checkpoint",
+    "seed.explore": "seed_model.explore",
+    "seed.steps": "seed_model.steps",
+    "renderer": "simulator.renderer",
+    "checkpoint": "predict.checkpoint, or with task=export export.checkpoint",
+    "image": "predict.image",
+    "sparse": "predict.sparse",
+    "sparse_scale": "predict.sparse_scale",
+    "intrinsics": "predict.intrinsics",
+    "ground_truth": "predict.ground_truth",
+    "scenes.source": "scenes.name",
+    "foundation.flats": "foundation.scenes",
+    "explorer_training.flats": "explorer_training.scenes",
+    "compare.flats": "scenes.test",
+    **{f"callbacks.{option}": f"callbacks.active_collection.{option}" for option in
+       ("every", "unit", "rounds", "steps", "episodes", "mode")},
+}  # fmt: skip
+"""Options of earlier versions, and what they are called now."""
 
 _NOUNS = {
     "model": "depth model",
     "explore": "explorer",
-    "scenes": "kind of scenes",
+    "scenes": "source of scenes",
+    "data": "reader",
     "callbacks": "callback",
-    "experiment": "experiment",
-    "scale": "scale",
 }
+"""What an option of a config group is called; other groups are called by their own names."""
+
+_TEXT = ("paths.outputs", "hydra.run.dir", "hydra.sweep.dir", "training_data")
+"""Options that are names of files, also where they read as numbers."""
+
+_NO_OPTION = re.compile(r"Could not load '(?P<group>[^'/]+)/(?P<name>[^']+)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
+_KEY = re.compile(r"[+~]*(?P<key>[^=@]+)")
+_GROUPED_DIGITS = re.compile(r"\d{1,3}(_\d{3})+")
+_DIGITS = re.compile(r"\d[\d_]*_[\d_]*")
+_NUMBER = re.compile(r"[+-]?(\d[\d_]*\.?\d*|\.\d+)(e[+-]?\d+)?|true|false|null|inf|nan", re.IGNORECASE)
+_LIST_IN_QUOTES = re.compile(r"""(?P<quote>["'])\[(?P<items>.*)\](?P=quote)""", re.DOTALL)
 
 
-def composition_error(error: Exception) -> DeuxError:
+def check_names(overrides: Iterable[str]) -> None:
+    """Raise DeuxError for an override by a name of an earlier version, or whose value Hydra would take for another.
+
+    Args:
+        overrides: of the command line, such as "model=kbnet".
+    """
+    for override in overrides:
+        found = _KEY.match(override)
+        key, _, value = override.partition("=")
+        name = found["key"] if found else key
+        if name in RENAMED:
+            raise DeuxError(f"there is no option {name}: it is now called {RENAMED[name]}.")
+        if name == "callbacks" and value == "none":
+            raise DeuxError("callbacks=none is now callbacks=[], a list of callbacks without any.")
+        if quoted := _LIST_IN_QUOTES.fullmatch(value):
+            raise DeuxError(
+                f"the quotes around the whole list make {name} a single text: {_quote(key, quoted['items'])}."
+            )
+        if name in _TEXT and _NUMBER.fullmatch(value) and not _DIGITS.fullmatch(value):
+            raise DeuxError(f"{name} would read {value} as something else than text: write '{key}=\"{value}\"'.")
+
+
+def quoted_digits(argument: str) -> str:
+    """An override whose value Hydra would take for a number though nobody writes numbers so, with quotes.
+
+    Example:
+        >>> quoted_digits("paths.outputs=2024_01_15"), quoted_digits("training.steps=10_000")
+        ("paths.outputs='2024_01_15'", 'training.steps=10_000')
+    """
+    key, _, value = argument.partition("=")
+    if _DIGITS.fullmatch(value) and not _GROUPED_DIGITS.fullmatch(value):
+        return f"{key}='{value}'"
+    return argument
+
+
+def composition_error(error: Exception, callbacks: Iterable[str] = ()) -> DeuxError:
     """The user's mistake behind an error raised while a configuration was composed.
 
     Args:
         error: a `HydraException`, an `OmegaConfBaseException` or a `yaml.YAMLError`.
+        callbacks: the callbacks that can be chosen, of which Hydra's error says nothing.
 
     Returns:
         The error to raise or print; its sentence names the override or key and what would be right.
     """
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options is not None:
         return _unknown_choice(str(error.missing_cfg_file), list(error.options))
+    if found := _NO_OPTION.search(str(error)):
+        return _unknown_choice(f"{found['group']}/{found['name']}", list(callbacks))
     if isinstance(error, OverrideParseException):
         return _unreadable(error.override)
     if found := _AMBIGUOUS.search(str(error)):
         key, _, values = found["override"].partition("=")
         return DeuxError(f"{key} cannot be {values}: add -m to run each in turn, or write {key}=[{values}] for a list.")
     cause = error.__cause__ or error
+    if isinstance(cause, InterpolationKeyError):
+        return DeuxError(
+            f"{cause.full_key or 'an option'} refers by ${{...}} to an option that is not there: where the text itself "
+            f"is meant, write \\${{...}}."
+        )
     parent = getattr(cause, "parent_node", None)
     if isinstance(cause, ConfigKeyError | ConfigAttributeError) and isinstance(parent, DictConfig):
         return _unknown_option(str(cause.full_key), parent)
@@ -46,14 +121,14 @@ def composition_error(error: Exception) -> DeuxError:
 
 def _unknown_choice(missing: str, known: list[str]) -> DeuxError:
     group, _, name = missing.rpartition("/")
-    noun = _NOUNS.get(group, f"{group} option" if group else "configuration")
+    noun = _NOUNS.get(group, group or "configuration")
     return DeuxError(f"there is no {noun} called {name!r}: {near_matches(name, known)}")
 
 
 def _unknown_option(full_key: str, parent: DictConfig) -> DeuxError:
     above, _, key = full_key.rpartition(".")
-    if full_key == "callbacks":  # a group that may be left out
-        return DeuxError("callbacks has no options before one is chosen: add callbacks=active_collection.")
+    if full_key in RENAMED:
+        return DeuxError(f"there is no option {full_key}: it is now called {RENAMED[full_key]}.")
     if not parent:
         return DeuxError(f"there is no option {full_key}: {above} is a single value.")
     known = [str(name) for name in parent if name != "hydra"]
@@ -64,7 +139,15 @@ def _unreadable(override: str) -> DeuxError:
     key, equals, value = override.partition("=")
     if not equals:
         return DeuxError(f"{override!r} is not of the form option=value.")
+    if value.startswith("[") and value.endswith("]"):
+        return DeuxError(f"the items of {key} need quotes of their own: {_quote(key, value[1:-1])}.")
     return DeuxError(f"the value of {key} needs quotes of its own, as in '{key}=\"{value}\"'.")
+
+
+def _quote(key: str, items: str) -> str:
+    """How a list whose items need quotes is written, for the end of a sentence."""
+    quoted = ",".join(f'"{item.strip()}"' for item in items.split(","))
+    return f"write '{key}=[{quoted}]'"
 
 
 def _first_sentence(error: Exception) -> str:

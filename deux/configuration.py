@@ -29,44 +29,32 @@ from hydra.utils import to_absolute_path
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from deux.composition_errors import composition_error
+from deux.composition_errors import check_names, composition_error
 from deux.registry import registry
+from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins
 
 CONFIG_NAME = "config"
 
-TASKS = {
-    "experiment": "collect, train the seed model, explore with it, train the final model, evaluate",
-    "collect": "explore the training scenes and write the dataset",
-    "train": "train the depth model on the dataset, which is collected first if it is not there",
-    "evaluate": "evaluate a trained model on the held-out scenes",
-    "predict": "complete the depth of one frame, from files and to files",
-    "train_explorer": "train the policy of a learned explorer with PPO",
-    "compare_explorers": "measure what the explorers see, in flats that none of them knows",
-    "study_uncertainty": "measure which uncertainty points at the depth model's errors, in scenes that it never saw",
-    "export": "write a trained model as model.onnx",
-    "report": "turn finished runs into the paper's tables and figures",
-}
-"""What `task=` can be and what it does; each is the module of that name in `deux.tasks`."""
-
-PLUGIN_GROUPS = {"model": "depth_models", "explore": "explorers"}
-"""The config groups whose options are plugins, and of which kind."""
+CALLBACK_GROUP = "callbacks"
+"""The config group of which any number of options may be chosen; each comes with its own options."""
 
 GIVEN_MODEL_TASKS = ("predict", "export", "report")
 """The tasks whose run folders are named by the task: they neither explore nor take the configuration's model."""
-
-NO_PART_OF_A_RUN = ("hydra", "paths", "report")
-"""The nodes that do not make a run what it is: where it is kept, and how it is reported."""
 
 OPEN_NODES = (
     "camera",
     "robot",
     "explore",
     "model",
+    "simulator",
+    "scenes",
+    "data",
     "objective",
     "sampling",
     "verification",
     "training",
     "trainer",
+    "callbacks",
     "explorer_training",
     "report",
 )
@@ -122,7 +110,7 @@ def register_configuration() -> None:
         OmegaConf.set_struct(open_nodes[name], False)
     store.store(name="open_nodes", node=open_nodes, provider="deux")
     folders = [config_folder(), *package_folders().values()]
-    for group, kind in PLUGIN_GROUPS.items():
+    for group, kind in PLUGIN_SECTIONS.items():
         # Hydra merges a stored node into YAML of the same name and warns, so a plugin that has YAML gets no node.
         described = {path.stem for folder in folders for path in (folder / group).glob("*.yaml")}
         for name in registry().names(kind):
@@ -137,6 +125,7 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
         DeuxError: an override that names nothing, or a plugin that is not installed.
     """
     register_configuration()
+    check_names(overrides)
     try:
         with hydra.initialize_config_dir(str(config_folder()), job_name="deux", version_base="1.3"):
             cfg = hydra.compose(CONFIG_NAME, list(overrides))
@@ -144,21 +133,6 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
         raise composition_error(error) from error
     check_plugins(cfg)
     return cfg
-
-
-def check_plugins(cfg: DictConfig) -> None:
-    """Raise DeuxError if the configuration names a plugin that is not installed, or is installed twice.
-
-    Nothing is imported, so a run with a misspelt loss term ends before any work is done.
-    """
-    for group, kind in PLUGIN_GROUPS.items():
-        registry().find(kind, str(cfg[group].get("name")))
-    compared = cfg.compare.explorers if OmegaConf.is_list(cfg.compare.explorers) else ()
-    for name in (cfg.seed.explore, cfg.compare.baseline, *compared):
-        if name is not None:
-            registry().find("explorers", str(name))
-    for term in cfg.objective:
-        registry().find("losses", str(term))
 
 
 def in_sweep() -> bool:
@@ -172,8 +146,8 @@ def run_folder() -> Path:
 
 
 def user_path(path: str | Path) -> Path:
-    """A path as the user meant it: relative to the folder in which the command was started."""
-    return Path(to_absolute_path(str(path)))
+    """A path as the user meant it: relative to the folder in which the command was started, ~ being the home folder."""
+    return Path(to_absolute_path(str(Path(path).expanduser())))
 
 
 def run_id(cfg: DictConfig) -> str:
@@ -182,9 +156,14 @@ def run_id(cfg: DictConfig) -> str:
     The hash is of everything that makes the run what it is: the same command finds its folder again and goes on where
     it was.
     """
-    left_out = [node for node in NO_PART_OF_A_RUN if node != cfg.task]  # a report's own settings are what it is
-    content = {key: _plain(cfg[key]) for key in cfg if key not in left_out}
-    return f"{_run_name(cfg)}-{_hash(content)}"
+    task = TASKS.get(str(cfg.task))
+    content = {name: _plain(cfg[name]) for name in (task.sections if task else ())}
+    return f"{_run_name(cfg)}-{_hash({'task': cfg.task, **content})}"
+
+
+def sections_of(cfg: DictConfig) -> Sections:
+    """The sections that the configuration's task names."""
+    return Sections(cfg, user_path(cfg.paths.outputs))
 
 
 def _run_name(cfg: DictConfig) -> str:
@@ -219,7 +198,7 @@ def _names(kind: str) -> str:
 
 
 def _task_list() -> str:
-    return "\n".join(f"  {name:<17} {purpose}" for name, purpose in TASKS.items())
+    return "\n".join(f"  {name:<17} {purpose}" for name, (purpose, _) in TASKS.items())
 
 
 # At import, not in register_configuration: launchers that start other processes import this module there and no more.

@@ -13,11 +13,11 @@ class DeuxError(Exception):
 
 
 def near_matches(wrong: str, known: Iterable[str]) -> str:
-    """Say which of the `known` names could have been meant by `wrong`, then list them all."""
+    """Say which of the `known` names could have been meant by `wrong`, then list them all ("none" if there is none)."""
     names = sorted(known)
     close = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
     meant = f"did you mean {' or '.join(close)}? " if close else ""
-    return f"{meant}There is: {', '.join(names) or 'nothing installed'}."
+    return f"{meant}There is: {', '.join(names) or 'none'}."
 
 
 def check_range(

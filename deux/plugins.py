@@ -13,10 +13,12 @@ from rich.table import Table
 from deux.errors import DeuxError, near_matches
 from deux.options import REQUIRED, describe, options
 from deux.registry import KINDS, Plugin, registry
+from deux.search_path import leave_out_working_folder
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code: 0, or 1 after a mistake of the user's."""
+    leave_out_working_folder()
     parser = argparse.ArgumentParser(prog="python -m deux.plugins", description=__doc__)
     parser.add_argument("name", nargs="?", help="a plugin, whose description and options are then printed")
     name = parser.parse_args(arguments).name

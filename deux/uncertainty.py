@@ -1,4 +1,4 @@
-"""The uncertainty of a frame as one number, and how a prediction is prepared to be judged (Eq. 8)."""
+"""Views, on which measures of uncertainty work, and the uncertainty of a whole frame as one number (Eq. 8)."""
 
 import torch
 from torch import Tensor
@@ -15,16 +15,41 @@ def make_view(
     source_from_target: Tensor,
     predict_depth: DepthPredictor,
 ) -> View:
-    """Predict the depth of a batch of frames and rebuild them from their source frames; arguments as in `View`."""
-    depth = predict_depth(image, sparse_depth, intrinsics).float()
+    """Predict the depth of a batch of frames and rebuild them from their source frames (Eq. 1).
+
+    Args:
+        image: N x 3 x H x W in [0, 1]; its device is the view's.
+        sparse_depth: N x 1 x H x W metres, 0 = none.
+        intrinsics: N x 3 x 3.
+        sources: N x S x 3 x H x W in [0, 1]; there may be none (S = 0).
+        source_from_target: N x S x 4 x 4, carries points of the frame's camera into each source camera.
+        predict_depth: the depth model; called once.
+    """
+    depth = predict_depth(image, sparse_depth, intrinsics).to(image.device, torch.float32)
     rebuilt, visible = reproject(sources, depth, intrinsics, source_from_target)
     return View(image, sparse_depth, intrinsics, depth, sources, source_from_target, predict_depth, rebuilt, visible)
+
+
+def frame_of(view: View, index: int) -> View:
+    """One frame of a view as a batch of one; the tensors share their memory."""
+    one = slice(index, index + 1)
+    return View(
+        view.image[one],
+        view.sparse_depth[one],
+        view.intrinsics[one],
+        view.depth[one],
+        view.sources[one],
+        view.source_from_target[one],
+        view.predict_depth,
+        view.rebuilt[one],
+        view.visible[one],
+    )
 
 
 def frame_uncertainty(uncertainty: Tensor) -> Tensor:
     """The uncertainty of a frame as one number, delta = 1 - exp(-mean) (Eq. 8).
 
-    The paper averages over all pixels; here a pixel of which the measure says nothing is left out.
+    The paper averages over all pixels; here a pixel for which the measure has no value is left out.
 
     Args:
         uncertainty: N x H x W, what an `Uncertainty` returns.

@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from deux.contracts import Scene
+from deux.scenes.ray_caster import RayCaster
+from deux_plugins.scenes.files import load_scene
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
@@ -21,3 +25,21 @@ def shared_data() -> Callable[[str], Path]:
         return SHARED / name
 
     return folder
+
+
+@pytest.fixture(scope="session")
+def small_house(shared_data: Callable[[str], Path]) -> Scene:
+    """A furnished flat of about 130 square metres."""
+    return load_scene(shared_data("scenes") / "small_house.glb")
+
+
+@pytest.fixture(scope="session")
+def house_caster(small_house: Scene) -> RayCaster:
+    """Rays against `small_house`."""
+    return RayCaster(small_house.mesh)
+
+
+@pytest.fixture(scope="session")
+def lounge(shared_data: Callable[[str], Path]) -> Scene:
+    """A scanned room with holes."""
+    return load_scene(shared_data("scenes") / "lounge.ply")

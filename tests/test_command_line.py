@@ -17,8 +17,10 @@ def run(cfg):
     from deux.configuration import in_sweep, run_folder, user_path
     from deux.errors import DeuxError
     errors = {1: DeuxError("the seed is 1."), 2: ZeroDivisionError("a fault"), 3: KeyboardInterrupt()}
-    if cfg.random_seed in errors:
-        raise errors[cfg.random_seed]
+    if cfg.seed in errors:
+        raise errors[cfg.seed]
+    if cfg.seed == 4:
+        import numba
     facts = {"explore": cfg.explore.name, "sweep": in_sweep(), "folder": str(run_folder()), "path": str(user_path("x"))}
     Path(run_folder() / "facts.json").write_text(json.dumps(facts))
 
@@ -78,7 +80,7 @@ def test_the_same_command_finds_the_same_run_folder(tmp_path: Path) -> None:
 
 
 def test_a_mistake_of_the_users_is_one_sentence_without_a_stack_trace(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "random_seed=1")
+    result = stubbed(tmp_path, "seed=1")
     assert (result.returncode, result.stdout, result.stderr) == (1, "", "deux: the seed is 1.\n")
     (log,) = tmp_path.glob("outputs/runs/*/deux.log")
     assert "Traceback" in log.read_text()
@@ -91,7 +93,7 @@ def test_a_mistake_of_the_users_is_one_sentence_without_a_stack_trace(tmp_path: 
         ("model=kbnt", "deux: there is no depth model called 'kbnt': did you mean kbnet?"),
         (
             "task=${nowhere}",
-            "deux: the configuration cannot be composed: Interpolation key 'nowhere' not found",
+            "deux: task refers by ${...} to an option that is not there: where the text itself is meant, write",
         ),
     ],
 )
@@ -103,23 +105,60 @@ def test_a_mistake_in_the_configuration_is_one_sentence_too(tmp_path: Path, over
 
 
 def test_a_fault_of_the_program_keeps_its_stack_trace(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "random_seed=2")
+    result = stubbed(tmp_path, "seed=2")
     assert result.returncode == 1
     assert "Traceback" in result.stderr
     assert "ZeroDivisionError: a fault" in result.stderr
 
 
 def test_an_interrupted_run_ends_with_130(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "random_seed=3")
+    result = stubbed(tmp_path, "seed=3")
     assert result.returncode == 130
     assert result.stderr == "deux: interrupted; the same command goes on from here.\n"
 
 
-def test_a_sweep_goes_on_after_a_job_that_fails_and_ends_with_1(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "-m", "random_seed=1,0", "explore=random,deux")
+@pytest.mark.parametrize(
+    ("argument", "sentence"),
+    [
+        ("random_seed=1", "there is no option random_seed: it is now called seed."),
+        ("+seed.steps=1", "there is no option seed.steps: it is now called seed_model.steps."),
+        ("image=a${x}.png", "there is no option image: it is now called predict.image."),
+        ("predict.image=a${x}.png", "predict.image refers by ${...} to an option that is not there: where the text"),
+        ("callbacks=none", "callbacks=none is now callbacks=[], a list of callbacks without any."),
+        ("scenes.train=[my house (1).ply]", "the items of scenes.train need quotes of their own: write 'scenes.train="),
+        ('scenes.train="[a.ply,b c.ply]"', "the quotes around the whole list make scenes.train a single text: write "),
+        (
+            "paths.outputs=1e3",
+            "paths.outputs would read 1e3 as something else than text: write 'paths.outputs=\"1e3\"'.",
+        ),
+        ("callbacks=[nothing]", "there is no callback called 'nothing': There is: active_collection"),
+    ],
+)
+def test_values_and_names_that_do_not_work_are_told_with_what_would(
+    tmp_path: Path, argument: str, sentence: str
+) -> None:
+    result = command(tmp_path, "-m", "deux", "task=predict", argument)
     assert result.returncode == 1
-    assert "deux: [random_seed=1 explore=random task=train] the seed is 1.\n" in result.stderr
-    assert "deux: [random_seed=1 explore=deux task=train] the seed is 1.\n" in result.stderr
+    assert result.stderr.startswith(f"deux: {sentence}")
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_folder_may_have_a_name_that_reads_as_a_number(tmp_path: Path) -> None:
+    assert stubbed(tmp_path, "paths.outputs=2024_01_15").returncode == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["2024_01_15"]
+
+
+def test_folders_in_the_working_folder_are_no_libraries(tmp_path: Path) -> None:
+    (tmp_path / "coverage").mkdir()  # numba imports a library of that name, if there is one
+    result = stubbed(tmp_path, "seed=4")
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_a_sweep_goes_on_after_a_job_that_fails_and_ends_with_1(tmp_path: Path) -> None:
+    result = stubbed(tmp_path, "-m", "seed=1,0", "explore=random,deux")
+    assert result.returncode == 1
+    assert "deux: [seed=1 explore=random task=train] the seed is 1.\n" in result.stderr
+    assert "deux: [seed=1 explore=deux task=train] the seed is 1.\n" in result.stderr
     assert result.stderr.endswith("deux: 2 of the sweep's 4 jobs failed, as reported above.\n")
     assert "Traceback" not in result.stderr
     assert len(list(tmp_path.glob("outputs/sweeps/*/*/deux.log"))) == 4

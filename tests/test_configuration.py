@@ -8,25 +8,25 @@ from omegaconf import DictConfig, OmegaConf
 
 from deux.configuration import (
     OPEN_NODES,
-    PLUGIN_GROUPS,
-    TASKS,
     compose,
     config_folder,
     in_sweep,
     run_id,
+    sections_of,
     user_path,
 )
 from deux.contracts import Action, Episode, Explorer, Observation, Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.options import construct
-from deux.registry import registry
+from deux.options import REQUIRED, Option, construct, options
+from deux.registry import KINDS, registry
+from deux.task_sections import PLUGIN_SECTIONS, TASKS
 
 CHOICES = [
     f"{path.parent.name}={path.stem}"
     for group in ("scenes", "scale", "report", "callbacks", "experiment")
     for path in config_folder().glob(f"{group}/*")
-] + [f"{group}={name}" for group, kind in PLUGIN_GROUPS.items() for name in registry().names(kind)]
+] + [f"{group}={name}" for group, kind in PLUGIN_SECTIONS.items() for name in registry().names(kind)]
 
 
 class Resting(Explorer):
@@ -67,7 +67,8 @@ def test_the_defaults_are_the_papers_pair_and_fit_their_constructors() -> None:
         "simulator",
     )
     assert cfg.task in TASKS
-    assert cfg.seed.checkpoint is None
+    assert cfg.seed == 0
+    assert cfg.seed_model.checkpoint is None
     assert "hydra" not in cfg
     construct(Camera, cfg.camera, "camera")
     construct(Robot, cfg.robot, "robot")
@@ -77,10 +78,56 @@ def test_the_defaults_are_the_papers_pair_and_fit_their_constructors() -> None:
 def test_every_option_of_every_group_composes(choice: str) -> None:
     group, _, name = choice.partition("=")
     cfg = compose([choice])
-    if group in PLUGIN_GROUPS:
-        assert cfg[group].name == name
-    if group == "scenes":
-        assert cfg.scenes.source == {"low_camera": "apartments"}.get(name, name)
+    if group in PLUGIN_SECTIONS:
+        assert cfg[group].name == {"low_camera": "apartments"}.get(name, name)  # a preset, and no source of its own
+
+
+PLUGIN_OPTIONS = [
+    (section, name, option)
+    for section, kind in PLUGIN_SECTIONS.items()
+    for name in registry().names(kind)
+    for option in options(registry().get(kind, name), KINDS[kind].given).values()
+    if option.default is not REQUIRED
+]
+
+
+@pytest.mark.parametrize(("section", "name", "option"), PLUGIN_OPTIONS, ids=lambda value: getattr(value, "name", value))
+def test_every_option_of_every_plugin_can_be_given(section: str, name: str, option: Option) -> None:
+    cfg = compose([f"{section}={name}", "task=train"])
+    cfg[section][option.name] = option.default if not isinstance(option.default, tuple) else list(option.default)
+    chosen = sections_of(cfg).plugin(section)
+    assert chosen.settings[option.name] == cfg[section][option.name]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_section_of_a_task_is_in_the_configuration(task: str) -> None:
+    cfg = compose([f"task={task}"])
+    assert set(TASKS[task].sections) <= set(cfg)
+    assert set(sections_of(cfg).identity) == {"task", *TASKS[task].sections}
+
+
+def test_a_task_reads_no_section_that_it_does_not_name() -> None:
+    sections = sections_of(compose(["task=export"]))
+    with pytest.raises(AssertionError, match="does not name the section 'collect'"):
+        sections.plain("collect")
+
+
+def test_mistakes_in_sections_that_a_task_does_not_name_do_not_stop_it() -> None:
+    assert compose(["task=report", "explore.name=nowhere", "objective.nothing=1"]).task == "report"
+
+
+def test_what_a_task_does_not_read_names_no_other_run_folder() -> None:
+    assert run_id(compose(["task=export", "export.checkpoint=a", "collect.steps=7"])) == run_id(
+        compose(["task=export", "export.checkpoint=a"])
+    )
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 1.5, "one", None])
+def test_the_seed_is_a_whole_number(seed: object) -> None:
+    cfg = compose()
+    cfg.seed = seed
+    with pytest.raises(DeuxError, match=r"^seed is .*: the random seed is a whole number from 0 to"):
+        _ = sections_of(cfg).seed
 
 
 def test_options_of_plugins_and_constructors_need_no_plus() -> None:
@@ -108,7 +155,7 @@ def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_exp
     [
         ("model=kbnt", "there is no depth model called 'kbnt': did you mean kbnet?"),
         ("explore=duex", "there is no explorer called 'duex': did you mean deux?"),
-        ("scenes=apartment", "there is no kind of scenes called 'apartment': did you mean apartments?"),
+        ("scenes=apartment", "there is no source of scenes called 'apartment': did you mean apartments?"),
         ("experiment=debg", "there is no experiment called 'debg': did you mean debug?"),
         ("objective.sparse=1", "there is no loss term called 'sparse': did you mean sparse_depth?"),
         ("explore.name=duex", "there is no explorer called 'duex': did you mean deux?"),
@@ -116,10 +163,10 @@ def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_exp
         ("colect.steps=3", "there is no option colect: did you mean collect"),
         ("collect={stps: 3}", "there is no option collect.stps: did you mean steps?"),
         ("collect.steps.more=3", "there is no option collect.steps.more: collect.steps is a single value."),
-        ("random_seed", "'random_seed' is not of the form option=value."),
+        ("seed", "'seed' is not of the form option=value."),
         (
-            "seed.checkpoint=a=b.ckpt",
-            """the value of seed.checkpoint needs quotes of its own, as in 'seed.checkpoint=""",
+            "seed_model.checkpoint=a=b.ckpt",
+            """the value of seed_model.checkpoint needs quotes of its own, as in 'seed_model.checkpoint=""",
         ),
         (
             "model=kbnet,voiced",
@@ -138,15 +185,15 @@ def test_the_run_folder_is_named_by_everything_but_the_paths() -> None:
     names = {
         run_id(compose(overrides))
         for overrides in (
-            ["task=train", "random_seed=3"],
-            ["random_seed=3", "task=train", "paths.outputs=elsewhere"],
+            ["task=train", "seed=3"],
+            ["seed=3", "task=train", "paths.outputs=elsewhere"],
         )
     }
     assert len(names) == 1
     assert names.pop().startswith("kbnet-deux-")
     variations: tuple[list[str], ...] = (
         [],
-        ["random_seed=1"],
+        ["seed=1"],
         ["model.min_depth=0.2"],
         ["robot.radius=0.2"],
         ["trainer.max_epochs=1"],
@@ -156,7 +203,7 @@ def test_the_run_folder_is_named_by_everything_but_the_paths() -> None:
 
 @pytest.mark.parametrize("task", ["predict", "export"])
 def test_a_run_of_a_given_model_is_named_by_its_task(task: str) -> None:
-    names = {run_id(compose([f"task={task}", f"checkpoint={checkpoint}"])) for checkpoint in ("a", "b")}
+    names = {run_id(compose([f"task={task}", f"{task}.checkpoint={checkpoint}"])) for checkpoint in ("a", "b")}
     assert len(names) == 2
     assert all(name.startswith(f"{task}-") and name.count("-") == 1 for name in names)
 
@@ -166,14 +213,14 @@ def test_a_package_can_bring_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     yaml = {
         "__init__.py": "",
         "explore/spiral.yaml": "name: spiral\npitch: 2\n",
-        "scenes/mine.yaml": "source: mine\n",
+        "scenes/mine.yaml": "name: apartments\ntest: 3\n",
     }
     files = {f"spirals/conf/{path}": content for path, content in yaml.items()}
     install(tmp_path, "spirals", entry_points, {"spirals/__init__.py": "", **files})
     monkeypatch.syspath_prepend(str(tmp_path))
     cfg = compose(["explore=spiral", "explore.turns=3", "scenes=mine"])
     assert cfg.explore == {"name": "spiral", "pitch": 2, "turns": 3}
-    assert cfg.scenes.source == "mine"
+    assert (cfg.scenes.name, cfg.scenes.test) == ("apartments", 3)
 
 
 def test_a_package_whose_yaml_cannot_be_found_is_left_out(

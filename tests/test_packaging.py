@@ -50,7 +50,8 @@ def test_every_folder_with_python_files_is_listed_as_a_package() -> None:
 def test_every_entry_point_leads_to_a_file() -> None:
     for group, entries in PROJECT["project"]["entry-points"].items():
         for name, target in entries.items():
-            path = Path("plugins", *target.partition(":")[0].split(".")[1:])
+            package, *parts = target.partition(":")[0].split(".")
+            path = Path({"deux_plugins": "plugins"}.get(package, package), *parts)
             assert (ROOT / path).with_suffix(".py").is_file() or (ROOT / path / "__init__.py").is_file(), (
                 group,
                 name,

@@ -70,7 +70,10 @@ def test_ships_plugins_of_every_kind_from_its_own_package() -> None:
     for kind in KINDS:
         own = [plugin for plugin in registry().plugins(kind) if plugin.package == "deux"]
         assert own
-        assert all(plugin.kind == kind and plugin.target.startswith("deux_plugins.") for plugin in own)
+        assert all(
+            plugin.kind == kind and plugin.target.startswith(("deux_plugins.", "deux.simulator.", "deux.data."))
+            for plugin in own
+        )
     assert registry() is registry()
 
 

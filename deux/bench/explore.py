@@ -148,7 +148,7 @@ class _World:
                 self._simulators.__getitem__,
                 lambda: _TimedExplorer(registry().create("explorers", name, {}), watch),
                 predict and _timed(predict, watch),
-                together=len(self._scenes),
+                batch_size=len(self._scenes),
                 progress=clock,
             )
         return clock.result()

@@ -1,4 +1,4 @@
-"""One robot's episode: its simulator, its explorer and its files."""
+"""One robot's episode on disk: what is planned, its frames as they come, and its record when it is over."""
 
 import io
 from collections.abc import Callable
@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
+from torch import Tensor
 
-from deux.collection.perception import SOURCES, Percept
-from deux.collection.walk import Walk
-from deux.contracts import Explorer, Frame, SceneReference, Simulator
+from deux.collection.walk import Step, Walk
+from deux.contracts import Explorer, ExplorerMap, Frame, Need, SceneReference, Simulator
 from deux.errors import DeuxError
+from deux.geometry.camera import Camera
 from deux.io.atomic import write_atomically, write_json
 from deux.io.frames import FrameWriter, prepare_folders, read_frame
 from deux.io.layout import SequencePaths
@@ -32,12 +34,14 @@ class EpisodePlan:
         scene: the scene it takes place in.
         seed: seed of its start and of the explorer.
         steps: number of actions, and of frames.
+        floor: the floor of the scene, an index into `Simulator.floors`.
     """
 
     folder: Path
     scene: SceneReference
     seed: int
     steps: int
+    floor: int = 0
 
     @property
     def paths(self) -> SequencePaths:
@@ -50,88 +54,88 @@ class EpisodePlan:
         return self.folder / "episode.json"
 
 
-class EpisodeRun:
-    """An episode under way.
+class EpisodeFiles:
+    """The files of an episode under way.
 
-    Frames that an earlier run finished are read from disk and all others rendered, while simulator and explorer take
-    every step: whatever is random in them then stands where it would stand in an uninterrupted run. For the two to
-    agree exactly, everybody sees depth as the files hold it.
+    Frames that an earlier run finished are read, all others written. For the two to agree exactly, a walk shows depth
+    as the files hold it.
+
+    Args:
+        plan: the episode.
+        camera: the robot's; its matrix becomes `K.txt`.
+        labels: whether the frames have labels.
+        writer: writes the frames.
     """
 
-    def __init__(self, plan: EpisodePlan, simulator: Simulator, explorer: Explorer, writer: FrameWriter) -> None:
-        self.plan = plan
-        self.simulator = simulator
-        self.history: list[Frame] = []
-        """The latest frames, newest first."""
-        self._walk = Walk(simulator, explorer, plan.seed, plan.steps)
+    def __init__(self, plan: EpisodePlan, camera: Camera, labels: bool, writer: FrameWriter) -> None:
+        self._plan = plan
+        self._labels = labels
         self._writer = writer
-        self._uncertainty: list[float] = []
-        prepare_folders(plan.paths, simulator.camera.intrinsics, self._walk.labels)
+        self._uncertainty: list[Tensor] = []
+        prepare_folders(plan.paths, camera.intrinsics, labels)
 
-    @property
-    def step(self) -> int:
-        """Number of actions taken so far."""
-        return self._walk.step
-
-    @property
-    def over(self) -> bool:
-        """Whether the episode has come to its end."""
-        return self._walk.over
-
-    def observe(self) -> None:
-        """Take the next frame, from disk if it is there.
+    def read(self, number: int, pose: np.ndarray) -> Frame | None:
+        """The frame of that number, or None where it must be rendered.
 
         Raises:
             DeuxError: the frame on disk was taken from another pose than the robot's.
         """
-        frame = read_frame(self.plan.paths, self.step, self._walk.labels)
-        if frame is None:
-            frame = self._walk.frame()
-            self._writer.put(self.plan.paths, self.step, frame)
-        elif not np.array_equal(frame.pose, self.simulator.pose):
+        frame = read_frame(self._plan.paths, number, self._labels)
+        if frame is not None and not np.array_equal(frame.pose, pose):
             raise DeuxError(
-                f"{self.plan.folder} cannot be continued: the robot now comes to another pose at step {self.step} than "
+                f"{self._plan.folder} cannot be continued: the robot now comes to another pose at step {number} than "
                 "when that frame was written, so something that made it has changed; delete the folder."
             )
-        self.history = [frame, *self.history[:SOURCES]]
+        return frame
 
-    def act(self, percept: Percept | None) -> None:
-        """Let the explorer choose an action and carry it out.
+    def add(self, step: Step) -> None:
+        """Write the frame of a step, unless it was read, and keep its uncertainty."""
+        if step.rendered:
+            self._writer.put(self._plan.paths, step.number, step.frame)
+        if step.percept is not None and step.percept.uncertainty is not None:
+            self._uncertainty.append(step.percept.uncertainty)
 
-        Args:
-            percept: what the depth model sees; None if the explorer does not need it.
-        """
-        if percept is not None:
-            self._uncertainty.append(percept.uncertainty)
-        self._walk.act(self.history[0], percept)
-
-    def finish(self) -> None:
-        """Write what is known only at the end, the record last."""
+    def finish(self, walk: Walk) -> None:
+        """Write what is known only at the end, the record last. All frames must be on disk."""
         if self._uncertainty:
-            rows = [f"{step},{value!r}" for step, value in enumerate(self._uncertainty)]
+            values = torch.stack(self._uncertainty).tolist()
+            rows = [f"{number},{value!r}" for number, value in enumerate(values)]
             text = "\n".join(["step,uncertainty", *rows, ""])
-            write_atomically(self.plan.folder / "uncertainty.csv", text.encode())
-        self._write_map()
+            write_atomically(self._plan.folder / "uncertainty.csv", text.encode())
+        known = walk.explorer.map()
+        if known is not None:
+            _write_map(self._plan.folder / "map.npz", known)
         record = {
-            "scene": self.plan.scene.name,
-            "seed": self.plan.seed,
-            "start": [float(value) for value in self._walk.start],
-            "actions": [int(action) for action in self._walk.actions],
+            "scene": self._plan.scene.name,
+            "floor": self._plan.floor,
+            "seed": self._plan.seed,
+            "start": [float(value) for value in walk.start],
+            "actions": [int(action) for action in walk.actions],
         }
-        write_json(self.plan.record, record)
+        write_json(self._plan.record, record)
 
-    def _write_map(self) -> None:
-        known = self._walk.explorer.map()
-        if known is None:
-            return
-        frame = known.frame
-        arrays: dict[str, Any] = {
-            "occupancy": known.occupancy,
-            "origin": np.array([frame.origin_x, frame.origin_z]),
-            "resolution": np.array(frame.resolution),
-        }
-        if known.uncertainty is not None:
-            arrays["uncertainty"] = known.uncertainty
-        content = io.BytesIO()
-        np.savez_compressed(content, **arrays)
-        write_atomically(self.plan.folder / "map.npz", content.getvalue())
+
+def begin_episode(
+    plan: EpisodePlan, simulator: Simulator, explorer: Explorer, writer: FrameWriter
+) -> tuple[Walk, EpisodeFiles]:
+    """Begin an episode, or go on with one of which some frames are on disk.
+
+    Returns:
+        The walk, and where its steps go.
+    """
+    files = EpisodeFiles(plan, simulator.camera, Need.LABELS in explorer.needs, writer)
+    return Walk(simulator, explorer, plan.seed, plan.steps, plan.floor, files.read), files
+
+
+def _write_map(path: Path, known: ExplorerMap) -> None:
+    frame = known.frame
+    arrays: dict[str, Any] = {
+        "occupancy": known.occupancy,
+        "origin": np.array([frame.origin_x, frame.origin_z]),
+        "resolution": np.array(frame.resolution),
+    }
+    if known.uncertainty is not None:
+        arrays["uncertainty"] = known.uncertainty
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)
+    write_atomically(path, content.getvalue())

@@ -4,20 +4,20 @@ import json
 import os
 import time
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
 from deux.collection.exploration import explore
-from deux.collection.preprocessing import write_lists
 from deux.collection.sparse import sample_sequences
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
-from deux.collection.verification import verify_sequences
+from deux.collection.verification import Rejection, verify_sequences
 from deux.collection.viewpoints import ViewpointsPlan, collect_viewpoints
 from deux.contracts import DepthPredictor
 from deux.errors import DeuxError
-from deux.io.atomic import make_folder, write_json
-from deux.io.layout import sequences
+from deux.io.atomic import make_folder, write_atomically, write_json
+from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, SequencePaths, list_file, neighbours, sequences
 from deux.io.locking import locked
 from deux.io.progress import Progress, ignore_progress
 
@@ -70,8 +70,8 @@ def build_dataset(
                 make_explorer,
                 predict_depth,
                 sparse=spec.sparse,
-                uncertainty=spec.uncertainty and spec.uncertainty.create(),
-                together=spec.together,
+                uncertainty=spec.uncertainty.create() if spec.uncertainty else None,
+                batch_size=spec.batch_size,
                 processes=processes,
                 progress=progress,
             )
@@ -122,6 +122,45 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
         "seconds": clock.seconds,
     }
     write_json(partial / MANIFEST, manifest)
+
+
+def write_lists(
+    dataset: Path,
+    name: str,
+    split: str,
+    found: Sequence[SequencePaths],
+    verdicts: Mapping[str, Mapping[str, Rejection | None]],
+    offsets: tuple[int, ...] = (-1, -2),
+) -> int:
+    """Stage 4: write a split's six list files as the VOID release has them and the triplet list, in the same order.
+
+    A line of a list file names one target frame's file, from the dataset's own folder name on. A line of the triplet
+    list names the images of a target and of its source frames, separated by tabs.
+
+    Args:
+        dataset: the dataset's folder, as it is now.
+        name: the name of that folder once it is complete.
+        split: "train", "validation" or "test".
+        found: the sequences.
+        verdicts: for each sequence's name, for each target frame, why it is rejected or None.
+        offsets: the source frames, in frames from the target.
+
+    Returns:
+        The number of triplets.
+    """
+    lines: dict[str, list[str]] = {kind: [] for kind in (*PUBLISHED_KINDS, "intrinsics", "triplets")}
+    for paths in found:
+        folder = f"{name}/data/{paths.name}"
+        for triplet in neighbours(paths.frames(), offsets):
+            if verdicts[paths.name][triplet[0]] is not None:
+                continue
+            for kind in PUBLISHED_KINDS:
+                lines[kind].append(f"{folder}/{kind}/{triplet[0]}{SUFFIXES[kind]}")
+            lines["intrinsics"].append(f"{folder}/K.txt")
+            lines["triplets"].append("\t".join(f"{folder}/image/{frame}{SUFFIXES['image']}" for frame in triplet))
+    for kind, content in lines.items():
+        write_atomically(list_file(dataset, split, kind), "".join(f"{line}\n" for line in content).encode())
+    return len(lines["triplets"])
 
 
 def _episode_plans(spec: DatasetSpec, partial: Path) -> list[EpisodePlan]:

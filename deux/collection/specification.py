@@ -38,7 +38,7 @@ class DatasetSpec:
         seed: seed of the starts, the explorers and the viewpoints.
         model: what identifies the depth model that guides the explorer; None without one.
         uncertainty: how that model's predictions are judged (Eq. 8); None without one.
-        together: episodes that run in lock-step.
+        batch_size: episodes that run in lock-step (`collect.together`).
         split: the prefix of the list files.
         explorer_settings: all the explorer's options, defaults included; JSON values only.
     """
@@ -55,20 +55,22 @@ class DatasetSpec:
     seed: int = 0
     model: str | None = None
     uncertainty: PluginChoice | None = None
-    together: int = 4
+    batch_size: int = 4
     split: Split = "train"
 
     def description(self) -> dict[str, Any]:
         """The specification as JSON values, for the hash and the manifest."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        values |= {
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "simulation"}
+        return {
+            "version": DATASET_VERSION,
+            **values,
+            **self.simulation.description(),
             "scenes": [{"name": scene.name, "identity": scene.identity} for scene in self.scenes],
             "explorer_settings": dict(self.explorer_settings),
             "uncertainty": self.uncertainty and self.uncertainty.description,
             "sparse": asdict(self.sparse),
             "verification": asdict(self.verification),
         }
-        return {"version": DATASET_VERSION, **values, **values.pop("simulation").description()}
 
     def key(self) -> str:
         """Twelve hexadecimal digits that any change of the specification changes."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.collection.episodes import MakeSimulator
-from deux.contracts import Action, Frame, Robot, SceneReference, Simulator
+from deux.contracts import COLOR, Action, Frame, Robot, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace
 from deux.geometry.stratify import stratify
@@ -39,12 +39,14 @@ class ViewpointsPlan:
         scene: the scene.
         seed: seed of the poses.
         count: number of viewpoints.
+        floor: the floor of the scene, an index into `Simulator.floors`.
     """
 
     dataset: Path
     scene: SceneReference
     seed: int
     count: int
+    floor: int = 0
 
     def paths(self, index: int) -> SequencePaths:
         """The three-frame sequence of one viewpoint."""
@@ -60,7 +62,7 @@ def collect_viewpoints(
     rejects those that see too little.
 
     Raises:
-        DeuxError: a scene has no room for one step forward, or the disk is full.
+        DeuxError: a scene has no free floor, or no room for one step forward on it; or the disk is full.
     """
     total, done = sum(plan.count for plan in plans), 0
     for plan in plans:
@@ -69,10 +71,10 @@ def collect_viewpoints(
         if not missing:
             continue
         simulator = make_simulator(plan.scene)
-        parts = stratify(simulator.free_space().free, plan.count)
+        parts = _parts(simulator, plan)
         with FrameWriter() as writer:
             for index in missing:
-                frames = _frames(simulator, parts, index, np.random.default_rng([plan.seed, index]), plan.scene.name)
+                frames = _frames(simulator, plan, parts, index)
                 paths = plan.paths(index)
                 prepare_folders(paths, simulator.camera.intrinsics, labels=False)
                 for number, frame in enumerate(frames):
@@ -85,20 +87,35 @@ def _finished(paths: SequencePaths) -> bool:
     return all(paths.file("absolute_pose", frame_name(number)).exists() for number in range(3))
 
 
-def _frames(
-    simulator: Simulator, parts: list[np.ndarray], index: int, rng: np.random.Generator, scene: str
-) -> list[Frame]:
+def _parts(simulator: Simulator, plan: ViewpointsPlan) -> list[np.ndarray]:
+    """The cells of the floor from which each viewpoint is drawn."""
+    try:
+        return stratify(simulator.free_space(plan.floor).free, plan.count)
+    except DeuxError as error:
+        raise DeuxError(f"Scene {plan.scene.name} has no viewpoints: {error}") from error
+
+
+def _frames(simulator: Simulator, plan: ViewpointsPlan, parts: list[np.ndarray], index: int) -> list[Frame]:
     """Draw poses in the viewpoint's part of the floor until the robot can come to one of them."""
-    space = simulator.free_space()
+    rng = np.random.default_rng([plan.seed, index])
+    space = simulator.free_space(plan.floor)
     for cells in (parts[index], np.concatenate(parts)):
         for _ in range(_ATTEMPTS):
             row, column = rng.choice(cells) + rng.uniform(-0.5, 0.5, size=2)
             x, z = space.frame.centre(row, column)
             yaw, motion = rng.uniform(-math.pi, math.pi), MOTIONS[rng.integers(len(MOTIONS))]
-            poses = poses_before(x, z, yaw, motion, simulator.robot)
-            if all(_is_free(space, *pose[:2]) for pose in poses) and (frames := _record(simulator, poses[0], motion)):
-                return frames
-    raise DeuxError(f"Scene {scene} has no viewpoints: the robot finds no room on its floor for one step forward.")
+            way = poses_before(x, z, yaw, motion, simulator.robot)
+            if all(_is_free(space, *place[:2]) for place in way):
+                poses = _camera_poses(simulator, way[0], motion, plan.floor)
+                if poses is not None:
+                    return [
+                        Frame(frame.rgb.copy(), quantise_depth(frame.depth), frame.pose.copy())
+                        for frame in simulator.observe(COLOR, poses)
+                    ]
+    raise DeuxError(
+        f"Scene {plan.scene.name} has no viewpoints: the robot finds no room on floor {plan.floor} for one step "
+        "forward."
+    )
 
 
 def poses_before(
@@ -121,14 +138,14 @@ def _is_free(space: FreeSpace, x: float, z: float) -> bool:
     return bool(space.frame.contains(rows, columns)) and bool(space.free[rows, columns])
 
 
-def _record(simulator: Simulator, start: tuple[float, float, float], motion: Sequence[Action]) -> list[Frame] | None:
-    """The frames along a motion, or None if something stood in the way."""
-    simulator.reset(*start)
-    if any(simulator.step(action) for action in motion):
-        return None
-    simulator.reset(*start)
-    seen = [simulator.observe()]
+def _camera_poses(
+    simulator: Simulator, start: tuple[float, float, float], motion: Sequence[Action], floor: int
+) -> np.ndarray | None:
+    """The camera's poses along a motion, N x 4 x 4, or None if something stood in the way."""
+    simulator.reset(*start, floor)
+    poses = [simulator.pose]
     for action in motion:
-        simulator.step(action)
-        seen.append(simulator.observe())
-    return [Frame(frame.rgb.copy(), quantise_depth(frame.depth), frame.pose.copy()) for frame in seen]
+        if simulator.step(action):
+            return None
+        poses.append(simulator.pose)
+    return np.stack(poses)

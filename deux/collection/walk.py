@@ -1,79 +1,177 @@
-"""An explorer in a simulator: what it is told and shown, and what it does. No file is touched here."""
+"""The walk driver: explorers in simulators, several episodes in lock-step, for whoever follows their steps.
+
+Collector, comparison of explorers and study of uncertainty are all loops over `run_walks`. Nothing is written here.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from torch import Tensor
 
-from deux.collection.perception import Percept
+from deux.collection.perception import MODEL_NEEDS, SOURCES, Percept, Perception
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Frame, Need, Observation, Simulator
+from deux.errors import DeuxError
 from deux.io.images import quantise_depth
 from deux.simulator.starts import random_starts
 
+StoredFrames = Callable[[int, np.ndarray], Frame | None]
+"""The frames that an earlier run stored: number and camera pose to the frame, or None where it must be rendered."""
+
 
 class Walk:
-    """One episode of one explorer, from its start: whoever looks on calls `frame` and `act` in turn until it is `over`.
+    """One episode of one explorer.
 
     Args:
-        simulator: where it takes place.
-        explorer: who chooses.
+        simulator: where it takes place; the robot is put at the start.
+        explorer: who chooses the actions; it is reset.
         seed: of the start and of the explorer.
         steps: number of actions; the last one is not carried out, as no frame would follow it.
+        floor: the floor on which it takes place, an index into `Simulator.floors`.
+        stored: frames of an earlier run, which are not rendered again; None if there are none. Simulator and explorer
+            take every step all the same, so whatever is random in them stands where it would in an unbroken run.
     """
 
-    def __init__(self, simulator: Simulator, explorer: Explorer, seed: int, steps: int) -> None:
+    def __init__(
+        self,
+        simulator: Simulator,
+        explorer: Explorer,
+        seed: int,
+        steps: int,
+        floor: int = 0,
+        stored: StoredFrames | None = None,
+    ) -> None:
         self.simulator = simulator
         self.explorer = explorer
         self.steps = steps
-        self.over = False
-        self.collided = False
-        """Whether the last action was cut short by an obstacle."""
         self.actions: list[Action] = []
         """What was chosen so far."""
-        self.labels = Need.LABELS in explorer.needs
-        """Whether the explorer is shown labels."""
-        free_space = simulator.free_space()
+        self.frames: tuple[Frame, ...] = ()
+        """The latest frames, newest first, at most 1 + `SOURCES`."""
+        self._stored = stored
+        self._rendered = False
+        self._collided = False
+        free_space = simulator.free_space(floor)
         self.start = random_starts(free_space, 1, np.random.default_rng(seed))[0]
         """Where it began: world x and z in metres, and the heading in radians."""
-        simulator.reset(*self.start)
+        simulator.reset(*self.start, floor)
         shown = free_space if Need.FREE_SPACE in explorer.needs else None
-        names = simulator.label_names if self.labels else ()
-        explorer.reset(Episode(seed, steps, simulator.camera, simulator.robot, shown, names))
+        names = simulator.label_names if Need.LABELS in explorer.needs else ()
+        explorer.reset(Episode(seed, steps, simulator.camera, simulator.robot, shown, names, floor))
 
     @property
-    def step(self) -> int:
-        """Number of actions chosen so far."""
-        return len(self.actions)
+    def over(self) -> bool:
+        """Whether the last action is chosen."""
+        return len(self.actions) == self.steps or self.actions[-1:] == [Action.STOP]
 
-    def frame(self) -> Frame:
-        """What the robot's camera sees now, in arrays of its own, the depth as the files of a dataset hold it."""
-        seen = self.simulator.observe(COLOR | {Channel.LABELS} if self.labels else COLOR)
-        return Frame(seen.rgb.copy(), quantise_depth(seen.depth), seen.pose.copy(), seen.labels)
+    def observe(self) -> None:
+        """Take the next frame, in arrays of its own, the depth as the files of a dataset hold it."""
+        frame = self._stored(len(self.actions), self.simulator.pose) if self._stored else None
+        self._rendered = frame is None
+        if frame is None:
+            channels = COLOR | {Channel.LABELS} if Need.LABELS in self.explorer.needs else COLOR
+            seen = self.simulator.observe(channels)
+            frame = Frame(seen.rgb.copy(), quantise_depth(seen.depth), seen.pose.copy(), seen.labels)
+        self.frames = (frame, *self.frames[:SOURCES])
 
-    def act(self, frame: Frame, percept: Percept | None = None) -> None:
-        """Let the explorer choose an action, and carry it out.
+    def act(self, percept: Percept | None = None) -> "Step":
+        """Let the explorer choose an action by the newest frame, and carry it out.
 
         Args:
-            frame: what it sees.
-            percept: what the depth model sees; None if the explorer does not need it.
+            percept: what the depth model makes of that frame; None without a model.
         """
-        action = self.explorer.act(self._observation(frame, percept))
+        number, collided = len(self.actions), self._collided
+        action = self.explorer.act(self._observation(percept))
         self.actions.append(action)
-        if action == Action.STOP or self.step == self.steps:
-            self.over = True
-        else:
-            self.collided = self.simulator.step(action)
+        if not self.over:
+            self._collided = self.simulator.step(action)
+        return Step(self, number, self.frames, self._rendered, collided, percept, action)
 
-    def _observation(self, frame: Frame, percept: Percept | None) -> Observation:
+    def _observation(self, percept: Percept | None) -> Observation:
         """Exactly what the explorer declared, in arrays of its own."""
-        needs = self.explorer.needs
+        needs, frame = self.explorer.needs, self.frames[0]
         predicted = percept if Need.PREDICTED_DEPTH in needs else None
         judged = percept if Need.RESIDUAL in needs else None
         return Observation(
-            step=self.step,
+            step=len(self.actions),
             pose=frame.pose.copy(),
-            collided=self.collided,
+            collided=self._collided,
             rgb=frame.rgb.copy(),
             sensor_depth=frame.depth.copy() if Need.SENSOR_DEPTH in needs else None,
-            predicted_depth=predicted.predicted_depth if predicted else None,
-            residual=judged.residual if judged else None,
-            uncertainty=judged.uncertainty if judged else None,
+            predicted_depth=_array(predicted.predicted_depth) if predicted else None,
+            residual=_array(judged.residual) if judged and judged.residual is not None else None,
+            uncertainty=float(judged.uncertainty) if judged and judged.uncertainty is not None else None,
             labels=frame.labels.copy() if frame.labels is not None else None,
         )
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a walk: a frame, and the action that the explorer chose by it.
+
+    Args:
+        walk: whose step it is.
+        number: 0 for the first.
+        frames: the frame and those before it, newest first, at most 1 + `SOURCES`; their arrays stay as they are.
+        rendered: whether the frame was rendered now, and not read from those of an earlier run.
+        collided: whether the action before this frame was cut short by an obstacle.
+        percept: what the depth model makes of the frame; None without a model.
+        action: the explorer's choice. It is carried out unless it is the walk's last one.
+    """
+
+    walk: Walk
+    number: int
+    frames: tuple[Frame, ...]
+    rendered: bool
+    collided: bool
+    percept: Percept | None
+    action: Action
+
+    @property
+    def frame(self) -> Frame:
+        """The frame of this step."""
+        return self.frames[0]
+
+
+def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> Iterator[list[Step]]:
+    """Run walks in lock-step: all observe, the depth model is called once, all act.
+
+    Args:
+        walks: newly made; the robots have the same camera.
+        perception: the depth model; None for explorers that need none.
+
+    Yields:
+        The next step of each walk that is not over, until all are.
+
+    Raises:
+        DeuxError: an explorer needs more than `perception` gives.
+    """
+    for walk in walks:
+        check_perception(walk.explorer, perception)
+    while active := [walk for walk in walks if not walk.over]:
+        for walk in active:
+            walk.observe()
+        percepts: Sequence[Percept | None] = [None] * len(active)
+        if perception is not None:
+            percepts = perception([walk.frames for walk in active], active[0].simulator.camera.intrinsics)
+        yield [walk.act(percept) for walk, percept in zip(active, percepts, strict=True)]
+
+
+def check_perception(explorer: Explorer, perception: Perception | None) -> None:
+    """Raise DeuxError if the explorer needs a depth model or a measure of uncertainty that is not there."""
+    needs = explorer.needs & MODEL_NEEDS
+    if needs and perception is None:
+        raise DeuxError(
+            f"The explorer needs {' and '.join(sorted(needs))} but there is no depth model: train one first or name a "
+            "checkpoint with seed_model.checkpoint."
+        )
+    if Need.RESIDUAL in needs and perception is not None and perception.uncertainty is None:
+        raise DeuxError(
+            f"The explorer needs {Need.RESIDUAL} but there is no measure of uncertainty: choose one with "
+            "collect.uncertainty."
+        )
+
+
+def _array(values: Tensor) -> np.ndarray:
+    """A copy of a tensor, on whatever device, as an array."""
+    return values.cpu().numpy().copy()

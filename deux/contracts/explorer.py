@@ -33,6 +33,7 @@ class Episode:
         robot: the robot's body and motion.
         free_space: the true free floor; None unless the explorer declared `Need.FREE_SPACE`.
         label_names: what the numbers in `Observation.labels` stand for; empty unless it declared `Need.LABELS`.
+        floor: the floor of the scene on which it takes place, an index into `Simulator.floors`; 0 is the main floor.
     """
 
     seed: int
@@ -41,6 +42,7 @@ class Episode:
     robot: Robot
     free_space: FreeSpace | None = None
     label_names: tuple[str, ...] = ()
+    floor: int = 0
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,9 @@ class Observation:
         rgb: H x W x 3 uint8.
         sensor_depth: H x W float32, metres, 0 = none.
         predicted_depth: H x W float32, metres: the depth model's output for this frame.
-        residual: H x W float32, not negative, the uncertainty of each pixel by the measure of
-            `collect.uncertainty`: "l1" is the mean absolute photometric error of both reconstructions of this frame,
-            images in [0, 1]. NaN where the measure says nothing, all NaN before the third frame.
+        residual: H x W float32, not negative, the uncertainty of each pixel by the measure that `collect.uncertainty`
+            chooses (an `Uncertainty`), the paper's being the mean absolute photometric error of both reconstructions
+            of this frame, images in [0, 1]. NaN where the measure has no value, all NaN before the third frame.
         uncertainty: delta of Eq. 8 in [0, 1], the residual as one number; NaN where the residual has no values.
             Comes with `residual`.
         labels: H x W int32, -1 = unlabelled.

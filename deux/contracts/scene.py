@@ -64,7 +64,7 @@ class SceneMesh:
 
 @dataclass(frozen=True)
 class Floor:
-    """A level of a building.
+    """The floor of one storey of a building.
 
     Args:
         height: world y of the floor, metres.
@@ -155,7 +155,9 @@ class SceneSource(ABC):
 
     @abstractmethod
     def splits(self) -> SceneSplits:
-        """The scenes that the options ask for; nothing is loaded.
+        """The scenes that the options ask for; nothing is loaded. Equal options give equal splits.
+
+        No two scenes share a name, and none is in two splits unless an option allows it.
 
         Raises:
             DeuxError: a scene is missing, or in two splits at once.
@@ -166,7 +168,7 @@ class SceneSource(ABC):
 
         Args:
             count: number of scenes.
-            without: identities of scenes that are not to be among them.
+            without: identities of scenes that must not be among them.
 
         Raises:
             DeuxError: the source cannot make as many.

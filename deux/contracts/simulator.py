@@ -47,10 +47,11 @@ class Frame:
 
     Args:
         rgb: H x W x 3 uint8; 0 x 0 x 3 unless `Channel.COLOR` was asked for.
-        depth: H x W float32 in metres, 0 where the camera sees nothing within its range.
+        depth: H x W float32 in metres along the optical axis, 0 where no surface is within the camera's range.
         pose: 4 x 4 float64, camera-to-world.
         labels: H x W int32, index into `Simulator.label_names`, -1 where nothing is labelled; None unless asked for.
-        objects: H x W int32, index into `Simulator.object_labels`, -1 where no object is; None unless asked for.
+        objects: H x W int32, index into `Simulator.object_labels`, -1 where no object is within the camera's range;
+            None unless asked for.
     """
 
     rgb: np.ndarray
@@ -66,6 +67,9 @@ class Simulator(ABC):
     A simulator is made as `cls(scene, camera, robot, colors, **options)`, and keeps the first three under these names.
     `scene` is a `SceneReference`; `colors` says whether colours will be asked for, without which no texture needs to be
     loaded. Further parameters of the constructor are its options, each with a default.
+
+    `reset` puts the robot somewhere; `step`, `pose` and `observe` without poses come after it. Frames depend on scene,
+    camera and pose alone: what was drawn before, and what is drawn in the same batch, changes no bit of them.
     """
 
     scene: SceneReference
@@ -75,23 +79,35 @@ class Simulator(ABC):
     label_names: tuple[str, ...]
     """What the numbers in `Frame.labels` stand for; empty where nothing is labelled."""
 
-    object_labels: tuple[str, ...]
-    """The label of each object that `Frame.objects` numbers; empty where no objects are known."""
-
     floors: tuple[Floor, ...]
     """The floors of the scene, the main one first."""
+
+    @property
+    def object_labels(self) -> tuple[str, ...]:
+        """The label of each object that `Frame.objects` numbers; empty where no objects are known."""
+        return ()
 
     @abstractmethod
     def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
         """Put the robot on a floor at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
 
+        Args:
+            x: world x in metres.
+            z: world z in metres.
+            yaw: heading in radians, positive to the left.
+            floor: index into `floors`.
+
         Raises:
-            DeuxError: the robot does not fit there.
+            DeuxError: the robot does not fit there, or there is no such floor.
         """
 
     @abstractmethod
     def step(self, action: Action) -> bool:
-        """Carry out one action; true if the robot touched something and moved less than it was told to."""
+        """Carry out one action.
+
+        Returns:
+            Whether an obstacle cut the action short: the robot moved less than `robot.forward_step`, if at all.
+        """
 
     @property
     @abstractmethod
@@ -114,7 +130,11 @@ class Simulator(ABC):
 
     @abstractmethod
     def free_space(self, floor: int = 0) -> FreeSpace:
-        """The true free part of a floor, all of it connected. Privileged: no agent sees it unasked."""
+        """The true free part of a floor, all of it connected. Privileged: no agent sees it unasked.
+
+        Raises:
+            DeuxError: the robot fits nowhere on it, or there is no such floor.
+        """
 
     @abstractmethod
     def another(self, camera: Camera | None = None) -> Simulator:

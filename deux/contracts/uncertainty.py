@@ -14,18 +14,20 @@ DepthPredictor = Callable[[Tensor, Tensor, Tensor], Tensor]
 class View:
     """A batch of frames with their source frames and what the depth model made of them. No ground truth is in it.
 
-    All tensors are on the depth model's device.
+    All tensors are on one device, the depth model's. `deux.uncertainty.make_view` makes one.
 
     Args:
         image: N x 3 x H x W in [0, 1].
         sparse_depth: N x 1 x H x W metres, 0 = none; the points that the depth model was given.
         intrinsics: N x 3 x 3.
         depth: N x 1 x H x W float32 metres, predicted.
-        sources: N x S x 3 x H x W in [0, 1].
+        sources: N x S x 3 x H x W in [0, 1], at least one source frame (S >= 1).
         source_from_target: N x S x 4 x 4, carries points of the frame's camera into each source camera.
-        predict_depth: the depth model.
+        predict_depth: the depth model, for measures that ask it again. Each call costs a prediction, and any batch size
+            may be given.
         rebuilt: N x S x 3 x H x W, the frames rebuilt from their sources with the predicted depth (Eq. 1).
-        visible: N x S x 1 x H x W bool, where the rebuilt frames are to be believed.
+        visible: N x S x 1 x H x W bool, false where a point lies behind the source camera or outside its image, so
+            that `rebuilt` means nothing.
     """
 
     image: Tensor
@@ -40,13 +42,16 @@ class View:
 
 
 class Uncertainty(ABC):
-    """Judges a prediction pixel by pixel. All options are in the constructor."""
+    """Judges a prediction pixel by pixel. All options are in the constructor; nothing is remembered between calls."""
 
     @abstractmethod
     def __call__(self, view: View) -> Tensor:
-        """The uncertainty of each pixel.
+        """The uncertainty of each pixel. Called without gradients, for frames that have all their source frames.
+
+        Args:
+            view: the frames; its tensors are not to be changed.
 
         Returns:
             N x H x W float32 on the view's device, not negative: the larger, the less certain. NaN where the measure
-            cannot tell.
+            has no value. What a frame gets does not depend on the others of its batch.
         """

@@ -231,8 +231,8 @@ def _crop(
     room = sample.images.shape[1] - size[0], sample.images.shape[2] - size[1]
     if min(room) < 0:
         raise DeuxError(
-            f"A crop of {size[0]} x {size[1]} does not fit in the {sample.images.shape[1]} x "
-            f"{sample.images.shape[2]} pixels of frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder}."
+            f"A crop of {size[0]} x {size[1]} does not fit in the {sample.images.shape[1]} x {sample.images.shape[2]} "
+            f"pixels of frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder}."
         )
     top, left = (room[0] // 2, room[1] // 2) if rng is None else (rng.integers(room[0] + 1), rng.integers(room[1] + 1))
     return crop(sample, int(top), int(left), *size)

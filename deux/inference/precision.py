@@ -39,12 +39,15 @@ class FastPredictor:
         accelerator: Lightning's accelerator setting.
     """
 
+    device: torch.device
+    """Where the model is and its predictions stay."""
+
     def __init__(self, model: CompletionNetwork, accelerator: str = "auto") -> None:
         self.precision = default_precision(accelerator)
-        self._device = default_device(accelerator)
-        self._model: CompletionNetwork = model.to(self._device)
+        self.device = default_device(accelerator)
+        self._model: CompletionNetwork = model.to(self.device)
 
     def __call__(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
         """As `DepthModel.predict`."""
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.precision == "bf16-mixed"):
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bf16-mixed"):
             return self._model.predict(image, sparse_depth, intrinsics)

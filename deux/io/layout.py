@@ -12,8 +12,8 @@ The six list files of a split have one line per target frame, all in the same or
 with the dataset's own folder name, `<dataset>/data/<sequence>/image/000002.png`. The triplet list and the manifest
 are not part of the release; a dataset without them is read all the same.
 
-Collected sequences also hold `episode.json` (seed, start, actions), `verification.json` and, where there are any,
-`uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`.
+Collected sequences also hold `episode.json` (floor, seed, start, actions), `verification.json` and, where there are
+any, `uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`.
 """
 
 from collections.abc import Sequence

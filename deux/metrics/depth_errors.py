@@ -1,17 +1,109 @@
-"""The error measures as a torchmetrics class, for Lightning and for several processes."""
+"""The error metrics of depth completion: MAE, RMSE, iMAE and iRMSE, as functions and as a torchmetrics class.
+
+All of them compare the pixels whose ground truth lies strictly inside (min_depth, max_depth); the prediction is not
+clamped. A prediction that is no depth there (not finite, or not above 0) has an infinite error, whatever the metric: it
+is neither left out nor taken for missing ground truth.
+"""
+
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torchmetrics import Metric
-
-from deux.metrics.functional import depth_errors
-
-METRIC_NAMES = ("mae", "rmse", "imae", "irmse")
-"""The paper's four measures, in the order of its tables."""
+from torchmetrics.utilities.prints import rank_zero_warn
 
 
-class DepthMetrics(Metric):
-    """Mean over images of the per-image errors, as the published evaluations average them.
+class DepthMetric(NamedTuple):
+    """How a metric is called in tables and figures.
+
+    Args:
+        title: its name as the literature writes it.
+        unit: of its values.
+    """
+
+    title: str
+    unit: str
+
+    @property
+    def heading(self) -> str:
+        """The name with the unit: "MAE [mm]"."""
+        return f"{self.title} [{self.unit}]"
+
+
+METRICS = {
+    "mae": DepthMetric("MAE", "mm"),
+    "rmse": DepthMetric("RMSE", "mm"),
+    "imae": DepthMetric("iMAE", "1/km"),
+    "irmse": DepthMetric("iRMSE", "1/km"),
+}
+"""The metrics by the names that results and logs give them, in the order of the paper's tables."""
+
+
+def depth_errors(
+    predicted_depth: Tensor, ground_truth: Tensor, min_depth: float = 0.1, max_depth: float = 10.0
+) -> dict[str, Tensor]:
+    """Errors of each image of a batch, with d the prediction and g the ground truth in metres.
+
+    MAE is the mean of |1000 d - 1000 g|, RMSE the root of the mean square; iMAE is the mean of |1000/d - 1000/g|, iRMSE
+    the root of the mean square.
+
+    Args:
+        predicted_depth: N x 1 x H x W metres.
+        ground_truth: N x 1 x H x W metres, 0 = none.
+        min_depth: ground truth at or below it is left out, metres.
+        max_depth: ground truth at or above it is left out, metres.
+
+    Returns:
+        N float64 values for each of `METRICS`: NaN for an image without ground truth in range, infinite for an image
+        with an invalid prediction (`invalid_pixels`).
+
+    Example:
+        >>> errors = depth_errors(torch.full((1, 1, 2, 2), 2.0), torch.full((1, 1, 2, 2), 4.0))
+        >>> {name: round(value.item(), 3) for name, value in errors.items()}
+        {'mae': 2000.0, 'rmse': 2000.0, 'imae': 250.0, 'irmse': 250.0}
+    """
+    counted = _in_range(ground_truth, min_depth, max_depth)
+    valid = _is_depth(predicted_depth)
+    truth, predicted = ground_truth.double(), predicted_depth.double()
+    number = counted.flatten(1).sum(dim=1)
+
+    def mean(values: Tensor) -> Tensor:
+        values = torch.where(valid, values, torch.inf)
+        return torch.where(counted, values, 0.0).flatten(1).sum(dim=1) / number
+
+    millimetres = 1000.0 * (predicted - truth)
+    per_kilometre = 1000.0 * (1.0 / predicted - 1.0 / truth)
+    return {
+        "mae": mean(millimetres.abs()),
+        "rmse": mean(millimetres.square()).sqrt(),
+        "imae": mean(per_kilometre.abs()),
+        "irmse": mean(per_kilometre.square()).sqrt(),
+    }
+
+
+def invalid_pixels(
+    predicted_depth: Tensor, ground_truth: Tensor, min_depth: float = 0.1, max_depth: float = 10.0
+) -> Tensor:
+    """Number of pixels of each image with ground truth in range whose prediction is not finite or not above 0.
+
+    Args:
+        predicted_depth: N x 1 x H x W metres.
+        ground_truth: N x 1 x H x W metres, 0 = none.
+        min_depth: ground truth at or below it is left out, metres.
+        max_depth: ground truth at or above it is left out, metres.
+
+    Returns:
+        N int64 values.
+    """
+    invalid = _in_range(ground_truth, min_depth, max_depth) & ~_is_depth(predicted_depth)
+    return invalid.flatten(1).sum(dim=1)
+
+
+class DepthErrors(Metric):
+    """Mean over images of `depth_errors`, as the published evaluations average them.
+
+    Images without ground truth in range are left out. An image with invalid predictions makes all means infinite, and
+    `compute` warns of it with their number: a model that is chosen by the least error is not chosen for them.
 
     Args:
         min_depth: ground truth at or below it is left out, metres.
@@ -23,22 +115,37 @@ class DepthMetrics(Metric):
     higher_is_better = False
     sums: Tensor
     images: Tensor
+    invalid: Tensor
 
     def __init__(self, min_depth: float = 0.1, max_depth: float = 10.0, alone: bool = False) -> None:
         super().__init__(sync_on_compute=not alone)
         self.min_depth = min_depth
         self.max_depth = max_depth
-        self.add_state("sums", torch.zeros(len(METRIC_NAMES), dtype=torch.float64), dist_reduce_fx="sum")
+        self.add_state("sums", torch.zeros(len(METRICS), dtype=torch.float64), dist_reduce_fx="sum")
         self.add_state("images", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+        self.add_state("invalid", torch.zeros((), dtype=torch.int64), dist_reduce_fx="sum")
 
     def update(self, predicted_depth: Tensor, ground_truth: Tensor) -> None:
-        """Count a batch: both N x 1 x H x W metres. Images without ground truth in range are left out."""
+        """Count a batch: both N x 1 x H x W metres."""
         errors = depth_errors(predicted_depth, ground_truth, self.min_depth, self.max_depth)
-        table = torch.stack([errors[name] for name in METRIC_NAMES], dim=1)
-        counted = ~table[:, 0].isnan()
-        self.sums += table[counted].sum(dim=0)
+        counted = _in_range(ground_truth, self.min_depth, self.max_depth).flatten(1).any(dim=1)
+        self.sums += torch.stack([errors[name] for name in METRICS], dim=1)[counted].sum(dim=0)
         self.images += counted.sum()
+        self.invalid += invalid_pixels(predicted_depth, ground_truth, self.min_depth, self.max_depth).sum()
 
     def compute(self) -> dict[str, Tensor]:
-        """The means, mm and 1/km; NaN if no image had ground truth."""
-        return dict(zip(METRIC_NAMES, self.sums / self.images, strict=True))
+        """The means by metric, mm and 1/km; NaN if no image had ground truth in range."""
+        if self.invalid > 0:
+            rank_zero_warn(
+                f"The predicted depth is not finite or not above 0 at {int(self.invalid)} pixels with ground truth of "
+                f"{int(self.images)} images: their error counts as infinite."
+            )
+        return dict(zip(METRICS, self.sums / self.images, strict=True))
+
+
+def _in_range(ground_truth: Tensor, min_depth: float, max_depth: float) -> Tensor:
+    return (ground_truth > min_depth) & (ground_truth < max_depth)
+
+
+def _is_depth(predicted_depth: Tensor) -> Tensor:
+    return predicted_depth.isfinite() & (predicted_depth > 0)

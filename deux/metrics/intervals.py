@@ -1,4 +1,4 @@
-"""A mean and how sure it is."""
+"""The mean of a sample with its confidence interval."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,21 +8,30 @@ from scipy import stats
 
 
 class Estimate(NamedTuple):
-    """A mean with its 95 % interval, mean - half_width to mean + half_width.
+    """A mean with its 95 % confidence interval, mean - half_width to mean + half_width.
 
     Args:
         mean: of the sample; NaN if it is empty.
-        half_width: NaN for fewer than two values, which say nothing of their spread.
+        half_width: NaN where there is no interval: for fewer than two values, or values that are not finite.
     """
 
     mean: float
-    half_width: float
+    half_width: float = np.nan
 
 
 def estimate(sample: Sequence[float]) -> Estimate:
-    """The mean of independent values and Student's t interval, half width t(0.975, n - 1) s / sqrt(n)."""
+    """The mean of independent values and Student's t interval, half width t(0.975, n - 1) s / sqrt(n).
+
+    Example:
+        >>> found = estimate([1.0, 2.0, 3.0])
+        >>> found.mean, round(found.half_width, 3)
+        (2.0, 2.484)
+    """
     values = np.asarray(sample, float)
-    if len(values) < 2:
-        return Estimate(float(values[0]) if len(values) else np.nan, np.nan)
+    if not len(values):
+        return Estimate(np.nan)
+    mean = float(values.mean())
+    if len(values) < 2 or not np.isfinite(values).all():
+        return Estimate(mean)
     half_width = stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
-    return Estimate(float(values.mean()), float(half_width))
+    return Estimate(mean, float(half_width))

@@ -1,18 +1,18 @@
-"""Sparsification: how fast the error falls when the pixels that are thought the least certain are left out."""
+"""Sparsification curves and AUSE: how the error falls when the least certain pixels are left out (Ilg et al., 2018)."""
 
 import numpy as np
 
 REMOVED = np.linspace(0.0, 0.95, 20)
-"""The shares of pixels that are left out, at which the curves are evaluated."""
+"""The fractions of pixels left out at which the curves are evaluated."""
 
 
 def sparsification_curve(error: np.ndarray, uncertainty: np.ndarray) -> np.ndarray:
-    """The mean error of the pixels that remain (Ilg et al., 2018).
+    """The mean error of the pixels that remain, for each fraction that is left out.
 
     Args:
         error: N values.
-        uncertainty: N values; those with the largest are left out first. The error itself gives the best curve there
-            is, the oracle's.
+        uncertainty: N values; the pixels with the largest are left out first. The error itself gives the oracle's
+            curve, which no other falls below.
 
     Returns:
         A value for each of `REMOVED`; at least one pixel always remains.
@@ -25,8 +25,13 @@ def sparsification_curve(error: np.ndarray, uncertainty: np.ndarray) -> np.ndarr
 
 
 def ause(curve: np.ndarray, oracle: np.ndarray) -> float:
-    """The area between a sparsification curve and the oracle's, as a share of the error with all pixels.
+    """Area under the sparsification error (AUSE): the area between a curve and the oracle's, over the whole error.
 
-    0 orders the pixels as their errors do; an order by chance has about the area under 1 - oracle / all.
+    It is 0 for an uncertainty that orders the pixels as their errors do; a random order has about the area between the
+    whole error and the oracle's curve.
+
+    Args:
+        curve: a sparsification curve.
+        oracle: that of the error itself.
     """
     return float(np.trapezoid(curve - oracle, REMOVED) / oracle[0])

@@ -1,7 +1,8 @@
-"""What made a run, taken apart: which model, which explorer, which seed, trained on what and tested on what.
+"""What made a run: its model, explorer and seed, the frames and the budget of its training, and its test frames.
 
-Two numbers may stand in one table only if their runs differ in nothing but the model, the explorer and the seed. So a
-run's configuration is split into facts about each of them, and runs are compared by these.
+Two numbers may stand in one table only if their runs differ in nothing but the model, the explorer and the seed. The
+lists below say which options each of these parts is made of; no number depends on any other option, so that options
+which a later version adds separate no runs until they are added here.
 """
 
 import json
@@ -9,46 +10,68 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from deux.configuration import NO_PART_OF_A_RUN
+from deux.report.older_configurations import current_keys
 
-Facts = tuple[tuple[str, str], ...]
-"""Options and their values as JSON, sorted; those that are null or empty are left out, as older runs lack them."""
+FlatOptions = tuple[tuple[str, str], ...]
+"""Options as sorted pairs of dotted key and JSON value; null and empty values are left out, as older runs lack them."""
 
-_SEEN = ("camera", "robot", "renderer", "sampling", "verification")
-"""What both the training frames and the test frames depend on."""
-
-_NO_CONDITION = (
-    *NO_PART_OF_A_RUN,
-    "task",
-    "random_seed",
-    "evaluation",
-    "checkpoint",
-    "image",
-    "sparse",
-    "sparse_scale",
-    "intrinsics",
-    "ground_truth",
-    "export",
-    "explorer_training",
-    "compare",
-    "collect.processes",
-    "training.num_workers",
-    "training.validations",
-    "trainer.accelerator",
-    "trainer.devices",
-    "model.name",
-    "explore.name",
-    "scenes.validation",
+MODEL = (
+    "model",
+    "objective",
+    "pose",
+    "foundation",
+    "training.batch_size",
+    "training.learning_rate",
+    "training.boundaries",
+    "training.factors",
+    "training.unit",
+    "training.warmup_steps",
+    "training.offsets",
+    "trainer.precision",
+    "trainer.accumulate_grad_batches",
+    "trainer.gradient_clip_val",
+    "trainer.gradient_clip_algorithm",
+    "trainer.sync_batchnorm",
 )
-"""What no number of an experiment depends on, or what is known otherwise."""
+"""What a depth model is made of: its own options, what it is built on, and how it is optimised."""
 
-_EXPLORER = ("explore", "seed", "collect.uncertainty", "callbacks")
-"""What makes an explorer beside its name: its options, the model that guides it and how that is judged, its rounds."""
+EXPLORER = ("explore", "seed_model", "collect.uncertainty", "collect.uncertainty_options", "callbacks")
+"""What an explorer is made of: its own options, the model that guides it, how that is judged, and its rounds."""
 
-_OPTIONAL = ("callbacks",)
-"""Nodes that are there only if they were chosen."""
+CAMERA_AND_SCENES = ("camera", "robot", "simulator", "sampling", "verification", "scenes")
+"""What all frames are made of; of `scenes`, each split belongs to the frames of that split only."""
 
-_BUDGET = ("collect", "training", "camera.width", "camera.height")
+TRAINING_FRAMES = (*CAMERA_AND_SCENES, "scenes.train", "collect.steps", "collect.episodes", "training.crop")
+"""What the training frames are made of, beside the explorer."""
+
+TEST_FRAMES = (*CAMERA_AND_SCENES, "scenes.test", "evaluation.viewpoints", "training.crop")
+"""What the test frames are made of: free viewpoints of the test scenes."""
+
+RECORDED_TEST_FRAMES = ("evaluation.data", "data", "camera.min_depth", "camera.max_depth", "training.crop")
+"""What test frames are made of that were recorded before."""
+
+BUDGET = (
+    "collect.steps",
+    "collect.episodes",
+    "camera.width",
+    "camera.height",
+    "training.crop",
+    "training.steps",
+    "training.epochs",
+    "trainer.max_steps",
+    "trainer.max_epochs",
+    "trainer.max_time",
+    "trainer.min_steps",
+    "trainer.min_epochs",
+    "trainer.limit_train_batches",
+    "trainer.overfit_batches",
+    "trainer.fast_dev_run",
+)
+"""What the budget is made of, which does not depend on the scenes: how much is explored, and how long is trained."""
+
+_SPLITS = ("scenes.train", "scenes.validation", "scenes.test")
+_OPTIONAL_SECTIONS = ("callbacks",)
+"""Sections that are empty unless something was chosen."""
 
 
 @dataclass(frozen=True)
@@ -57,120 +80,119 @@ class Conditions:
 
     Args:
         model: name of the depth model.
-        model_options: what else makes the model: its options, objective, foundation, learning rate.
+        model_options: what else makes the model, see `MODEL`.
         explorer: name of the explorer that collected the training frames; None if they were given.
-        explorer_options: what else makes the explorer: its options, its seed model and how that is judged, its rounds.
+        explorer_options: what else makes the explorer, see `EXPLORER`.
         seed: the random seed.
-        training: the training frames and the budget.
-        testing: the test frames.
+        training_frames: what makes the training frames, see `TRAINING_FRAMES`.
+        budget: see `BUDGET`.
+        testing: what makes the test frames, see `TEST_FRAMES` and `RECORDED_TEST_FRAMES`.
     """
 
     model: str
-    model_options: Facts
+    model_options: FlatOptions
     explorer: str | None
-    explorer_options: Facts
+    explorer_options: FlatOptions
     seed: int
-    training: Facts
-    testing: Facts
+    training_frames: FlatOptions
+    budget: FlatOptions
+    testing: FlatOptions
 
     @property
-    def budget(self) -> Facts:
-        """Those facts of the training that do not depend on the scenes."""
-        return _below(self.training, _BUDGET)
+    def training(self) -> FlatOptions:
+        """The training frames and the budget: what must be equal for two models to be compared."""
+        return tuple(sorted({*self.training_frames, *self.budget}))
 
 
-def conditions(identity: Mapping[str, Any]) -> Conditions:
-    """Take a run's identity apart; options that an older run does not have are taken for null.
+def conditions(configuration: Mapping[str, Any]) -> Conditions:
+    """Take a run's configuration apart, of whatever version it is.
 
     Args:
-        identity: the whole configuration, as `run.json` holds it.
+        configuration: all of it, as `run.json` holds it.
     """
-    everything = tuple(fact for fact in facts(identity) if not _is_below(fact[0], _NO_CONDITION))
-    training = dict(_below(everything, ("training.steps", "training.epochs")))
-    if "training.steps" in training:
-        training.pop("training.epochs", None)  # not used then
-    model_parts = ("model", "objective", "pose", "foundation", "training")
-    no_schedule = ("training.steps", "training.epochs", "training.crop")
-    model = tuple(fact for fact in _below(everything, model_parts) if not _is_below(fact[0], no_schedule))
-    explorer = _below(everything, _EXPLORER)
-    elsewhere = (*model_parts, *_EXPLORER, "scenes.test")
-    training |= {key: value for key, value in everything if not _is_below(key, elsewhere)}
-    training |= dict(_below(everything, ("training.crop",)))
+    configuration = current_keys(configuration)
+    options = flatten_options(configuration)
+    if any(key == "training.steps" for key, _ in options):  # the number of epochs is not used then
+        options = tuple(option for option in options if option[0] != "training.epochs")
+    recorded = bool((configuration.get("evaluation") or {}).get("data"))
     return Conditions(
-        model=_name(identity, "model"),
-        model_options=model,
-        explorer=None if identity.get("training_data") else _name(identity, "explore"),
-        explorer_options=explorer,
-        seed=int(identity.get("random_seed", 0)),
-        training=tuple(sorted(training.items())),
-        testing=_testing(identity, everything),
+        model=_name(configuration, "model"),
+        model_options=_part(options, MODEL),
+        explorer=None if configuration.get("training_data") else _name(configuration, "explore"),
+        explorer_options=_part(options, EXPLORER),
+        seed=int(configuration.get("seed", 0)),
+        training_frames=_part(options, TRAINING_FRAMES),
+        budget=_part(options, BUDGET),
+        testing=_part(options, RECORDED_TEST_FRAMES if recorded else TEST_FRAMES),
     )
 
 
-def facts(options: Any, where: str = "") -> Facts:
-    """Nested options as sorted facts.
+def flatten_options(options: Any, where: str = "") -> FlatOptions:
+    """Nested options as sorted pairs.
 
     Example:
-        >>> facts({"camera": {"width": 64.0, "name": None}, "robot": {}, "pose": "simulator"})
+        >>> flatten_options({"camera": {"width": 64.0, "name": None}, "robot": {}, "pose": "simulator"})
         (('camera.width', '64'), ('pose', '"simulator"'))
     """
-    return tuple(sorted(_flat(options, where)))
+    return tuple(sorted(_flatten(options, where)))
 
 
-def differences(mine: Facts, others: Facts) -> str:
+def differences(mine: FlatOptions, others: FlatOptions) -> str:
     """What of `mine` is not in `others`, and what is only there: "camera.width=64, robot.radius not set"."""
     here, there = dict(mine), dict(others)
-    words = [f"{key}={_plain(value)}" for key, value in mine if there.get(key) != value]
+    words = [f"{key}={_unquoted(value)}" for key, value in mine if there.get(key) != value]
     words += [f"{key} not set" for key in there if key not in here]
     return ", ".join(words)
 
 
-def variants(choices: Iterable[Facts]) -> dict[Facts, str]:
-    """A short name for each of several sets of facts, of what they differ in; "" where all are the same.
+def variant_labels(choices: Iterable[FlatOptions]) -> dict[FlatOptions, str]:
+    """A short label for each of several sets of options: what they differ in; "" where all are the same.
 
-    A node that some of them lack altogether is named as a whole: "with callbacks", "no callbacks".
+    A section that some of them lack altogether is named as a whole: "with callbacks", "no callbacks".
     """
     distinct = sorted(set(choices))
     keys = sorted({key for choice in distinct for key, _ in choice})
     differing = [key for key in keys if len({dict(choice).get(key) for choice in distinct}) > 1]
-    optional = [node for node in _OPTIONAL if len({bool(_below(choice, (node,))) for choice in distinct}) > 1]
-    return {choice: ", ".join(_words(choice, differing, optional)) for choice in distinct}
+    optional = [node for node in _OPTIONAL_SECTIONS if len({_has(choice, node) for choice in distinct}) > 1]
+    return {choice: ", ".join(_label(choice, differing, optional)) for choice in distinct}
 
 
-def _words(choice: Facts, differing: Iterable[str], optional: Sequence[str]) -> Iterator[str]:
+def _label(choice: FlatOptions, differing: Iterable[str], optional: Sequence[str]) -> Iterator[str]:
     for node in optional:
-        yield f"{'with' if _below(choice, (node,)) else 'no'} {node}"
+        yield f"{'with' if _has(choice, node) else 'no'} {node}"
+    values = dict(choice)
     for key in differing:
-        if not _is_below(key, optional):
-            yield _variant(dict(choice), key)
+        if not any(_is_below(key, node) for node in optional):
+            short = key.removeprefix("explore.").removeprefix("model.").removeprefix("collect.")
+            yield f"{short}={_unquoted(values[key])}" if key in values else f"{short} not set"
 
 
-def _variant(choice: Mapping[str, str], key: str) -> str:
-    short = key.removeprefix("explore.").removeprefix("model.").removeprefix("collect.")
-    return f"{short}={_plain(choice[key])}" if key in choice else f"{short} not set"
+def _part(options: FlatOptions, nodes: Sequence[str]) -> FlatOptions:
+    """The options at or below some nodes, without the names of plugins and without the splits that are no node."""
+    left_out = ("model.name", "explore.name", *(split for split in _SPLITS if split not in nodes))
+    return tuple(
+        (key, value)
+        for key, value in options
+        if any(_is_below(key, node) for node in nodes) and not any(_is_below(key, node) for node in left_out)
+    )
 
 
-def _testing(identity: Mapping[str, Any], everything: Facts) -> Facts:
-    """The facts of the test frames: recorded data where such are given, the scenes' free viewpoints otherwise."""
-    evaluation = identity.get("evaluation") or {}
-    if evaluation.get("data"):
-        chosen = {"evaluation.data": evaluation["data"]}
-        seen: tuple[str, ...] = ("camera.min_depth", "camera.max_depth", "training.crop")
-    else:
-        chosen = {"evaluation.viewpoints": evaluation.get("viewpoints")}
-        seen = (*_SEEN, "scenes", "training.crop")
-    kept = [fact for fact in _below(everything, seen) if fact[0] != "scenes.train"]
-    return tuple(sorted({*kept, *facts(chosen)}))
+def _has(options: FlatOptions, node: str) -> bool:
+    return any(_is_below(key, node) for key, _ in options)
 
 
-def _name(identity: Mapping[str, Any], node: str) -> str:
-    return str((identity.get(node) or {}).get("name", "unknown"))
+def _is_below(key: str, node: str) -> bool:
+    return key == node or key.startswith(f"{node}.")
 
 
-def _flat(value: Any, where: str) -> Iterator[tuple[str, str]]:
+def _name(configuration: Mapping[str, Any], node: str) -> str:
+    return str((configuration.get(node) or {}).get("name", "unknown"))
+
+
+def _flatten(value: Any, where: str) -> Iterator[tuple[str, str]]:
     if isinstance(value, Mapping):
         for key, item in value.items():
-            yield from _flat(item, f"{where}.{key}" if where else str(key))
+            yield from _flatten(item, f"{where}.{key}" if where else str(key))
     elif value is not None and value != []:
         yield where, json.dumps(_number(value), sort_keys=True)
 
@@ -182,15 +204,6 @@ def _number(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-def _plain(value: str) -> str:
+def _unquoted(value: str) -> str:
     """A JSON value as a reader expects it."""
     return value.strip('"')
-
-
-def _is_below(key: str, nodes: Iterable[str]) -> bool:
-    return any(key == node or key.startswith(f"{node}.") for node in nodes)
-
-
-def _below(chosen: Facts, nodes: Iterable[str]) -> Facts:
-    nodes = tuple(nodes)
-    return tuple(fact for fact in chosen if _is_below(fact[0], nodes))

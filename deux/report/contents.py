@@ -1,46 +1,48 @@
-"""All that a report says: tables, what is missing, and how the runs were made."""
+"""What a report says: tables, what is missing, and how the runs were made."""
 
 import itertools
 import shlex
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from deux.report.comparison import Comparison, Missing, comparisons, lone_sweeps
+from deux.metrics.tables import ResultTable
+from deux.report.comparable_runs import ComparableRuns, MissingRun, group_comparable
 from deux.report.conditions import differences
-from deux.report.datasets import Datasets
-from deux.report.names import Key, Names
+from deux.report.dataset_names import DatasetNames
+from deux.report.display_names import DisplayNames, Variant
 from deux.report.paper_tables import table_one, table_three, table_two
 from deux.report.runs import find_runs
 from deux.report.sweeps import find_sweeps
-from deux.report.tables import Table
+
+_NUMERALS = {"table1": "I", "table2": "II", "table3": "III"}
 
 
 @dataclass(frozen=True)
 class Section:
-    """One comparison in the report.
+    """The table of one group of comparable runs, and what belongs to it.
 
     Args:
-        title: what is compared, on which dataset.
+        title: which table it is, and what it shows.
         dataset: what the test frames' dataset is called.
-        comparison: the runs.
-        table: its table.
-        missing: what is not finished, a sentence each.
+        runs: the runs.
+        table: their table.
+        missing: the runs that are not finished, a sentence for each explorer and model.
         commands: that made the runs.
     """
 
     title: str
     dataset: str
-    comparison: Comparison
-    table: Table
+    runs: ComparableRuns
+    table: ResultTable
     missing: tuple[str, ...]
     commands: tuple[str, ...]
 
     @property
     def state(self) -> str:
         """How many runs are there and how many are missing."""
-        finished, missing = len(self.comparison.finished), len(self.comparison.missing)
+        finished, missing = len(self.runs.finished), len(self.runs.missing)
         return f"{finished} run{'s' * (finished != 1)}{f', {missing} missing' if missing else ''}"
 
 
@@ -65,7 +67,7 @@ class Contents:
 
 def read_contents(
     folder: Path,
-    names: Names,
+    names: DisplayNames,
     first: str | None = None,
     starred: Sequence[str] = (),
     baseline: str | None = None,
@@ -83,26 +85,23 @@ def read_contents(
         DeuxError: there is no finished run, a run's file is damaged, or no dataset is called `first`.
     """
     found, sweeps = find_runs(folder), find_sweeps(folder)
-    compared = comparisons(found, sweeps)
-    datasets = Datasets(compared, first)
-    ordered = sorted(compared, key=lambda c: (c.transferred, c.testing != datasets.first))  # stable: largest first
-    sections = []
-    used: dict[str, int] = defaultdict(int)
-    for comparison in ordered:
-        kind = "table3" if comparison.transferred else "table1" if comparison.testing == datasets.first else "table2"
-        used[kind] += 1
-        name = kind if used[kind] == 1 else f"{kind}_{used[kind]}"
-        table = _table(kind, name, comparison, ordered, names, datasets, starred, baseline)
-        sections.append(_section(table, comparison, ordered, names, datasets))
+    groups = group_comparable(found, sweeps)
+    datasets = DatasetNames(groups, first)
+    groups.sort(key=lambda group: (group.transferred, group.testing != datasets.first))  # stable: largest first
+    tables = _Tables(groups, names, datasets, starred, baseline)
+    sections = tuple(_section(tables.make(group), group, groups, names, datasets) for group in groups)
     notes = [f"{path} is in no table: {reason}." for path, reason in found.left_out]
-    notes += [f"Nothing is finished of {len(s.grid)} runs: {s.command}" for s in lone_sweeps(found, sweeps)]
-    counted = sum(len(c.finished) for c in compared)
-    return Contents(folder, tuple(sections), tuple(notes), counted, sum(len(c.missing) for c in compared))
+    with_results = {run.path.parent for run in found.finished}
+    for sweep in sweeps:
+        if sweep.folder not in with_results:
+            notes.append(f"Nothing is finished of {len(sweep.grid)} runs: {sweep.command}")
+    finished, missing = sum(len(group.finished) for group in groups), sum(len(group.missing) for group in groups)
+    return Contents(folder, sections, tuple(notes), finished, missing)
 
 
-def missing_text(missing: Iterable[Missing], names: Names) -> tuple[str, ...]:
-    """What is missing, a line for each explorer and model: "DEUX, KBNet: seeds 1, 2 (begun: 2)"."""
-    cells: dict[tuple[Key, Key], list[Missing]] = defaultdict(list)
+def missing_text(missing: Iterable[MissingRun], names: DisplayNames) -> tuple[str, ...]:
+    """The runs that are missing, a line for each explorer and model: "DEUX, KBNet: seeds 1, 2 (begun: 2)"."""
+    cells: dict[tuple[Variant, Variant], list[MissingRun]] = defaultdict(list)
     for run in missing:
         cells[run.explorer, run.model].append(run)
     explorers = names.ordered_explorers({explorer for explorer, _ in cells})
@@ -114,52 +113,70 @@ def missing_text(missing: Iterable[Missing], names: Names) -> tuple[str, ...]:
     )
 
 
-def _seeds(runs: Sequence[Missing]) -> str:
+def _seeds(runs: Sequence[MissingRun]) -> str:
     begun = ", ".join(str(run.seed) for run in runs if run.begun)
     seeds = f"seed{'s' * (len(runs) > 1)} {', '.join(str(run.seed) for run in runs)}"
     return f"{seeds} (begun: {begun})" if begun else seeds
 
 
-def _table(
-    kind: str,
-    name: str,
-    comparison: Comparison,
-    others: Sequence[Comparison],
-    names: Names,
-    datasets: Datasets,
-    starred: Sequence[str],
-    baseline: str | None,
-) -> Table:
-    tested_on = datasets.name(comparison.testing)
-    if kind == "table1":
-        return table_one(comparison, names, tested_on, name, baseline)
-    if kind == "table3":
-        return table_three(comparison, names, datasets.name(comparison.own_testing), tested_on, name)
-    from_first = [
-        c
-        for c in others
-        if c.transferred
-        and (c.own_testing, c.testing, c.budget) == (datasets.first, comparison.testing, comparison.budget)
-    ]
-    return table_two(comparison, from_first, names, (datasets.name(datasets.first), tested_on), starred, name)
+class _Tables:
+    """Makes the table of each group of runs: which of the paper's it is, and its name where there are several.
+
+    Args:
+        groups: all groups, in the order of the report.
+        names: of rows and columns.
+        datasets: what the datasets are called.
+        starred: as in `read_contents`.
+        baseline: as in `read_contents`.
+    """
+
+    def __init__(
+        self,
+        groups: Sequence[ComparableRuns],
+        names: DisplayNames,
+        datasets: DatasetNames,
+        starred: Sequence[str],
+        baseline: str | None,
+    ) -> None:
+        self._groups, self._names, self._datasets = groups, names, datasets
+        self._starred, self._baseline = starred, baseline
+        self._made: Counter[str] = Counter()
+
+    def make(self, runs: ComparableRuns) -> ResultTable:
+        """The table of a group: I on the first dataset, II on another, III of models that were trained elsewhere."""
+        datasets, names = self._datasets, self._names
+        tested_on = datasets.name(runs.testing)
+        kind = "table3" if runs.transferred else "table1" if runs.testing == datasets.first else "table2"
+        self._made[kind] += 1
+        name = kind if self._made[kind] == 1 else f"{kind}_{self._made[kind]}"
+        if kind == "table1":
+            return table_one(runs, names, tested_on, name, self._baseline)
+        if kind == "table3":
+            return table_three(runs, names, datasets.name(runs.own_testing), tested_on, name)
+        wanted = (datasets.first, runs.testing, runs.budget)
+        from_first = [g for g in self._groups if g.transferred and (g.own_testing, g.testing, g.budget) == wanted]
+        return table_two(runs, from_first, names, (datasets.name(datasets.first), tested_on), self._starred, name)
 
 
 def _section(
-    table: Table, comparison: Comparison, others: Sequence[Comparison], names: Names, datasets: Datasets
+    table: ResultTable,
+    runs: ComparableRuns,
+    groups: Sequence[ComparableRuns],
+    names: DisplayNames,
+    datasets: DatasetNames,
 ) -> Section:
-    alike = [c for c in others if (c.own_testing, c.testing) == (comparison.own_testing, comparison.testing)]
-    if comparison is not alike[0]:
-        conditions = differences(comparison.training, alike[0].training)
-        table = replace(table, caption=f"{table.caption}, with {conditions}")
-    numeral = "I" * int(table.name.removeprefix("table")[0])
-    missing = missing_text(comparison.missing, names)
-    dataset = datasets.name(comparison.testing)
-    return Section(f"Table {numeral}: {table.caption}", dataset, comparison, table, missing, _commands(comparison))
+    """The section of a group of runs; where an earlier one has the same datasets, its title says what differs."""
+    first = next(g for g in groups if (g.own_testing, g.testing) == (runs.own_testing, runs.testing))
+    if runs is not first:
+        table = replace(table, caption=f"{table.caption}, with {differences(runs.training, first.training)}")
+    title = f"Table {_NUMERALS[table.name.partition('_')[0]]}: {table.caption}"
+    missing = missing_text(runs.missing, names)
+    return Section(title, datasets.name(runs.testing), runs, table, missing, _commands(runs))
 
 
-def _commands(comparison: Comparison) -> tuple[str, ...]:
+def _commands(runs: ComparableRuns) -> tuple[str, ...]:
     """The commands of the sweeps, and of those runs that belong to none."""
-    swept = {sweep.folder for sweep in comparison.sweeps}
-    alone = [run for run in (*comparison.finished, *comparison.begun) if run.path.parent not in swept]
+    swept = {sweep.folder for sweep in runs.sweeps}
+    alone = [run for run in runs.runs if run.path.parent not in swept]
     single = {shlex.join(["python", "-m", "deux", *run.overrides]) for run in alone}
-    return (*(sweep.command for sweep in comparison.sweeps), *sorted(single))
+    return (*(sweep.command for sweep in runs.sweeps), *sorted(single))

@@ -4,10 +4,10 @@ import base64
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
-from deux.report.conditions import Facts
+from deux.metrics.tables import Mark, ResultTable
+from deux.report.conditions import FlatOptions
 from deux.report.contents import Contents, Section
-from deux.report.figures import Picture
-from deux.report.tables import METRICS, Table, number_text
+from deux.report.report_figures import CaptionedFigure
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 78rem; padding: 0 1rem; color: #1c1e21; }
@@ -27,15 +27,16 @@ figure { margin: 1.2rem 0; }
 pre { background: #f3f4f6; padding: .6rem; white-space: pre-wrap; overflow-wrap: anywhere; font-size: 12px; }
 """.strip()
 
+_MARKS: dict[Mark | None, str] = {"best": "<b>{}</b>", "highlighted": "<b>{}</b>", "second": "<u>{}</u>", None: "{}"}
 _MIME = {".png": "image/png", ".jpg": "image/jpeg"}
 
 
-def html_page(contents: Contents, pictures: Mapping[str, Sequence[Picture]]) -> str:
+def html_page(contents: Contents, figures: Mapping[str, Sequence[CaptionedFigure]]) -> str:
     """The whole report as a page, its figures within it.
 
     Args:
         contents: tables, commands and what is missing.
-        pictures: the figures by the name of the table that they belong to.
+        figures: by the name of the table that they belong to.
     """
     state = f"{contents.finished} finished runs, {contents.missing} missing"
     body = [
@@ -47,57 +48,53 @@ def html_page(contents: Contents, pictures: Mapping[str, Sequence[Picture]]) -> 
         *(_paragraph(note, "note") for note in contents.notes),
     ]
     for section in contents.sections:
-        body += _section(section, pictures.get(section.table.name, ()))
+        body += _section(section, figures.get(section.table.name, ()))
     head = f'<meta charset="utf-8"><title>Report: {escape(state)}</title><style>{_STYLE}</style>'
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head>\n<body>\n' + "\n".join(body) + "\n</body></html>\n"
 
 
-def _section(section: Section, pictures: Iterable[Picture]) -> list[str]:
+def _section(section: Section, figures: Iterable[CaptionedFigure]) -> list[str]:
     lines = [f'<h2 id="{section.table.name}">{escape(section.title)}</h2>', *_table(section.table)]
     lines += [_paragraph(note, "note") for note in section.table.notes]
     if section.missing:
         missing = "".join(f"<li>{escape(line)}</li>" for line in section.missing)
-        lines.append(
-            f'<div class="missing"><b>Missing: {len(section.comparison.missing)} runs</b><ul>{missing}</ul></div>'
-        )
-    for picture in pictures:
-        content = base64.b64encode(picture.file.read_bytes()).decode()
-        source = f"data:{_MIME[picture.file.suffix]};base64,{content}"
-        caption = escape(picture.caption)
+        lines.append(f'<div class="missing"><b>Missing: {len(section.runs.missing)} runs</b><ul>{missing}</ul></div>')
+    for figure in figures:
+        content = base64.b64encode(figure.file.read_bytes()).decode()
+        source = f"data:{_MIME[figure.file.suffix]};base64,{content}"
+        caption = escape(figure.caption)
         lines.append(f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>')
     lines.append("<h3>Commands</h3>")
     lines += [f"<pre>{escape(command)}</pre>" for command in section.commands]
     lines.append("<details><summary>Training and test frames</summary>")
-    lines += _facts("trained", section.comparison.training) + _facts("tested", section.comparison.testing)
+    lines += _options("trained", section.runs.training) + _options("tested", section.runs.testing)
     return [*lines, "</details>"]
 
 
-def _table(table: Table) -> list[str]:
-    labels = len(table.label_columns)
+def _table(table: ResultTable) -> list[str]:
     lines = ['<div class="wide"><table>', "<thead>"]
     if any(table.groups):
-        groups = "".join(f'<th class="group" colspan="{len(METRICS)}">{escape(group)}</th>' for group in table.groups)
-        lines.append(f'<tr><th colspan="{labels}"></th>{groups}</tr>')
-    heads = "".join(f'<th class="label">{escape(name)}</th>' for name in table.label_columns)
-    metrics = "".join(f"<th>{metric}</th>" for metric in METRICS) * len(table.groups)
-    lines += [f"<tr>{heads}{metrics}</tr>", "</thead>"]
-    marks = table.marks
-    for part, rows in enumerate(table.parts):
+        width = len(table.columns)
+        groups = "".join(f'<th class="group" colspan="{width}">{escape(group)}</th>' for group in table.groups)
+        lines.append(f'<tr><th colspan="{len(table.label_columns)}"></th>{groups}</tr>')
+    labels = "".join(f'<th class="label">{escape(name)}</th>' for name in table.label_columns)
+    headings = "".join(f"<th>{escape(heading)}</th>" for heading in table.headings) * len(table.groups)
+    lines += [f"<tr>{labels}{headings}</tr>", "</thead>"]
+    for part in table.parts:
         lines.append("<tbody>")
-        for index, row in enumerate(rows):
+        for row in part:
             cells = "".join(f'<th class="label">{escape(label)}</th>' for label in row.labels)
-            for column, number in enumerate(row.numbers):
-                mean, behind = number_text(number, table.usual_seeds)
-                wrapped = {"best": "<b>{}</b>", "second": "<u>{}</u>", None: "{}"}[marks.get((part, index, column))]
+            for index, cell in enumerate(row.cells):
+                mean, behind = table.cell_text(index, cell)
                 small = f'<span class="behind">{escape(behind)}</span>' if behind else ""
-                cells += f"<td>{wrapped.format(mean)}{small}</td>"
+                cells += f"<td>{_MARKS[cell.mark].format(mean)}{small}</td>"
             lines.append(f"<tr>{cells}</tr>")
         lines.append("</tbody>")
     return [*lines, "</table></div>"]
 
 
-def _facts(what: str, facts: Facts) -> list[str]:
-    return [_paragraph(f"{what}: {', '.join(f'{key}={value}' for key, value in facts)}", "note")]
+def _options(what: str, options: FlatOptions) -> list[str]:
+    return [_paragraph(f"{what}: {', '.join(f'{key}={value}' for key, value in options)}", "note")]
 
 
 def _paragraph(text: str, kind: str = "") -> str:

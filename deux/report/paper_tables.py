@@ -1,155 +1,196 @@
-"""Tables I, II and III of the paper, from comparisons."""
+"""Tables I, II and III of the paper, from groups of comparable runs."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from deux.metrics.depth_errors import METRIC_NAMES
-from deux.report.comparison import Comparison
-from deux.report.names import Key, Names
-from deux.report.summary import Summary, summary
-from deux.report.tables import Row, Table
+from deux.metrics.depth_errors import METRICS
+from deux.metrics.tables import Cell, ResultTable, Row, error_columns
+from deux.report.comparable_runs import ComparableRuns, SeedErrors
+from deux.report.display_names import DisplayNames, Variant
 
 INTERPOLATION = "Interpolation"
 """What the row of linear interpolation of the sparse points is called; it learns nothing and is not ranked."""
 
 
 def table_one(
-    comparison: Comparison, names: Names, dataset: str, name: str = "table1", baseline: str | None = None
-) -> Table:
+    runs: ComparableRuns, names: DisplayNames, dataset: str, name: str = "table1", baseline: str | None = None
+) -> ResultTable:
     """Table I: every explorer and every depth model on the test split of one dataset.
 
     Args:
-        comparison: the runs.
+        runs: the runs.
         names: of rows and columns.
         dataset: what the dataset is called.
         name: of the table's files.
         baseline: an explorer that a note compares the others with, seed by seed; None for no such note.
     """
-    models = names.ordered_models(comparison.models)
-    nothing: tuple[None, ...] = (None,) * len(METRIC_NAMES)
-    parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), comparison.baseline * len(models), ranked=False),)]
-    for part in names.explorer_parts(comparison.explorers):
+    models = names.ordered_models(runs.models)
+    parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), _cells(runs.baseline) * len(models), ranked=False),)]
+    for part in names.explorer_parts(runs.explorers):
         rows = []
         for explorer in part:
-            numbers = [comparison.errors(explorer, model) or nothing for model in models]
-            rows.append(Row((names.explorer(explorer),), tuple(n for four in numbers for n in four)))
+            cells = [cell for model in models for cell in _cells(runs.errors(explorer, model))]
+            rows.append(Row((names.explorer(explorer),), tuple(cells)))
         parts.append(tuple(rows))
-    caption = f"Depth completion on the {dataset} test set"
-    groups = tuple(names.model(model) for model in models)
-    table = Table(name, caption, ("Exploration",), groups, tuple(parts))
-    return _noted(table, [comparison], _beyond(comparison, names, baseline))
+    table = ResultTable(
+        caption=f"Depth completion on the {dataset} test set",
+        label_columns=("Exploration",),
+        columns=error_columns(),
+        parts=tuple(parts),
+        groups=tuple(names.model(model) for model in models),
+        name=name,
+    )
+    return _finished(table, [runs], _paired_differences(runs, names, baseline))
 
 
 def table_two(
-    comparison: Comparison,
-    from_first: Sequence[Comparison],
-    names: Names,
+    runs: ComparableRuns,
+    from_first: Sequence[ComparableRuns],
+    names: DisplayNames,
     datasets: tuple[str, str],
     starred: Sequence[str],
     name: str = "table2",
-) -> Table:
+) -> ResultTable:
     """Table II: explorers on another dataset, and beside them models that were trained on the first dataset.
 
     Args:
-        comparison: trained and tested on the other dataset.
-        from_first: trained on the first dataset, tested on the same frames as `comparison`.
+        runs: trained and tested on the other dataset.
+        from_first: trained on the first dataset, tested on the same frames as `runs`.
         names: of rows.
         datasets: what the first and the other dataset are called.
         starred: explorers of which the models from the first dataset are shown; all, if none of these is there.
         name: of the table's files.
     """
     first, other = datasets
-    parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION, ""), comparison.baseline, ranked=False),)]
-    models = comparison.models.union(*(c.models for c in from_first))
+    parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION, ""), _cells(runs.baseline), ranked=False),)]
+    models = runs.models.union(*(group.models for group in from_first))
     for model in names.ordered_models(models):
         rows = []
-        for explorer in names.ordered_explorers(comparison.explorers):
-            if numbers := comparison.errors(explorer, model):
-                rows.append(Row((names.model(model), names.explorer(explorer)), numbers))
-        for transfer in from_first:
-            shown = [e for e in transfer.explorers if e[0] in starred] or transfer.explorers
+        for explorer in names.ordered_explorers(runs.explorers):
+            if errors := runs.errors(explorer, model):
+                rows.append(Row((names.model(model), names.explorer(explorer)), _cells(errors)))
+        for group in from_first:
+            shown = [one for one in group.explorers if one.name in starred] or group.explorers
             for explorer in names.ordered_explorers(shown):
-                if numbers := transfer.errors(explorer, model):
-                    rows.append(Row((names.model(model), f"{names.explorer(explorer)}*"), numbers))
+                if errors := group.errors(explorer, model):
+                    rows.append(Row((names.model(model), f"{names.explorer(explorer)}*"), _cells(errors)))
         parts.append(tuple(rows))
-    caption = f"Depth completion on the {other} test set"
+    table = ResultTable(
+        caption=f"Depth completion on the {other} test set",
+        label_columns=("Depth model", "Exploration"),
+        columns=error_columns(),
+        parts=tuple(parts),
+        name=name,
+    )
     notes = [f"*: trained on {first}."] if from_first else []
-    table = Table(name, caption, ("Depth model", "Exploration"), ("",), tuple(parts), ranked_by_part=True)
-    return _noted(table, [comparison, *from_first], notes)
+    return _finished(table, [runs, *from_first], notes, rank_by_part=True)
 
 
-def table_three(comparison: Comparison, names: Names, trained_on: str, tested_on: str, name: str = "table3") -> Table:
+def table_three(
+    runs: ComparableRuns, names: DisplayNames, trained_on: str, tested_on: str, name: str = "table3"
+) -> ResultTable:
     """Table III: zero-shot transfer, every explorer averaged over the models.
 
     A seed counts if all models have it. Where no seed has all, the mean is over the models that most seeds have; such a
     row says over which, and is not ranked.
+
+    Args:
+        runs: of models that were tested on another dataset than they were trained on.
+        names: of rows and models.
+        trained_on: what the dataset of the training is called.
+        tested_on: what the dataset of the test is called.
+        name: of the table's files.
     """
-    models = names.ordered_models(comparison.models)
-    parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), comparison.baseline, ranked=False),)]
-    for part in names.explorer_parts(comparison.explorers):
+    models = names.ordered_models(runs.models)
+    parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), _cells(runs.baseline), ranked=False),)]
+    for part in names.explorer_parts(runs.explorers):
         rows = []
         for explorer in part:
-            averaged, numbers = _over_models(comparison, explorer)
+            averaged, errors = _over_models(runs, explorer)
             label = names.explorer(explorer)
             if len(averaged) < len(models):
-                label += f" ({', '.join(names.model(m) for m in names.ordered_models(averaged))} only)"
-            rows.append(Row((label,), numbers, ranked=len(averaged) == len(models)))
+                label += f" ({', '.join(names.model(model) for model in names.ordered_models(averaged))} only)"
+            rows.append(Row((label,), _cells(errors), ranked=len(averaged) == len(models)))
         parts.append(tuple(rows))
-    caption = f"Zero-shot transfer: trained on {trained_on}, tested on {tested_on}"
-    notes = [f"Every number is the mean over {', '.join(names.model(model) for model in models)}."]
-    return _noted(Table(name, caption, ("Exploration",), ("",), tuple(parts)), [comparison], notes)
+    table = ResultTable(
+        caption=f"Zero-shot transfer: trained on {trained_on}, tested on {tested_on}",
+        label_columns=("Exploration",),
+        columns=error_columns(),
+        parts=tuple(parts),
+        name=name,
+    )
+    return _finished(
+        table, [runs], [f"Every number is the mean over {', '.join(names.model(model) for model in models)}."]
+    )
 
 
-def _beyond(comparison: Comparison, names: Names, baseline: str | None) -> list[str]:
+def _cells(errors: SeedErrors | None) -> tuple[Cell, ...]:
+    """A cell for each metric, empty ones without errors."""
+    if errors is None:
+        return (Cell(),) * len(METRICS)
+    return tuple(Cell(errors.estimates[name], seeds=errors.seeds) for name in METRICS)
+
+
+def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str | None) -> list[str]:
     """For each model how much higher than the baseline's the explorers' errors are, a sentence each."""
     notes = []
-    for key in (key for key in names.ordered_explorers(comparison.explorers) if key[0] == baseline):
-        for model in names.ordered_models(comparison.models):
-            others = [other for other in names.ordered_explorers(comparison.explorers) if other != key]
-            found = {names.explorer(other): comparison.beyond(other, key, model) for other in others}
-            known = [f"{name} {n.mean:+.1f} ± {n.interval:.1f}" for name, n in found.items() if n]
+    explorers = names.ordered_explorers(runs.explorers)
+    for reference in (explorer for explorer in explorers if explorer.name == baseline):
+        for model in names.ordered_models(runs.models):
+            others = [other for other in explorers if other != reference]
+            found = {names.explorer(other): runs.paired_difference(other, reference, model) for other in others}
+            known = [f"{name} {one.mean:+.1f} ± {one.half_width:.1f}" for name, one in found.items() if one]
             if known:
                 notes.append(
-                    f"{names.model(model)}, MAE beyond {names.explorer(key)}'s with the same seed (below 0 is better): "
-                    f"{', '.join(known)}."
+                    f"{names.model(model)}, MAE beyond {names.explorer(reference)}'s with the same seed (below 0 is "
+                    f"better): {', '.join(known)}."
                 )
     return notes
 
 
-def _over_models(comparison: Comparison, explorer: Key) -> tuple[frozenset[Key], tuple[Summary, ...]]:
-    """The models that an explorer's errors are averaged over, and the errors."""
-    of_seed: dict[int, set[Key]] = defaultdict(set)
-    for (one, model), runs in comparison.cells.items():
-        for seed in runs if one == explorer else ():
-            of_seed[seed].add(model)
-    seeds_of: dict[frozenset[Key], list[int]] = defaultdict(list)
-    for seed, models in of_seed.items():
-        seeds_of[frozenset(models)].append(seed)
-    models_of = max(seeds_of, key=lambda m: (len(m), len(seeds_of[m]), sorted(m)))
+def _over_models(runs: ComparableRuns, explorer: Variant) -> tuple[frozenset[Variant], SeedErrors]:
+    """The models that an explorer's errors are averaged over, and the means of each seed's errors over the seeds."""
+    models_of_seed: dict[int, set[Variant]] = defaultdict(set)
+    for (one, model), cell in runs.cells.items():
+        for seed in cell if one == explorer else ():
+            models_of_seed[seed].add(model)
+    seeds_of_models: dict[frozenset[Variant], list[int]] = defaultdict(list)
+    for seed, found in models_of_seed.items():
+        seeds_of_models[frozenset(found)].append(seed)
+    models = max(seeds_of_models, key=lambda some: (len(some), len(seeds_of_models[some]), sorted(some)))
 
     def mean(seed: int, metric: str) -> float:
-        errors = [comparison.cells[explorer, model][seed].errors[metric] for model in models_of]
+        errors = [runs.cells[explorer, model][seed].errors[metric] for model in models]
         return sum(errors) / len(errors)
 
-    seeds = sorted(seeds_of[models_of])
-    return models_of, tuple(summary({seed: mean(seed, metric) for seed in seeds}) for metric in METRIC_NAMES)
+    return models, SeedErrors.over({s: {name: mean(s, name) for name in METRICS} for s in seeds_of_models[models]})
 
 
-def _noted(table: Table, shown: Iterable[Comparison], notes: Sequence[str] = ()) -> Table:
-    """The table with the notes that all tables need."""
+def _finished(
+    table: ResultTable, shown: Iterable[ComparableRuns], notes: Sequence[str], rank_by_part: bool = False
+) -> ResultTable:
+    """The table with its ranks and the notes that all tables need."""
     seeds = ", ".join(map(str, table.usual_seeds))
     count = len(table.usual_seeds)
     general = [
-        "MAE and RMSE in mm, iMAE and iRMSE in 1/km; lower is better.",
+        f"{_units()}; lower is better.",
         f"Mean and 95 % interval over n = {count} seed{'s' * (count != 1)} ({seeds}) where a number says no other n."
         if count > 1
         else f"One seed ({seeds}) each, so there are no intervals, where a number says no other n.",
         "Bold: best; underlined: second best; interpolation of the sparse points is not ranked.",
     ]
-    for comparison in shown:
-        if not comparison.same_frames:
+    for runs in shown:
+        if not runs.same_frames:
             general.append("Interpolation does not err alike in all runs: they were not tested on the same frames.")
-        if comparison.repeated:
-            general.append(f"Runs that were done twice: {comparison.repeated}; the newest counts.")
-    return replace(table, notes=(*notes, *general))
+        if runs.repeated:
+            general.append(f"Runs that were done twice: {runs.repeated}; the newest counts.")
+    return replace(table, notes=(*notes, *general), units_in_headings=False).ranked(by_part=rank_by_part)
+
+
+def _units() -> str:
+    """The metrics and their units as one phrase: "MAE and RMSE in mm, iMAE and iRMSE in 1/km"."""
+    titles: dict[str, list[str]] = defaultdict(list)
+    for metric in METRICS.values():
+        titles[metric.unit].append(metric.title)
+    return ", ".join(f"{' and '.join(of_unit)} in {unit}" for unit, of_unit in titles.items())

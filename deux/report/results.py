@@ -1,4 +1,4 @@
-"""`results.json`: what a run found, in numbers."""
+"""`results.json`: the errors of a finished run."""
 
 import json
 from collections.abc import Mapping
@@ -6,30 +6,29 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.table import Table
-
 from deux.errors import DeuxError
 from deux.io.atomic import write_json
-from deux.metrics.depth_errors import METRIC_NAMES
+from deux.metrics.depth_errors import METRICS
+from deux.metrics.intervals import Estimate
+from deux.metrics.tables import Cell, ResultTable, Row, error_columns
 
 RESULTS_FILE = "results.json"
+"""A run's results, in its folder once it is finished."""
 
 IDENTITY_FILE = "run.json"
 """The whole configuration of a run, in its folder from its beginning on."""
 
-_UNITS = {"mae": "mm", "rmse": "mm", "imae": "1/km", "irmse": "1/km"}
-
 
 @dataclass(frozen=True)
 class Results:
-    """One run's outcome on the test frames.
+    """The errors of one run on the test frames, each a dictionary with the keys of `deux.metrics.depth_errors.METRICS`.
 
     Args:
         model: name of the depth model.
         explore: name of the explorer that collected the training frames; None if the model was given.
         seed: the run's random seed.
         frames: number of training frames, those of all rounds included; None if the model was given.
-        metrics: the trained model's four errors.
+        metrics: the trained model's errors.
         baseline: the same for linear interpolation of the sparse points, on the same frames.
         constant: the same for the median of each frame's sparse points.
         seconds: time spent in each stage.
@@ -74,7 +73,7 @@ class Results:
         except (OSError, ValueError, TypeError) as error:
             raise DeuxError(f"{path} is no results file of deux ({error}); run it again.") from None
 
-    def table(self) -> Table:
+    def table(self) -> ResultTable:
         """The errors as a table, the lowest of each column in bold."""
         rows = {
             f"{self.model}{f', {self.explore} frames' if self.explore else ''}": self.metrics,
@@ -85,22 +84,19 @@ class Results:
         return error_table(f"Errors on the test frames{training}", rows)
 
 
+def error_table(caption: str, errors: Mapping[str, Mapping[str, float]]) -> ResultTable:
+    """The errors of several predictions of the same frames as a table, the lowest of each column in bold.
+
+    Args:
+        caption: what the table shows, without a full stop.
+        errors: by the prediction's label, then by the metric's name.
+    """
+    rows = [Row((label,), tuple(Cell(Estimate(row[name])) for name in METRICS)) for label, row in errors.items()]
+    return ResultTable(caption, ("prediction",), error_columns(), (tuple(rows),)).ranked(second=False)
+
+
 def _check_errors(errors: object) -> None:
-    """Raise ValueError unless there are four numbers; NaN is one."""
-    for name in METRIC_NAMES:
+    """Raise ValueError unless there is a number for each metric; NaN is one."""
+    for name in METRICS:
         if not isinstance(errors, dict) or type(errors.get(name)) not in (int, float):
             raise ValueError(f"it has no number for {name}")
-
-
-def error_table(title: str, rows: Mapping[str, Mapping[str, float]]) -> Table:
-    """The four errors of each row as a table, the lowest of each column in bold."""
-    table = Table(title=title)
-    table.add_column("prediction")
-    for name in METRIC_NAMES:
-        table.add_column(f"{name} \\[{_UNITS[name]}]", justify="right")
-    best = {name: min(row[name] for row in rows.values()) for name in METRIC_NAMES}
-    for prediction, row in rows.items():
-        marks = ["[bold]{}[/bold]" if row[name] == best[name] else "{}" for name in METRIC_NAMES]
-        cells = [mark.format(f"{row[name]:.1f}") for mark, name in zip(marks, METRIC_NAMES, strict=True)]
-        table.add_row(prediction, *cells)
-    return table

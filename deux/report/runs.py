@@ -1,4 +1,4 @@
-"""The runs below a folder: what they found, and what they were made of."""
+"""The runs below a folder: their results, and what made them."""
 
 import json
 import os
@@ -12,14 +12,14 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from deux.errors import DeuxError
-from deux.report.conditions import Conditions, Facts, conditions
+from deux.report.conditions import Conditions, FlatOptions, conditions
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
 
 _CONFIG_FILE = Path(".hydra", "config.yaml")
 _OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
 
-_MEASURING = ("experiment", "evaluate")
-"""The tasks whose results belong into the tables."""
+_TASKS = ("experiment", "evaluate")
+"""The tasks whose results belong in the tables."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,16 @@ class Run:
 
     Args:
         path: its folder.
-        conditions: what it was made of; of an evaluation, what its model was made of and the frames it was tested on.
-        own_testing: the test frames of the training run itself; others than those of `conditions` in a transfer.
-        results: what it found; None if it was begun and is not finished.
-        overrides: what its command said.
+        conditions: what made it; of an evaluation, what made its model and the frames that it was tested on.
+        own_testing: what makes the test frames of the training run itself; others than those of `conditions` where the
+            model was trained on another dataset.
+        results: its errors; None if it was begun and is not finished.
+        overrides: its command's.
     """
 
     path: Path
     conditions: Conditions
-    own_testing: Facts
+    own_testing: FlatOptions
     results: Results | None
     overrides: tuple[str, ...] = ()
 
@@ -54,7 +55,7 @@ class Run:
 
 @dataclass(frozen=True)
 class FoundRuns:
-    """What lies below a folder.
+    """The runs below a folder.
 
     Args:
         finished: runs with results.
@@ -78,7 +79,7 @@ def find_runs(folder: Path) -> FoundRuns:
     finished, begun, left_out = [], [], []
     for path in run_folders(folder):
         identity = read_identity(path)
-        if identity is not None and identity.get("task") not in _MEASURING:
+        if identity is not None and identity.get("task") not in _TASKS:
             continue
         if (path / RESULTS_FILE).exists():
             run = _finished(path, identity)
@@ -112,7 +113,7 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
     """A run with results, or why it fits into no table."""
     results = Results.load(path)
     if identity is None:
-        named = {"model": {"name": results.model}, "explore": {"name": results.explore}, "random_seed": results.seed}
+        named = {"model": {"name": results.model}, "explore": {"name": results.explore}, "seed": results.seed}
         identity = {"task": "experiment" if results.explore else "evaluate", **named}
     tested = conditions(identity)
     trained_by = identity if identity["task"] == "experiment" else (results.trained or {}).get("settings")
@@ -146,9 +147,9 @@ def read_identity(path: Path) -> dict[str, Any] | None:
 
 
 def _overrides(path: Path) -> tuple[str, ...]:
-    """What the run's command said, as far as it is known."""
+    """The overrides of the run's command; none where they are not known."""
     try:
-        said = yaml.safe_load((path / _OVERRIDES_FILE).read_text())
+        overrides = yaml.safe_load((path / _OVERRIDES_FILE).read_text())
     except (OSError, ValueError, yaml.YAMLError):
         return ()
-    return tuple(map(str, said)) if isinstance(said, list) else ()
+    return tuple(map(str, overrides)) if isinstance(overrides, list) else ()

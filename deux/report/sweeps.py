@@ -1,4 +1,4 @@
-"""What a sweep was asked for: the grid of its `multirun.yaml`, whether its runs are there or not."""
+"""The grid of explorers, models and seeds that a sweep's `multirun.yaml` asks for."""
 
 import itertools
 import os
@@ -12,9 +12,11 @@ import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 
+from deux.report.older_configurations import RENAMED_OPTIONS, current_keys
+
 _SWEEP_FILE = "multirun.yaml"
 
-GRID = ("explore", "model", "random_seed")
+GRID = ("explore", "model", "seed")
 """The options that span a table: its rows, its columns, and what its intervals are over."""
 
 
@@ -24,15 +26,15 @@ class Sweep:
 
     Args:
         folder: holds one folder for each run.
-        overrides: what the command said.
-        asked: the values of each option that was swept over, the preset's included.
-        chosen: the explorer, model and seed of a run where they were not swept over.
+        overrides: the command's.
+        swept: the values of each option of `GRID` that was swept over, the preset's included.
+        fixed: the values of the options of `GRID` where they were not swept over.
     """
 
     folder: Path
     overrides: tuple[str, ...]
-    asked: dict[str, tuple[str, ...]]
-    chosen: dict[str, str]
+    swept: dict[str, tuple[str, ...]]
+    fixed: dict[str, str]
 
     @property
     def command(self) -> str:
@@ -42,7 +44,7 @@ class Sweep:
     @property
     def grid(self) -> list[tuple[str, str, int]]:
         """Every explorer, model and seed that was asked for."""
-        values = [self.asked.get(option) or (self.chosen[option],) for option in GRID]
+        values = [self.swept.get(option) or (self.fixed[option],) for option in GRID]
         return [(explorer, model, int(seed)) for explorer, model, seed in itertools.product(*values)]
 
 
@@ -77,22 +79,22 @@ def _read(folder: Path) -> Sweep | None:
     if content["task"] not in ("experiment", "evaluate"):
         return None
     hydra = content["hydra"]
-    said = [str(override) for override in hydra["overrides"]["task"]]
-    elsewhere = [
-        str(override) for override in hydra["overrides"]["hydra"] if not str(override).startswith("hydra.mode")
-    ]
+    overrides = [str(override) for override in hydra["overrides"]["task"]]
+    folders = [str(override) for override in hydra["overrides"]["hydra"] if not str(override).startswith("hydra.mode")]
     preset = [f"{key}={value}" for key, value in (hydra["sweeper"].get("params") or {}).items()]
-    asked = {}
-    for override in OverridesParser.create().parse_overrides([*preset, *said]):  # later ones win, as in Hydra
+    swept = {}
+    for override in OverridesParser.create().parse_overrides([*preset, *overrides]):  # later ones win, as in Hydra
+        option = override.get_key_element()
         values = tuple(override.sweep_string_iterator()) if override.is_sweep_override() else (_value(override),)
-        asked[override.get_key_element()] = values
-    chosen = {
-        "explore": content["explore"]["name"],
-        "model": content["model"]["name"],
-        "random_seed": content["random_seed"],
-    }
-    grid = {option: asked[option] for option in GRID if option in asked}
-    sweep = Sweep(folder, (*said, *elsewhere), grid, {option: str(value) for option, value in chosen.items()})
+        swept[RENAMED_OPTIONS.get(option, option)] = values
+    chosen = current_keys(content)
+    fixed = {"explore": chosen["explore"]["name"], "model": chosen["model"]["name"], "seed": chosen["seed"]}
+    sweep = Sweep(
+        folder=folder,
+        overrides=(*overrides, *folders),
+        swept={option: swept[option] for option in GRID if option in swept},
+        fixed={option: str(value) for option, value in fixed.items()},
+    )
     sweep.grid  # noqa: B018 - seeds that are no numbers raise here, and the sweep is left out
     return sweep
 

@@ -24,15 +24,28 @@ def make_splits(scenes: Mapping[str, Sequence[SceneReference]]) -> SceneSplits:
     return SceneSplits(**{split: tuple(scenes.get(split, ())) for split in SPLITS})
 
 
-def check_disjoint(splits: Mapping[str, Sequence[Any]], noun: str, hint: str = "") -> None:
-    """Raise DeuxError if an item, called by the noun, is in two splits; the hint ends the sentence."""
+def check_disjoint(splits: Mapping[str, Sequence[Any]], noun: str, advice: str = "") -> None:
+    """Check that no item is in two splits.
+
+    Args:
+        splits: the items of each split, hashable.
+        noun: how the message calls an item.
+        advice: what else can be done about it; it ends the message.
+
+    Raises:
+        DeuxError: an item is in two splits.
+    """
     for (first, some), (second, others) in combinations(splits.items(), 2):
         for item in sorted(set(some) & set(others))[:1]:
-            raise DeuxError(f"{noun} {item} is in scenes.{first} and scenes.{second}: it must be in one only{hint}.")
+            raise DeuxError(f"{noun} {item} is in scenes.{first} and scenes.{second}: it must be in one only{advice}.")
 
 
 def check_not_empty(splits: SceneSplits, needed: Sequence[str]) -> None:
-    """Raise DeuxError if a split that is needed has no scene."""
+    """Check that there are scenes in the splits that are needed.
+
+    Raises:
+        DeuxError: one of them names no scene.
+    """
     for split in needed:
         if not getattr(splits, split):
             raise DeuxError(f"scenes.{split} names no scene: at least one is needed.")

@@ -7,13 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from deux.contracts import Action, Channel, Channels, Floor, Frame, Material, Robot, Scene, SceneReference, Simulator
+from deux.contracts import Action, Channel, Channels, Frame, Material, Robot, Scene, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
 from deux.scenes.free_space import free_space
 from deux.scenes.objects import SceneObjects, find_objects
+from deux.scenes.ray_caster import RayCaster
 from deux.simulator.body import Body
 from deux.simulator.renderers import RenderedImage, Renderer, make_renderer
 
@@ -24,7 +25,7 @@ class MeshSimulator(Simulator):
     """One robot in one scene that can be loaded as a mesh.
 
     The robot moves exactly as it is told, slides along walls and keeps its camera level, `robot.camera_height` above
-    the floor. Call `reset` before anything that needs a pose. Renderer and free floor are made on first use.
+    the floor. Renderers, free floors and objects are made on first use.
 
     Args:
         scene: where the robot is; it is loaded at once.
@@ -50,25 +51,20 @@ class MeshSimulator(Simulator):
 
     def _begin(self, scene: SceneReference, camera: Camera, robot: Robot, shared: "_SharedScene") -> None:
         self.scene, self.camera, self.robot = scene, camera, robot
+        self.floors, self.label_names = shared.scene.floors, shared.scene.mesh.label_names
         self._shared = shared
-        self.label_names = shared.scene.mesh.label_names
         self._place: tuple[float, float, float, int] | None = None  # x, z, yaw, floor
 
     @property
-    def floors(self) -> tuple[Floor, ...]:  # type: ignore[override]
-        """The floors of the scene, the main one first."""
-        return self._shared.scene.floors
-
-    @property
-    def object_labels(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The label of each object, told apart when they are first asked for."""
+    def object_labels(self) -> tuple[str, ...]:
+        """The label of each object; they are told apart when they are first asked for."""
         return self._shared.objects.labels
 
     def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
         """Put the robot on a floor at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
 
         Raises:
-            DeuxError: the robot does not fit there.
+            DeuxError: the robot does not fit there, or there is no such floor.
         """
         if not self._shared.body(floor).stands_at(x, z):
             raise DeuxError(
@@ -103,14 +99,14 @@ class MeshSimulator(Simulator):
             DeuxError: the renderer's system libraries are missing.
         """
         faces = bool(channels & {Channel.LABELS, Channel.OBJECTS})
-        images = self._renderer.render(poses, Channel.COLOR in channels, faces)
+        images = self._shared.renderer(self.camera).render(poses, Channel.COLOR in channels, faces)
         return [self._frame(image, pose, channels) for image, pose in zip(images, poses, strict=True)]
 
     def free_space(self, floor: int = 0) -> FreeSpace:
         """The largest connected free part of a floor. Privileged: no agent sees it unasked.
 
         Raises:
-            DeuxError: there is no floor that the robot fits on.
+            DeuxError: the robot fits nowhere on it, or there is no such floor.
         """
         return self._shared.free_space(floor)
 
@@ -126,22 +122,18 @@ class MeshSimulator(Simulator):
             raise DeuxError(f"the robot is not in {self.scene.name} yet: call reset() with a place first.")
         return self._place
 
-    @property
-    def _renderer(self) -> Renderer:
-        return self._shared.renderer(self.camera)
-
     def _frame(self, image: RenderedImage, pose: np.ndarray, channels: Channels) -> Frame:
         labels = objects = None
         if Channel.LABELS in channels:
             labels = self._shared.label_of_face[image.face]
         if Channel.OBJECTS in channels:
             objects = np.where(image.depth > 0.0, self._shared.object_of_face[image.face], np.int32(-1))
-        return Frame(NO_COLORS if image.rgb is None else image.rgb, image.depth, pose.copy(), labels, objects)
+        return Frame(NO_COLORS if image.rgb is None else image.rgb, image.depth, np.array(pose, float), labels, objects)
 
 
 @dataclass
 class _SharedScene:
-    """A loaded scene and what is made of it on first use, for all robots in it."""
+    """A loaded scene and what is made of it on first use, for all robots in it and all their cameras."""
 
     scene: Scene
     robot: Robot
@@ -152,8 +144,12 @@ class _SharedScene:
 
     def free_space(self, floor: int) -> FreeSpace:
         if floor not in self._spaces:
+            count = len(self.scene.floors)
+            if not 0 <= floor < count:
+                raise DeuxError(f"{self.scene.name} has no floor {floor}: its floors are numbered 0 to {count - 1}.")
+            height = self.scene.floors[floor].height
             try:
-                self._spaces[floor] = free_space(self.scene.mesh, self.scene.floors[floor].height, self.robot)
+                self._spaces[floor] = free_space(self.scene.mesh, height, self.robot, caster=self.caster)
             except DeuxError as error:
                 raise DeuxError(f"{self.scene.name}: {error}") from error
         return self._spaces[floor]
@@ -165,8 +161,15 @@ class _SharedScene:
 
     def renderer(self, camera: Camera) -> Renderer:
         if camera not in self._renderers:
-            self._renderers[camera] = make_renderer(self.renderer_name, self.scene.mesh, camera)
+            if other := next(iter(self._renderers.values()), None):
+                self._renderers[camera] = other.another(camera)
+            else:
+                self._renderers[camera] = make_renderer(self.renderer_name, self.scene.mesh, camera, self.caster)
         return self._renderers[camera]
+
+    @cached_property
+    def caster(self) -> RayCaster:
+        return RayCaster(self.scene.mesh)
 
     @cached_property
     def objects(self) -> SceneObjects:

@@ -1,5 +1,7 @@
 """Rendering by rasterisation with pyrender, on the graphics card where there is one."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np
@@ -44,6 +46,10 @@ class PyrenderRenderer:
             zfar=max(camera.max_depth, diagonal) + 1.0,
         )
         self._lens = self._scene.add(lens)
+
+    def another(self, camera: Camera) -> PyrenderRenderer:
+        """A renderer of the same mesh as another camera sees it, with an OpenGL context and textures of its own."""
+        return PyrenderRenderer(self._mesh, camera)
 
     def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
         """Render from N x 4 x 4 camera-to-world matrices; OpenGL draws the colours all the same."""

@@ -1,6 +1,7 @@
-"""The renderers by name, and what they have in common."""
+"""What the renderers have in common, and how one is made by its name."""
 
-import importlib
+from __future__ import annotations
+
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -8,11 +9,10 @@ import numpy as np
 from deux.contracts import SceneMesh
 from deux.errors import DeuxError, near_matches
 from deux.geometry.camera import Camera
+from deux.scenes.ray_caster import RayCaster
 
-RENDERERS = {
-    "embree": "deux.simulator.embree_renderer:EmbreeRenderer",
-    "pyrender": "deux.simulator.pyrender_renderer:PyrenderRenderer",
-}
+RENDERERS = ("embree", "pyrender")
+"""The names that `make_renderer` knows."""
 
 
 class RenderedImage(NamedTuple):
@@ -33,18 +33,34 @@ class Renderer(Protocol):
     """Draws one mesh as one camera sees it: surfaces unlit, both sides visible."""
 
     def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
-        """Render from N x 4 x 4 camera-to-world matrices (OpenCV camera axes, metres), and only what is asked for."""
+        """Render from N x 4 x 4 camera-to-world matrices (OpenCV camera axes, metres), and only what is asked for.
+
+        An image depends on its own pose alone, to the last bit.
+        """
+
+    def another(self, camera: Camera) -> Renderer:
+        """A renderer of the same mesh as another camera sees it; what can be shared is not prepared again."""
 
 
-def make_renderer(name: str, mesh: SceneMesh, camera: Camera) -> Renderer:
-    """Make a renderer by name ("embree" or "pyrender").
+def make_renderer(name: str, mesh: SceneMesh, camera: Camera, caster: RayCaster | None = None) -> Renderer:
+    """Make a renderer by name.
+
+    Args:
+        name: one of `RENDERERS`.
+        mesh: what is drawn.
+        camera: the camera that sees it.
+        caster: rays against `mesh`, where there is one already.
 
     Raises:
         DeuxError: the name is unknown, or the renderer's system libraries are missing.
     """
     if name not in RENDERERS:
-        raise DeuxError(f"renderer={name!r} is not known: {near_matches(name, RENDERERS)}")
+        raise DeuxError(f"simulator.renderer cannot be {name!r}: {near_matches(name, RENDERERS)}")
     # Imported only when chosen, so that one renderer works without the other's libraries.
-    module, attribute = RENDERERS[name].split(":")
-    renderer: Renderer = getattr(importlib.import_module(module), attribute)(mesh, camera)
-    return renderer
+    if name == "embree":
+        from deux.simulator.embree_renderer import EmbreeRenderer
+
+        return EmbreeRenderer(mesh, camera, caster)
+    from deux.simulator.pyrender_renderer import PyrenderRenderer
+
+    return PyrenderRenderer(mesh, camera)

@@ -1,25 +1,32 @@
-"""What an episode of exploration is worth: measured alike for all explorers, whatever they make of what they see."""
+"""What an episode of exploration came to: measured alike for all explorers, whatever they make of what they see."""
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from deux.contracts import Action, Episode, Need, Reward, Robot
+from deux.contracts import DEPTH, Action, Channel, Channels, Episode, Frame, Need, Reward, Simulator
 from deux.environment.egocentric import Crops
-from deux.environment.memory import ExplorationMemory
+from deux.environment.memory import RESOLUTION, ExplorationMemory
 from deux.geometry.grid import FreeSpace
+from deux.geometry.poses import camera_pose
 from deux.mapping.occupancy import FREE, OccupancyMap
-from deux.studies.eye import Eye, Look
+
+PIXELS = 64
+"""Rows and columns of the images that are measured by: as many as learned explorers have in training."""
 
 SEEN_PIXELS = 10
 """Pixels, of the 64 x 64 of a frame, in which an object has to appear to count as seen: a quarter of a percent."""
+
 MEASURES = ("area_seen", "floor_covered", "objects_seen", "collisions", "path_length")
 """An episode's numbers but for the rewards."""
 
 REWARD = "reward_"
 """Prefix of the rewards among an episode's numbers."""
+
+_BATCH = 32
+"""Poses that are drawn at once."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +35,7 @@ class Exploration:
 
     Args:
         area_seen: square metres of the floor plan that the map knows, as free or as occupied.
-        floor_covered: share of the floor on which the robot's centre could be that the map knows as free, 0 to 1.
+        floor_covered: fraction of the floor on which the robot's centre could be that the map knows as free, 0 to 1.
         objects_seen: number of objects that filled at least `SEEN_PIXELS` pixels of some frame, counting only what
             lies within 3 m along the floor; None where nothing is labelled.
         collisions: number of actions that an obstacle cut short.
@@ -50,78 +57,96 @@ class Exploration:
         return {**numbers, **{REWARD + name: value for name, value in rewards.items()}}
 
 
-class ExplorationMeter:
-    """Measures one episode as it goes on.
+@dataclass
+class Track:
+    """Where a robot went and what it did, frame by frame.
 
     Args:
-        eye: looks at the scene.
-        robot: the robot's body.
+        poses: 4 x 4 camera-to-world, of each frame.
+        collided: of each frame, whether the action before it was cut short by an obstacle.
+        actions: the answer to each frame.
+    """
+
+    poses: list[np.ndarray] = field(default_factory=list)
+    collided: list[bool] = field(default_factory=list)
+    actions: list[Action] = field(default_factory=list)
+
+    def add(self, pose: np.ndarray, collided: bool, action: Action) -> None:
+        """Note the next frame."""
+        self.poses.append(pose)
+        self.collided.append(collided)
+        self.actions.append(action)
+
+    @property
+    def path_length(self) -> float:
+        """Metres along the floor."""
+        places = np.array(self.poses)[:, [0, 2], 3]
+        return sum(np.hypot(*np.diff(places, axis=0).T).tolist())
+
+
+def measure_exploration(
+    simulator: Simulator, track: Track, rewards: Mapping[str, Reward], seed: int, steps: int, floor: int = 0
+) -> Exploration:
+    """Measure an episode that is over, by what a camera of `PIXELS` x `PIXELS` sees along its track.
+
+    Args:
+        simulator: of the episode's scene; its robot stays where it is.
+        track: where the robot went; at least one frame.
         rewards: by name; each is made for this episode and has learned what it is to know. Those that need labels
             are left out where the scene has no objects.
         seed: the episode's.
         steps: its length.
+        floor: its floor.
     """
+    eye = _eye(simulator)
+    objects = len(eye.object_labels)
+    channels: Channels = frozenset({Channel.LABELS, Channel.OBJECTS}) if objects else DEPTH
+    counted = {name: reward for name, reward in rewards.items() if objects or Need.LABELS not in reward.needs}
+    for reward in counted.values():
+        names = eye.label_names if Need.LABELS in reward.needs else ()
+        reward.reset(Episode(seed, steps, eye.camera, eye.robot, label_names=names, floor=floor))
+    memory = ExplorationMemory(eye.camera, eye.robot, Crops())
+    sums = dict.fromkeys(counted, 0.0)
+    found = _FoundObjects(eye, memory.occupancy.max_range)
+    for step, frame in enumerate(_frames(eye, track.poses, channels)):
+        if step > 0:
+            memory.acted(track.actions[step - 1])
+        experience = memory.experience(frame, track.collided[step])
+        worth = {name: float(reward(experience)) for name, reward in counted.items()}
+        if step > 0:  # the first look of an episode is no action's merit
+            sums = {name: total + worth[name] for name, total in sums.items()}
+        found.see(frame)
+    return Exploration(
+        area_seen=memory.area,
+        floor_covered=floor_covered(memory.occupancy, simulator.free_space(floor)),
+        objects_seen=found.count if objects else None,
+        collisions=sum(track.collided),
+        path_length=track.path_length,
+        rewards=sums,
+    )
 
-    def __init__(self, eye: Eye, robot: Robot, rewards: Mapping[str, Reward], seed: int, steps: int) -> None:
-        self._eye = eye
-        self._memory = ExplorationMemory(eye.camera, robot, Crops())
-        rays = eye.camera.rays()
-        self._along_floor = np.hypot(rays[..., 0], rays[..., 2])  # metres for each metre of depth: the camera is level
-        self._rewards = {name: r for name, r in rewards.items() if eye.objects or Need.LABELS not in r.needs}
-        for reward in self._rewards.values():
-            names = eye.label_names if Need.LABELS in reward.needs else ()
-            reward.reset(Episode(seed, steps, eye.camera, robot, label_names=names))
-        self._sums = dict.fromkeys(self._rewards, 0.0)
-        self._seen = np.zeros(eye.objects, bool)
-        self._collisions = 0
-        self._path_length = 0.0
-        self._place: np.ndarray | None = None
 
-    def see(self, pose: np.ndarray, collided: bool) -> None:
-        """Look from where the robot is now.
+def trajectory_map(
+    simulator: Simulator, trajectory: Sequence[tuple[float, float, float]], floor: int = 0
+) -> OccupancyMap:
+    """The map of the true depth along a trajectory, as `measure_exploration` makes it, for figures.
 
-        Args:
-            pose: 4 x 4 camera-to-world.
-            collided: whether the last action was cut short.
-        """
-        look = self._eye.look(pose)
-        experience = self._memory.experience(look.frame, collided)
-        worth = {name: float(reward(experience)) for name, reward in self._rewards.items()}
-        place = pose[[0, 2], 3].copy()
-        if self._place is not None:  # the first look of an episode is no action's merit
-            self._sums = {name: total + worth[name] for name, total in self._sums.items()}
-            self._path_length += float(np.hypot(*(place - self._place)))
-        self._place = place
-        self._collisions += collided
-        self._see_objects(look)
-
-    def acted(self, action: Action) -> None:
-        """Note what the explorer does next; only if a look follows."""
-        self._memory.acted(action)
-
-    def result(self, free_space: FreeSpace) -> Exploration:
-        """What the episode came to.
-
-        Args:
-            free_space: the scene's true free floor.
-        """
-        return Exploration(
-            area_seen=self._memory.area,
-            floor_covered=floor_covered(self._memory.occupancy, free_space),
-            objects_seen=int(self._seen.sum()) if self._eye.objects else None,
-            collisions=self._collisions,
-            path_length=self._path_length,
-            rewards=self._sums,
-        )
-
-    def _see_objects(self, look: Look) -> None:
-        near = self._along_floor * look.frame.depth <= self._memory.occupancy.max_range
-        pixels = np.bincount(look.objects[near & (look.objects >= 0)], minlength=len(self._seen))
-        self._seen |= pixels >= SEEN_PIXELS
+    Args:
+        simulator: of the scene; its robot stays where it is.
+        trajectory: x and z in metres and yaw in radians of each frame.
+        floor: the floor that they lie on.
+    """
+    eye = _eye(simulator)
+    height = eye.floors[floor].height + eye.robot.camera_height
+    poses = [camera_pose(x, height, z, yaw) for x, z, yaw in trajectory]
+    known = OccupancyMap(eye.camera, eye.robot, RESOLUTION)
+    for frame in _frames(eye, poses, DEPTH):
+        known.update(frame.depth, frame.pose)
+    return known
 
 
 def floor_covered(known: OccupancyMap, free_space: FreeSpace) -> float:
-    """The share of the true free floor whose cells' centres lie where a map is free."""
+    """The fraction of the true free floor whose cells' centres lie where a map is free."""
     frame = free_space.frame
     rows, columns = np.nonzero(free_space.free)
     x = frame.origin_x + (columns + 0.5) * frame.resolution
@@ -129,3 +154,36 @@ def floor_covered(known: OccupancyMap, free_space: FreeSpace) -> float:
     rows, columns = known.frame.cells(x, z)
     inside = known.frame.contains(rows, columns)
     return float(np.count_nonzero(known.cells[rows[inside], columns[inside]] == FREE) / len(rows))
+
+
+class _FoundObjects:
+    """The objects that were near and large enough in some frame."""
+
+    def __init__(self, eye: Simulator, max_range: float) -> None:
+        self._max_range = max_range
+        rays = eye.camera.rays()
+        self._along_floor = np.hypot(rays[..., 0], rays[..., 2])  # metres for each metre of depth: the camera is level
+        self._seen = np.zeros(len(eye.object_labels), bool)
+
+    @property
+    def count(self) -> int:
+        """How many."""
+        return int(self._seen.sum())
+
+    def see(self, frame: Frame) -> None:
+        """Count the objects of a frame; one without objects has none."""
+        if frame.objects is not None:
+            near = self._along_floor * frame.depth <= self._max_range
+            pixels = np.bincount(frame.objects[near & (frame.objects >= 0)], minlength=len(self._seen))
+            self._seen |= pixels >= SEEN_PIXELS
+
+
+def _eye(simulator: Simulator) -> Simulator:
+    """A robot in the same scene whose camera is the other's but for the number of pixels."""
+    return simulator.another(replace(simulator.camera, width=PIXELS, height=PIXELS))
+
+
+def _frames(simulator: Simulator, poses: Sequence[np.ndarray], channels: Channels) -> Iterator[Frame]:
+    """What the camera records at each pose, drawn in batches."""
+    for first in range(0, len(poses), _BATCH):
+        yield from simulator.observe(channels, np.stack(poses[first : first + _BATCH]))

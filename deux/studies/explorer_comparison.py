@@ -1,7 +1,5 @@
 """What a comparison of explorers found: its episodes, and each explorer's means with their intervals."""
 
-import csv
-import io
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -9,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from deux.metrics.intervals import Estimate, estimate
+from deux.metrics.tables import csv_text
 from deux.studies.exploration_meter import MEASURES, REWARD, Exploration
 
 
@@ -35,7 +34,7 @@ class ExplorationEpisode:
     seconds: float
 
 
-class Comparison:
+class ExplorerComparison:
     """The episodes of several explorers in the same scenes.
 
     Scenes are what differs independently: the episodes of one scene are averaged first, and the intervals are over
@@ -108,11 +107,7 @@ def _values(value: Estimate) -> dict[str, float | None]:
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({key: _known(value) for key, value in row.items()} for row in rows)  # None is left empty
-    return text.getvalue()
+    return csv_text(list(rows[0]), [[_known(value) for value in row.values()] for row in rows])
 
 
 def _known(value: Any) -> Any:

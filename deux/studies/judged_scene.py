@@ -1,4 +1,4 @@
-"""One walk through a scene, in which measures of uncertainty are held against the depth model's true error."""
+"""Measures of uncertainty against the depth model's true error, frame by frame along one walk through a scene."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -27,11 +27,11 @@ CELL_PIXELS = 100
 
 @dataclass(frozen=True)
 class Judgement:
-    """What one measure says of one frame, over the pixels of which it says something and whose true depth is known.
+    """How one measure does in one frame, over the pixels for which it has a value and whose true depth is known.
 
     Args:
         delta: its uncertainty as one number (Eq. 8).
-        share: of the pixels with true depth that it judges.
+        coverage: fraction of the pixels with true depth for which it has a value.
         rank_correlation: Spearman's, of uncertainty and true error over the pixels.
         ause: area between its sparsification curve and the oracle's.
         curve: its sparsification curve over the mean error, starting from 1.
@@ -39,7 +39,7 @@ class Judgement:
     """
 
     delta: float
-    share: float
+    coverage: float
     rank_correlation: float
     ause: float
     curve: Sequence[float]
@@ -57,7 +57,7 @@ class JudgedFrame:
         distance: mean predicted depth in metres.
         texture: mean absolute difference of neighbouring pixels, images in [0, 1].
         error: mean absolute error of the depth in mm.
-        judgements: of each measure that says something of the frame.
+        judgements: of each measure that has values in the frame.
     """
 
     step: int
@@ -74,12 +74,27 @@ class Place:
     """What one measure makes of one cell of the floor plan, over all frames.
 
     Args:
-        uncertainty: mean of the pixels that show it.
+        uncertainty: mean over the pixels that show it.
         error: mean absolute error of their depth in mm.
     """
 
     uncertainty: float
     error: float
+
+
+@dataclass(frozen=True)
+class JudgedSample:
+    """The maps of one frame, for figures.
+
+    Args:
+        rgb: H x W x 3 uint8.
+        error: H x W absolute error in metres, NaN where the true depth is not known.
+        uncertainties: H x W maps by the measure's name, NaN where it has no value.
+    """
+
+    rgb: np.ndarray
+    error: np.ndarray
+    uncertainties: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -125,7 +140,17 @@ class SceneJudge:
         self._frames: list[JudgedFrame] = []
         self._cells: dict[str, dict[tuple[int, int], np.ndarray]] = defaultdict(_cells)
 
-    def see(self, step: int, view: View, truth: np.ndarray, pose: np.ndarray, moved: float, turned: float) -> None:
+    @torch.inference_mode()
+    def see(
+        self,
+        step: int,
+        view: View,
+        truth: np.ndarray,
+        pose: np.ndarray,
+        moved: float,
+        turned: float,
+        computed: Mapping[str, Tensor] | None = None,
+    ) -> dict[str, np.ndarray]:
         """Judge one frame by all measures.
 
         Args:
@@ -135,34 +160,41 @@ class SceneJudge:
             pose: 4 x 4 camera-to-world.
             moved: metres since the first source frame.
             turned: degrees since then.
+            computed: uncertainties of this frame, H x W, that need not be computed again, by the measure's name.
+
+        Returns:
+            The H x W maps of all measures and controls, by name; none if the true depth is known nowhere.
         """
         known = (truth > self._camera.min_depth) & (truth < self._camera.max_depth)
         if not known.any():
-            return
-        depth = view.depth[0, 0].numpy()
+            return {}
+        depth = view.depth[0, 0].cpu().numpy()
         error = 1000.0 * np.abs(depth - truth)
         cells = self._cells_of(truth, pose)
+        maps = self._uncertainties(view, computed or {})
         judgements = {}
-        for name, uncertainty in self.uncertainties(view).items():
+        for name, uncertainty in maps.items():
             judged = known & np.isfinite(uncertainty)
             if judged.sum() > 1 and error[judged].any():
-                share = float(judged.sum() / known.sum())
-                judgements[name] = _judgement(error[judged], uncertainty[judged], share)
+                coverage = float(judged.sum() / known.sum())
+                judgements[name] = _judgement(error[judged], uncertainty[judged], coverage)
                 self._add(name, cells[judged], uncertainty[judged], error[judged])
-        image = view.image[0].numpy()
+        image = view.image[0].cpu().numpy()
         texture = (np.abs(np.diff(image, axis=1)).mean() + np.abs(np.diff(image, axis=2)).mean()) / 2.0
         mean_error = float(error[known].mean())
         self._frames.append(
             JudgedFrame(step, moved, turned, float(depth[known].mean()), float(texture), mean_error, judgements)
         )
+        return maps
 
-    def uncertainties(self, view: View) -> dict[str, np.ndarray]:
+    def _uncertainties(self, view: View, computed: Mapping[str, Tensor]) -> dict[str, np.ndarray]:
         """The H x W maps of all measures and controls for the one frame of a view."""
-        controls: dict[str, Tensor] = dict(
-            zip(CONTROLS, (view.depth[:, 0], torch.rand(view.depth[:, 0].shape, generator=self._rng)), strict=True)
-        )
-        maps = {name: measure(view) for name, measure in self._measures.items()} | controls
-        return {name: uncertainty[0].numpy() for name, uncertainty in maps.items()}
+        maps = {
+            name: computed[name] if name in computed else measure(view)[0] for name, measure in self._measures.items()
+        }
+        by_chance = torch.rand(view.depth.shape[2:], generator=self._rng)
+        maps |= dict(zip(CONTROLS, (view.depth[0, 0], by_chance), strict=True))
+        return {name: uncertainty.cpu().numpy() for name, uncertainty in maps.items()}
 
     def result(self) -> JudgedScene:
         """All that was seen."""
@@ -195,13 +227,13 @@ def _cells() -> dict[tuple[int, int], np.ndarray]:
     return defaultdict(lambda: np.zeros(3))
 
 
-def _judgement(error: np.ndarray, uncertainty: np.ndarray, share: float) -> Judgement:
+def _judgement(error: np.ndarray, uncertainty: np.ndarray, coverage: float) -> Judgement:
     """Hold the uncertainty of N pixels against their errors."""
     curve, oracle = sparsification_curve(error, uncertainty), sparsification_curve(error, error)
     delta = float(frame_uncertainty(torch.from_numpy(uncertainty)[None, None])[0])
     return Judgement(
         delta=delta,
-        share=share,
+        coverage=coverage,
         rank_correlation=rank_correlation(uncertainty, error),
         ause=ause(curve, oracle),
         curve=(curve / oracle[0]).tolist(),

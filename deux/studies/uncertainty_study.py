@@ -1,4 +1,4 @@
-"""Which measure of uncertainty points at the errors: the walks through several scenes taken together."""
+"""Which measure of uncertainty follows the true errors: the numbers of a study over the walks of several scenes."""
 
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from deux.metrics.intervals import Estimate, estimate
+from deux.metrics.tables import csv_text
 from deux.studies.judged_scene import CONTROLS, JudgedFrame, JudgedScene, Judgement, rank_correlation
 
 MOVED = 0.1
@@ -32,11 +33,11 @@ class UncertaintyStudy:
         self.names = (*measures, *CONTROLS)
         """The rows: measures, then controls."""
 
-    def share(self, name: str, kept: Kept = "all") -> Estimate:
-        """The share of the pixels with true depth of which a measure says something."""
+    def coverage(self, name: str, kept: Kept = "all") -> Estimate:
+        """The fraction of the pixels with true depth for which a measure has a value."""
 
         def value(frames: Sequence[JudgedFrame]) -> float:
-            return float(np.mean([f.judgements[name].share if name in f.judgements else 0.0 for f in frames]))
+            return float(np.mean([f.judgements[name].coverage if name in f.judgements else 0.0 for f in frames]))
 
         return self._over_scenes(value, kept)
 
@@ -69,7 +70,7 @@ class UncertaintyStudy:
         )
 
     def curve(self, name: str, kept: Kept = "all") -> tuple[np.ndarray, np.ndarray]:
-        """The mean sparsification curve of a measure and that of the oracle, each as a share of the whole error."""
+        """The mean sparsification curve of a measure and that of the oracle, each as a fraction of the whole error."""
         judgements = [j for frame in self._frames(kept) if (j := frame.judgements.get(name))]
         return (
             np.mean([judgement.curve for judgement in judgements], axis=0),
@@ -80,10 +81,22 @@ class UncertaintyStudy:
         """Number of frames."""
         return len(self._frames(kept))
 
+    def frames_csv(self) -> str:
+        """One row for each frame and measure, as CSV."""
+        frame_columns = ("step", "moved", "turned", "distance", "texture", "error")
+        columns = ("delta", "coverage", "rank_correlation", "ause")
+        rows = [
+            [scene.scene, *(getattr(frame, c) for c in frame_columns), name, *(getattr(judged, c) for c in columns)]
+            for scene in self.scenes
+            for frame in scene.frames
+            for name, judged in frame.judgements.items()
+        ]
+        return csv_text(["scene", *frame_columns, "measure", *columns], rows)
+
     def summary(self) -> dict[str, dict[str, float | None]]:
         """The means of all numbers over the scenes, as JSON values."""
         numbers: dict[str, Callable[[str], Estimate]] = {
-            "share": self.share,
+            "coverage": self.coverage,
             "rank_correlation_pixels": self.pixels,
             "ause": self.ause,
             "rank_correlation_frames": self.frames,

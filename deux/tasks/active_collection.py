@@ -1,57 +1,143 @@
-"""Active collection in a run: where the rounds' frames are kept, how they are judged and what is shown of them."""
+"""The final training with its callbacks, and what active collection explores meanwhile."""
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lightning import Callback
 from torch import Tensor
 
+from deux.collection.collect_settings import FRAMES_OF_A_TRIPLET
 from deux.collection.explored_map import mean_uncertainty, seen_area
 from deux.collection.pipeline import read_manifest
-from deux.contracts import DepthPredictor
+from deux.contracts import DepthModel, DepthPredictor, Reader
 from deux.data.datamodule import TripletDataModule
-from deux.deployment.model_files import load_model, save_model
+from deux.deployment.model_files import MODEL_FILE, load_model, save_model
+from deux.errors import check_range
 from deux.figures.drawing import save_figure
-from deux.figures.round_curve import draw_rounds
+from deux.figures.training_curves import draw_rounds
 from deux.io.atomic import make_folder, write_json
 from deux.io.layout import sequences
 from deux.io.locking import locked
-from deux.metrics.depth_errors import DepthMetrics
-from deux.tasks.console import say, stop_bars
-from deux.tasks.datasets import round_dataset
-from deux.tasks.given import weights_identity
+from deux.metrics.depth_errors import DepthErrors
+from deux.options import construct
+from deux.registry import PluginChoice
+from deux.task_sections import Sections
+from deux.tasks.checkpoints import weights_identity
+from deux.tasks.console import say
+from deux.tasks.datasets import Datasets
 from deux.tasks.run_folder import ROUNDS, RunFolder
-from deux.tasks.sections import ActiveCollectionSettings
-from deux.tasks.settings import PluginChoice, Settings
+from deux.tasks.training import Recipe, Training
 from deux.training.active_collection import ActiveCollection
-from deux.training.rounds import Round, RoundRequest, Share
+from deux.training.ranks import leads
+from deux.training.rounds import Round, RoundRequest, RoundSettings, Share
+
+ACTIVE_COLLECTION = "active_collection"
+"""The name of the callback."""
 
 _ROUNDS_FILE = "rounds.json"
 
 
-class RoundCollector:
-    """Collects a process's share of a round; a deterministic function of the weights that first began the round.
+@dataclass(frozen=True)
+class ActiveCollectionSettings(RoundSettings):
+    """`callbacks=[active_collection]`: when the model explores during its training, and how much.
 
     Args:
-        settings: the run's.
-        chosen: how much is explored.
-        model: the model that is being trained, by name and options.
+        steps: actions in an episode of a round.
+        episodes: episodes of a round in each training scene.
+    """
+
+    steps: int = 50
+    episodes: int = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range("callbacks.active_collection.steps", self.steps, FRAMES_OF_A_TRIPLET)
+        check_range("callbacks.active_collection.episodes", self.episodes, 1)
+
+
+class ActiveTraining:
+    """Trains the final model with the callbacks that the configuration names.
+
+    Args:
+        sections: of these it reads `callbacks` and `explore`.
+        datasets: of the run.
+        training: trains the model.
+
+    Raises:
+        DeuxError: there is no such callback, or an option of one is wrong.
+    """
+
+    def __init__(self, sections: Sections, datasets: Datasets, training: Training) -> None:
+        chosen = dict(sections.plain("callbacks"))
+        active = chosen.pop(ACTIVE_COLLECTION, None)
+        self.active: ActiveCollectionSettings | None = None
+        if active is not None:
+            self.active = construct(ActiveCollectionSettings, active, f"callbacks.{ACTIVE_COLLECTION}")
+        self._explorer = sections.plugin("explore")
+        self._datasets = datasets
+        self._training = training
+
+    def train(self, data: Reader, run: RunFolder, validation: Sequence[Reader] | None = None) -> DepthModel:
+        """Train the configured model; arguments as of `Training.train`."""
+        recipe = self._training.recipe
+        if self.active is None or (run.path / MODEL_FILE).exists():
+            return self._training.train(recipe, data, run, validation)
+        validation = self._training.validation_readers() if validation is None else validation
+        callback = self._callback(self.active, recipe, run, validation)
+        model = self._training.train(recipe, data, run, validation, [callback])
+        if leads():
+            _show_rounds(run, self.active)
+        return model
+
+    def _callback(
+        self, active: ActiveCollectionSettings, recipe: Recipe, run: RunFolder, validation: Sequence[Reader]
+    ) -> Callback:
+        folder = run.path / ROUNDS
+        make_folder(folder)
+        collector = RoundCollector(
+            self._datasets, active, self._explorer, recipe, folder, validation, self._training.seed
+        )
+
+        def collect(request: RoundRequest) -> Share:
+            say(f"Round {request.number} of {active.rounds}: {self._explorer.name} explores after {request.step} steps")
+            return collector(request)
+
+        def report(rounds: Sequence[Round]) -> None:
+            write_json(folder / _ROUNDS_FILE, [asdict(one) for one in rounds])
+            save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
+            say(f"  {_line(rounds[-1])}")
+
+        return ActiveCollection(active, folder, collect, report)
+
+
+class RoundCollector:
+    """Collects a process's part of a round; a deterministic function of the weights that first began the round.
+
+    Args:
+        datasets: of the run.
+        active: how much is explored.
+        explorer: that explores.
+        recipe: of the model that is being trained.
         folder: takes the datasets, and each round's weights as a model file.
-        validation: datasets on which the exploring model is judged; may be none.
+        validation: frames on which the exploring model is judged; may be none.
+        seed: of the run.
     """
 
     def __init__(
         self,
-        settings: Settings,
-        chosen: ActiveCollectionSettings,
-        model: PluginChoice,
+        datasets: Datasets,
+        active: ActiveCollectionSettings,
+        explorer: PluginChoice,
+        recipe: Recipe,
         folder: Path,
-        validation: Sequence[Path],
+        validation: Sequence[Reader],
+        seed: int,
     ) -> None:
-        self.settings, self.chosen, self.model = settings, chosen, model
-        self.folder, self.validation = folder, validation
+        self.recipe, self.folder = recipe, folder
+        self._datasets, self._active, self._explorer = datasets, active, explorer
+        self._validation, self._seed = validation, seed
 
     def __call__(self, request: RoundRequest) -> Share:
         """Explore this process's scenes, and judge the model if this is the first process."""
@@ -64,22 +150,24 @@ class RoundCollector:
                 return model.predict(image, sparse_depth, intrinsics)
 
         mae = self._validation_error(predict) if request.share == 0 else None
-        scenes = self.settings.splits.train[request.share :: request.shares]
+        scenes = self._datasets.scenes.train[request.share :: request.shares]
         if not scenes:
             return Share(None)
         changes = {
+            "name": name,
             "scenes": scenes,
-            "steps": self.chosen.steps,
-            "episodes": self.chosen.episodes,
-            "seed": self.settings.seed + request.number * 2**32,  # no seed that a user can give
+            "steps": self._active.steps,
+            "episodes": self._active.episodes,
+            "seed": self._seed + request.number * 2**32,  # no seed that a user can give
         }
         identity = f"{weights_identity(weights)} in {request.precision}"
-        dataset = round_dataset(self.settings, self.folder, name, changes, predict, identity)
+        dataset = self._datasets.explored_in_round(self._explorer, predict, identity, self.folder, changes)
         found = sequences(dataset)
+        simulation = self._datasets.simulation
         return Share(
             dataset=dataset,
             frames=read_manifest(dataset)["triplets"],
-            area=sum(seen_area(sequence, self.settings.camera, self.settings.robot) for sequence in found),
+            area=sum(seen_area(sequence, simulation.camera, simulation.robot) for sequence in found),
             uncertainty=mean_uncertainty(found),
             mae=mae,
         )
@@ -92,17 +180,20 @@ class RoundCollector:
         """
         with locked(self.folder / ".lock"):
             if not file.exists():
-                save_model(file, request.model, self.model.name, self.model.settings)
+                save_model(file, request.model, self.recipe.model.name, self.recipe.model.settings)
         return file
 
     def _validation_error(self, predict: DepthPredictor) -> float | None:
-        if not self.validation:
+        if not self._validation:
             return None
-        training, camera = self.settings.training, self.settings.camera
+        training, camera = self.recipe.training, self._datasets.simulation.camera
         data = TripletDataModule(
-            self.model.create(), validation=self.validation, batch_size=training.batch_size, crop=training.crop
+            self.recipe.model.create(),
+            validation=self._validation,
+            batch_size=training.batch_size,
+            crop=training.crop,
         )
-        metrics = DepthMetrics(camera.min_depth, camera.max_depth, alone=True)
+        metrics = DepthErrors(camera.min_depth, camera.max_depth, alone=True)
         for batch in data.val_dataloader():
             assert batch.ground_truth is not None
             depth = predict(batch.image, batch.sparse_depth, batch.intrinsics)
@@ -110,57 +201,23 @@ class RoundCollector:
         return float(metrics.compute()["mae"])
 
 
-def active_collection(
-    settings: Settings,
-    chosen: ActiveCollectionSettings,
-    model: PluginChoice,
-    run: RunFolder,
-    validation: Sequence[Path],
-    bars: Sequence[Callback] = (),
-) -> ActiveCollection:
-    """The callback that keeps its frames in the run folder and shows each round.
-
-    Args:
-        settings: the run's.
-        chosen: when and how much is explored.
-        model: the model that is trained, by name and options.
-        run: takes the rounds, their figure and `rounds.json`.
-        validation: datasets on which the exploring model is judged; may be none.
-        bars: the training's progress bars, which give way to those of the exploration.
-    """
-    folder = run.path / ROUNDS
-    make_folder(folder)
-    collector = RoundCollector(settings, chosen, model, folder, validation)
-
-    def collect(request: RoundRequest) -> Share:
-        stop_bars(bars)
-        say(f"Round {request.number} of {chosen.rounds}: {settings.explorer.name} explores after {request.step} steps")
-        return collector(request)
-
-    def report(rounds: Sequence[Round]) -> None:
-        write_json(folder / _ROUNDS_FILE, [asdict(one) for one in rounds])
-        save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
-        say(f"  {_line(rounds[-1])}")
-
-    return ActiveCollection(chosen, folder, collect, report)
-
-
-def show_rounds(run: RunFolder, chosen: ActiveCollectionSettings) -> None:
-    """When the training is over: draw the rounds once more, and say so if there were fewer than asked for."""
-    rounds = read_rounds(run)
-    if rounds:
-        save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
-    if len(rounds) < chosen.rounds:
-        say(
-            f"  {len(rounds)} of callbacks.rounds={chosen.rounds} rounds took place: they come at the end of epochs, "
-            "and the training was over before. Train for longer, or lower callbacks.every."
-        )
-
-
 def read_rounds(run: RunFolder) -> list[Round]:
     """The rounds of a run; none if it has none."""
     file = run.path / ROUNDS / _ROUNDS_FILE
     return [Round(**one) for one in json.loads(file.read_text())] if file.exists() else []
+
+
+def _show_rounds(run: RunFolder, active: ActiveCollectionSettings) -> None:
+    """When the training is over: draw the rounds once more, and say so if there were fewer than asked for."""
+    rounds = read_rounds(run)
+    if rounds:
+        save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
+    if len(rounds) < active.rounds:
+        say(
+            f"  {len(rounds)} of callbacks.{ACTIVE_COLLECTION}.rounds={active.rounds} rounds took place: they come at "
+            f"the end of epochs, and the training was over before. Train for longer, or lower "
+            f"callbacks.{ACTIVE_COLLECTION}.every."
+        )
 
 
 def _line(found: Round) -> str:

@@ -4,36 +4,74 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder
+from deux.collection.explored_map import episode_poses, explored_map
+from deux.configuration import run_folder, sections_of
+from deux.figures.drawing import save_figure
+from deux.figures.trajectory import draw_trajectory
+from deux.io.layout import sequences
+from deux.task_sections import Sections
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.datasets import explored_dataset
-from deux.tasks.evaluation import draw_trajectories
-from deux.tasks.run_folder import RunFolder
-from deux.tasks.seed_model import needs_model, seed_model
-from deux.tasks.settings import Settings
-from deux.tasks.training import Trainee, chosen_trainee
+from deux.tasks.datasets import Datasets, needs_model
+from deux.tasks.evaluate import EvaluationSettings
+from deux.tasks.run_folder import RunFolder, open_run_folder
+from deux.tasks.seed_model import SeedModel
+from deux.tasks.training import Training
 from deux.training.ranks import leads
+
+MOST_TRAJECTORIES = 6
+"""Episodes of which the trajectory is drawn."""
 
 
 def run(cfg: DictConfig) -> None:
     """Collect the configured explorer's dataset and draw its trajectories."""
     quieten_libraries()
-    settings = Settings(cfg)
-    run = RunFolder(run_folder(), settings.identity)
-    dataset = collect(settings, run, chosen_trainee(settings))
-    if not leads():
-        return
-    draw_trajectories(settings, dataset, settings.explorer.name, run.figures)
-    say(f"Dataset: {dataset}")
+    sections = sections_of(cfg)
+    datasets = Datasets(sections, ["train"])
+    evaluation = sections.read("evaluation", EvaluationSettings)
+    exploration = Exploration(sections, datasets, Training(sections, datasets, evaluation.validation_viewpoints))
+    with open_run_folder(run_folder(), sections.identity) as run:
+        dataset = exploration.collect(run)
+        if leads():
+            exploration.draw(dataset, run)
+            say(f"Dataset: {dataset}")
 
 
-def collect(settings: Settings, run: RunFolder, trainee: Trainee) -> Path:
-    """The configured explorer's dataset; with a seed model first, of the trainee's kind, if the explorer needs one."""
-    model, identity = None, None
-    if needs_model(settings.explorer):
-        say(f"Seed model: {settings.model.name} on the {settings.seed_explorer.name} frames")
-        with run.stage("seed"):
-            model, identity = seed_model(settings, trainee)
-    say(f"Explore with {settings.explorer.name}")
-    with run.stage("collect"):
-        return explored_dataset(settings, settings.explorer, model, identity)
+class Exploration:
+    """Collects the frames of the configured explorer, guided by a seed model if it needs one.
+
+    Args:
+        sections: of these it reads `explore` and, if the explorer needs a model, `seed_model`.
+        datasets: of the run.
+        training: trains the seed model.
+
+    Raises:
+        DeuxError: an option is wrong.
+    """
+
+    def __init__(self, sections: Sections, datasets: Datasets, training: Training) -> None:
+        self.explorer = sections.plugin("explore")
+        self.guided = needs_model(self.explorer)
+        self._datasets = datasets
+        self._training = training
+        self._seed_model = SeedModel(sections, datasets, training) if self.guided else None
+
+    def collect(self, run: RunFolder) -> Path:
+        """The dataset; with a seed model first, if the explorer needs one."""
+        predictor, identity = None, None
+        if self._seed_model is not None:
+            with run.stage("seed"):
+                guide = self._seed_model.get()
+            predictor = self._training.predictor(guide.model)
+            identity = f"{guide.weights} in {predictor.precision}"
+        say(f"Explore with {self.explorer.name}")
+        with run.stage("collect"):
+            return self._datasets.explored(self.explorer, predictor, identity)
+
+    def draw(self, dataset: Path, run: RunFolder) -> None:
+        """Draw where the robot went in the first episodes."""
+        simulation = self._datasets.simulation
+        for sequence in sequences(dataset)[:MOST_TRAJECTORIES]:
+            explored = explored_map(sequence, simulation.camera, simulation.robot)
+            title = f"{self.explorer.name} in {sequence.name}"
+            figure = draw_trajectory(explored, episode_poses(sequence), title)
+            save_figure(figure, run.figures / f"trajectory_{sequence.name}.png")

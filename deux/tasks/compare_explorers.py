@@ -1,134 +1,185 @@
 """`task=compare_explorers`: every explorer in the same unseen scenes; a table of what they saw, and where they went."""
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from omegaconf import DictConfig
 
-from deux.collection.perception import perceive
-from deux.configuration import run_folder
+from deux.collection.collect_settings import CollectSettings
+from deux.collection.perception import Perception
+from deux.collection.sparse import SparseSettings
+from deux.configuration import run_folder, sections_of
 from deux.contracts import SceneReference
-from deux.environment.memory import RESOLUTION
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.figures.drawing import save_figure
 from deux.figures.trajectory_grid import Trajectory, draw_trajectory_grid
-from deux.geometry.poses import camera_pose
 from deux.inference.precision import FastPredictor
 from deux.io.atomic import write_atomically, write_json
-from deux.mapping.occupancy import OccupancyMap
+from deux.metrics.tables import ResultTable
 from deux.report.results import RESULTS_FILE
-from deux.scenes.free_space import free_space
-from deux.studies.comparison_sheets import gains_sheet, measures_sheet, rewards_sheet
-from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
-from deux.studies.eye import SceneEye
+from deux.studies.comparison_episodes import compare_explorers
+from deux.studies.comparison_tables import exploration_table, gains_table, rewards_table
+from deux.studies.exploration_meter import trajectory_map
+from deux.studies.explorer_comparison import ExplorationEpisode, ExplorerComparison
+from deux.studies.participants import find_participants
+from deux.task_sections import Sections
+from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import progress, quieten_libraries, say
-from deux.tasks.contenders import Contenders, find_contenders
-from deux.tasks.contest import Contest, Perception, hold_contest
-from deux.tasks.given import given_model, weights_identity
-from deux.tasks.run_folder import EPISODES, RunFolder
-from deux.tasks.settings import Settings
+from deux.tasks.datasets import read_scenes, read_simulation
+from deux.tasks.run_folder import EPISODES, RunFolder, open_run_folder
+from deux.tasks.seed_model import SeedModelSettings
+
+
+@dataclass(frozen=True)
+class CompareSettings:
+    """How explorers are compared; they explore the test scenes.
+
+    Args:
+        explorers: registered names; None for all that are installed.
+        steps: actions in an episode.
+        seeds: episodes in each scene.
+        baseline: the explorer that the others are measured against, scene by scene.
+        figure_scene: number of the test scene that the trajectories are drawn in, from 0 on.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    explorers: tuple[str, ...] | None
+    steps: int
+    seeds: int
+    baseline: str
+    figure_scene: int
+
+    def __post_init__(self) -> None:
+        if self.explorers is not None and not self.explorers:
+            raise DeuxError("compare.explorers is empty: name the explorers to compare, or null for all of them.")
+        check_range("compare.steps", self.steps, 1)
+        check_range("compare.seeds", self.seeds, 1)
+        check_range("compare.figure_scene", self.figure_scene, 0)
 
 
 def run(cfg: DictConfig) -> None:
     """Compare the explorers, from where an earlier attempt in the same folder stopped."""
     quieten_libraries()
-    settings = Settings(cfg)
-    contenders = find_contenders(settings)
-    scenes = settings.splits.test[: settings.compare.flats]
-    if settings.compare.figure_scene >= len(scenes):
-        raise DeuxError(
-            f"compare.figure_scene is {settings.compare.figure_scene}, but there are {len(scenes)} scenes: the first "
-            "one is 0."
+    comparison = Comparing(sections_of(cfg))
+    with open_run_folder(run_folder(), comparison.identity) as run:
+        say(f"Run folder: {run.path}")
+        found = comparison.explore(run)
+        comparison.draw(found, run)
+        comparison.write(found, run)
+        say(f"Tables, episodes and trajectories: {run.path}")
+
+
+class Comparing:
+    """The stages of a comparison of explorers.
+
+    Args:
+        sections: of these it reads all that the task names.
+
+    Raises:
+        DeuxError: an option is wrong, or an explorer that is named cannot take part.
+    """
+
+    def __init__(self, sections: Sections) -> None:
+        self._task, self._seed = sections.task, sections.seed
+        self._settings = sections.read("compare", CompareSettings)
+        self._collect = sections.read("collect", CollectSettings)
+        self._simulation = read_simulation(sections)
+        self._scenes = read_scenes(sections, ["test"]).test
+        if self._settings.figure_scene >= len(self._scenes):
+            raise DeuxError(
+                f"compare.figure_scene is {self._settings.figure_scene}, but there are {len(self._scenes)} scenes: "
+                "the first one is 0."
+            )
+        checkpoint = sections.read("seed_model", SeedModelSettings).checkpoint
+        self._participants = find_participants(
+            self._settings.explorers, sections.plugin("explore"), has_model=checkpoint is not None
         )
-    perception, model = _perception(settings)
-    run = RunFolder(run_folder(), settings.identity | {"contenders": contenders.identity, "seed model": model})
-    say(f"Run folder: {run.path}")
-    for name, reason in contenders.left_out.items():
-        say(f"Without {name}: {reason}")
-    say(f"Explore {len(scenes)} scenes with {', '.join(choice.name for choice in contenders.explorers)}")
-    contest = Contest(
-        folder=run.path / EPISODES,
-        explorers=tuple(contenders.explorers),
-        rewards=contenders.rewards,
-        camera=settings.camera,
-        robot=settings.robot,
-        renderer=settings.run.renderer,
-        seed=settings.seed,
-        steps=settings.compare.steps,
-        seeds=settings.compare.seeds,
-    )
-    with run.stage("explore"), progress() as report:
-        episodes = hold_contest(contest, scenes, perception, settings.collect.processes, report)
-    with run.stage("draw"):
-        _draw(settings, scenes[settings.compare.figure_scene], episodes, run)
-    _write(settings, contenders, scenes, Comparison(episodes, contenders.own_rewards), run)
-    say(f"Tables, episodes and trajectories: {run.path}")
+        self._perception = _perception(sections, checkpoint, self._collect) if checkpoint is not None else None
+        self.identity = sections.identity | {
+            "participants": self._participants.identity,
+            "seed model": None if checkpoint is None else weights_identity(checkpoint),
+        }
+
+    def explore(self, run: RunFolder) -> ExplorerComparison:
+        """Let every explorer explore every scene."""
+        for name, reason in self._participants.left_out.items():
+            say(f"Without {name}: {reason}")
+        explorers = self._participants.explorers
+        say(f"Explore {len(self._scenes)} scenes with {', '.join(choice.name for choice in explorers)}")
+        with run.stage("explore"), progress() as report:
+            episodes = compare_explorers(
+                run.path / EPISODES,
+                self._simulation,
+                self._scenes,
+                explorers,
+                self._participants.rewards,
+                self._seed,
+                self._settings.steps,
+                self._settings.seeds,
+                self._perception,
+                self._collect.processes,
+                report,
+            )
+        return ExplorerComparison(episodes, self._participants.own_rewards)
+
+    def draw(self, found: ExplorerComparison, run: RunFolder) -> None:
+        """Draw each explorer's first episode in one scene."""
+        with run.stage("draw"):
+            scene = self._scenes[self._settings.figure_scene]
+            simulator = self._simulation.make(scene)
+            trajectories = []
+            for episode in _first_episodes(found.episodes, scene):
+                known = trajectory_map(simulator, episode.trajectory)
+                title = f"{episode.explorer}: {episode.exploration.area_seen:.0f} m²"
+                path = np.array(episode.trajectory)[:, :2]
+                trajectories.append(Trajectory(title, path, known.frame, known.cells))
+            figure = draw_trajectory_grid(simulator.free_space(), trajectories)
+            save_figure(figure, run.figures / "trajectories.png")
+
+    def write(self, found: ExplorerComparison, run: RunFolder) -> None:
+        """Write the tables, results.json last, and print them."""
+        tables = self._tables(found)
+        left_out = self._participants.left_out
+        amount = f"{len(self._scenes)} scenes, {self._settings.seeds} x {self._settings.steps} steps in each"
+        page = [f"# Explorers compared: {amount}", "", *(table.markdown() for table in tables)]
+        page += [f"Without {name}: {reason}\n" for name, reason in left_out.items()]
+        write_atomically(run.path / "table.md", "\n".join(page).encode())
+        write_atomically(run.path / "table.csv", found.table_csv().encode())
+        write_atomically(run.path / "episodes.csv", found.episodes_csv().encode())
+        results: dict[str, Any] = {
+            "task": self._task,
+            "scenes": [scene.name for scene in self._scenes],
+            "steps": self._settings.steps,
+            "seeds": self._settings.seeds,
+            "seed": self._seed,
+            "explorers": found.summary(),
+            "own_rewards": found.own_rewards,
+            "left_out": left_out,
+            "seconds": run.seconds,
+        }
+        write_json(run.path / RESULTS_FILE, results)
+        for table in tables:
+            say(table)
+
+    def _tables(self, found: ExplorerComparison) -> list[ResultTable]:
+        tables = [exploration_table(found), rewards_table(found)]
+        baseline = self._settings.baseline
+        if baseline in found.explorers and len(found.explorers) > 1:
+            tables.append(gains_table(found, baseline))
+        return tables
 
 
-def _perception(settings: Settings) -> tuple[Perception | None, str | None]:
-    """What the model of `seed.checkpoint` sees, and what identifies its weights; None without one."""
-    checkpoint = settings.seed_model.checkpoint
-    if checkpoint is None:
-        return None, None
-    _, model = given_model(settings.model, checkpoint)
-    perception = partial(
-        perceive,
-        intrinsics=settings.camera.intrinsics,
-        predict_depth=FastPredictor(model, settings.trainer.get("accelerator", "auto")),
-        sparse=settings.sampling,
-        uncertainty=settings.collect.uncertainty,
-    )
-    return perception, weights_identity(checkpoint)
+def _perception(sections: Sections, checkpoint: str, collect: CollectSettings) -> Perception:
+    """What the model of `seed_model.checkpoint` sees."""
+    _, model = load_named_model(sections.plugin("model"), checkpoint)
+    predictor = FastPredictor(model, sections.plain("trainer").get("accelerator", "auto"))
+    return Perception(predictor, sections.read("sampling", SparseSettings), collect.measure.create())
 
 
-def _draw(
-    settings: Settings, reference: SceneReference, episodes: Sequence[ExplorationEpisode], run: RunFolder
-) -> None:
-    """Draw each explorer's first episode in one scene."""
-    scene = reference.load()
-    eye = SceneEye(scene, settings.camera)
-    height = scene.floor_height + settings.robot.camera_height
-    trajectories = []
-    for episode in episodes:
-        if (episode.scene, episode.episode) == (reference.name, 0):
-            known = OccupancyMap(eye.camera, settings.robot, RESOLUTION)
-            for x, z, yaw in episode.trajectory:
-                pose = camera_pose(x, height, z, yaw)
-                known.update(eye.look(pose).frame.depth, pose)
-            title = f"{episode.explorer}: {episode.exploration.area_seen:.0f} m²"
-            path = np.array(episode.trajectory)[:, :2]
-            trajectories.append(Trajectory(title, path, known.frame, known.cells))
-    plan = free_space(scene.mesh, scene.floor_height, settings.robot)
-    save_figure(draw_trajectory_grid(plan, trajectories), run.figures / "trajectories.png")
-
-
-def _write(
-    settings: Settings, contenders: Contenders, scenes: Sequence[SceneReference], comparison: Comparison, run: RunFolder
-) -> None:
-    """Write the tables, results.json last, and print them."""
-    amount = f"{len(scenes)} scenes, {settings.compare.seeds} x {settings.compare.steps} steps in each"
-    sheets = [measures_sheet(comparison), rewards_sheet(comparison)]
-    baseline = settings.compare.baseline
-    if baseline in comparison.explorers and len(comparison.explorers) > 1:
-        sheets.append(gains_sheet(comparison, baseline))
-    left_out = "".join(f"\nWithout {name}: {reason}\n" for name, reason in contenders.left_out.items())
-    page = "\n".join([f"# Explorers compared: {amount}", "", *(sheet.markdown() for sheet in sheets)]) + left_out
-    write_atomically(run.path / "table.md", page.encode())
-    write_atomically(run.path / "table.csv", comparison.table_csv().encode())
-    write_atomically(run.path / "episodes.csv", comparison.episodes_csv().encode())
-    results: dict[str, Any] = {
-        "task": settings.run.task,
-        "scenes": [scene.name for scene in scenes],
-        "steps": settings.compare.steps,
-        "seeds": settings.compare.seeds,
-        "seed": settings.seed,
-        "explorers": comparison.summary(),
-        "own_rewards": contenders.own_rewards,
-        "left_out": contenders.left_out,
-        "seconds": run.seconds,
-    }
-    write_json(run.path / RESULTS_FILE, results)
-    for sheet in sheets:
-        say(sheet.rich())
+def _first_episodes(episodes: Sequence[ExplorationEpisode], scene: SceneReference) -> list[ExplorationEpisode]:
+    """Each explorer's first episode in a scene."""
+    return [episode for episode in episodes if (episode.scene, episode.episode) == (scene.name, 0)]

@@ -1,142 +1,193 @@
 """The datasets of a run: explored frames to train on, free viewpoints to validate and test on."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from deux.collection.collect_settings import CollectSettings
 from deux.collection.exploration import MODEL_NEEDS
 from deux.collection.pipeline import build_dataset, read_manifest
+from deux.collection.sparse import SparseSettings
 from deux.collection.specification import VIEWPOINTS, DatasetSpec, Split
-from deux.contracts import DepthModel, DepthPredictor, Robot, Simulator
+from deux.collection.verification import VerificationSettings
+from deux.contracts import DepthPredictor, Robot, SceneReference, SceneSource, SceneSplits
 from deux.geometry.camera import Camera
-from deux.inference.precision import FastPredictor
-from deux.scenes.sources import SceneReference, synthetic_scenes
-from deux.simulator.mesh_simulator import MeshSimulator
+from deux.registry import PluginChoice, registry
+from deux.scenes.splits import check_not_empty
+from deux.simulator.simulation import Simulation
+from deux.task_sections import Sections
 from deux.tasks.console import progress, say
-from deux.tasks.settings import PluginChoice, Settings
 
 
-def explored_dataset(
-    settings: Settings, explorer: PluginChoice, model: DepthModel | None = None, identity: str | None = None
-) -> Path:
-    """The frames that an explorer collects in the training scenes; collected now if nobody has done so before.
-
-    Args:
-        settings: the run's.
-        explorer: the explorer.
-        model: the depth model that guides it, if it needs one.
-        identity: what identifies that model's weights.
-    """
-    predictor = FastPredictor(model, settings.trainer.get("accelerator", "auto")) if model else None
-    spec = _exploration(settings, explorer, f"{identity} in {predictor.precision}" if predictor else None)
-    return _build(spec, settings, explorer, predictor)
+def read_simulation(sections: Sections) -> Simulation:
+    """Simulator, camera and robot, from the sections of these names."""
+    return Simulation(sections.read("camera", Camera), sections.read("robot", Robot), sections.plugin("simulator"))
 
 
-def round_dataset(
-    settings: Settings,
-    root: Path,
-    name: str,
-    changes: Mapping[str, Any],
-    predict_depth: DepthPredictor,
-    identity: str,
-) -> Path:
-    """The frames that the configured explorer collects in a round of a training; as `explored_dataset`.
+def read_scenes(sections: Sections, needed: Sequence[str]) -> SceneSplits:
+    """The scenes that the section `scenes` asks for.
 
     Args:
-        settings: the run's.
-        root: the folder of all rounds' datasets.
-        name: the round's; part of what the dataset is, so that equal weights explore anew in another round.
-        changes: what differs from the first exploration, such as the scenes, the seed and the steps.
-        predict_depth: the model that is being trained.
-        identity: what identifies its weights and arithmetic.
+        sections: of the task.
+        needed: the splits that must have a scene.
+
+    Raises:
+        DeuxError: a scene is missing or in two splits, or a needed split has none.
     """
-    guided = bool(settings.explorer.create().needs & MODEL_NEEDS)
-    spec = _exploration(settings, settings.explorer, identity if guided else None)
-    spec = replace(spec, name=name, **changes)
-    return _build(spec, settings, settings.explorer, predict_depth if guided else None, root)
+    source: SceneSource = sections.plugin("scenes").create()
+    splits = source.splits()
+    check_not_empty(splits, needed)
+    return splits
 
 
-def _exploration(settings: Settings, explorer: PluginChoice, model: str | None) -> DatasetSpec:
-    fingerprint = explorer.create().fingerprint()
-    return DatasetSpec(
-        name=explorer.name,
-        scenes=settings.splits.train,
-        explorer=explorer.name,
-        explorer_settings=explorer.settings if fingerprint is None else {**explorer.settings, "is": fingerprint},
-        camera=settings.camera,
-        robot=settings.robot,
-        renderer=settings.run.renderer,
-        steps=settings.collect.steps,
-        episodes=settings.collect.episodes,
-        sparse=settings.sampling,
-        verification=settings.verification,
-        seed=settings.seed,
-        model=model,
-        uncertainty=settings.collect.uncertainty if model else None,
-        together=settings.collect.together,
-    )
+def further_scenes(source: str, count: int, splits: SceneSplits) -> tuple[SceneReference, ...]:
+    """Scenes that are none of the experiment's own.
+
+    Args:
+        source: name of the source that makes them.
+        count: number of scenes.
+        splits: the experiment's scenes.
+
+    Raises:
+        DeuxError: the source cannot make as many.
+    """
+    own = {scene.identity for scene in (*splits.train, *splits.validation, *splits.test)}
+    maker: SceneSource = registry().choose("scenes", {"name": source}).create()
+    return maker.further(count, own)
 
 
-def viewpoint_dataset(settings: Settings, split: Literal["validation", "test"]) -> Path:
-    """Frames from free poses spread evenly over held-out scenes: the same for every explorer and every seed."""
-    count = settings.evaluation.viewpoints if split == "test" else settings.evaluation.validation_viewpoints
-    return _viewpoints(settings, split, split, getattr(settings.splits, split), count)
+def needs_model(explorer: PluginChoice) -> bool:
+    """Whether the explorer asks for what only a depth model can give."""
+    return bool(explorer.create().needs & MODEL_NEEDS)
 
 
-def synthetic_dataset(settings: Settings) -> Path:
-    """Free viewpoints in generated flats that are none of the run's scenes: what a foundation is trained on."""
-    scenes = synthetic_scenes(settings.foundation.flats, settings.splits)
-    return _viewpoints(settings, "synthetic", "train", scenes, settings.foundation.viewpoints)
+class Datasets:
+    """Makes the datasets of a run, or finds those that an earlier run has made.
 
+    Args:
+        sections: of these it reads `simulator`, `camera`, `robot`, `scenes`, `collect`, `sampling` and `verification`.
+        needed: the splits that must have a scene.
 
-def _viewpoints(settings: Settings, name: str, split: Split, scenes: tuple[SceneReference, ...], count: int) -> Path:
-    spec = DatasetSpec(
-        name=name,
-        scenes=scenes,
-        explorer=VIEWPOINTS,
-        camera=settings.camera,
-        robot=settings.robot,
-        renderer=settings.run.renderer,
-        steps=count,
-        sparse=settings.sampling,
-        verification=settings.verification,
-        split=split,
-    )
-    return _build(spec, settings)
+    Raises:
+        DeuxError: an option is wrong, or a needed split has no scene.
+    """
 
+    def __init__(self, sections: Sections, needed: Sequence[str] = ()) -> None:
+        self.simulation = read_simulation(sections)
+        self.scenes = read_scenes(sections, needed)
+        self.collect = sections.read("collect", CollectSettings)
+        self.sampling = sections.read("sampling", SparseSettings)
+        self.verification = sections.read("verification", VerificationSettings)
+        self._seed = sections.seed
+        self._root = sections.outputs / "datasets"
 
-def _build(
-    spec: DatasetSpec,
-    settings: Settings,
-    explorer: PluginChoice | None = None,
-    predictor: DepthPredictor | None = None,
-    root: Path | None = None,
-) -> Path:
-    make_simulator = partial(
-        _make_simulator, camera=settings.camera, robot=settings.robot, renderer=settings.run.renderer
-    )
-    root = root or settings.outputs / "datasets"
-    known = (root / spec.folder_name).exists()
-    with progress() as report:
-        dataset = build_dataset(
-            spec,
-            root,
-            make_simulator,
-            explorer.create if explorer else None,
-            predict_depth=predictor,
-            progress=report,
-            processes=settings.collect.processes,
+    def explored(
+        self, explorer: PluginChoice, predictor: DepthPredictor | None = None, predictor_identity: str | None = None
+    ) -> Path:
+        """The frames that an explorer collects in the training scenes.
+
+        Args:
+            explorer: the explorer.
+            predictor: the depth model that guides it, if it needs one.
+            predictor_identity: what identifies that model's weights and arithmetic.
+        """
+        return self._build(self._exploration(explorer, predictor_identity), explorer, predictor)
+
+    def explored_in_round(
+        self,
+        explorer: PluginChoice,
+        predictor: DepthPredictor,
+        predictor_identity: str,
+        root: Path,
+        changes: dict[str, Any],
+    ) -> Path:
+        """The frames that an explorer collects while a model trains; as `explored`.
+
+        Args:
+            explorer: the explorer.
+            predictor: the model that is being trained.
+            predictor_identity: as of `explored`.
+            root: the folder of all rounds' datasets.
+            changes: fields of the `DatasetSpec` that differ from the first exploration, such as name, scenes and seed.
+        """
+        guided = needs_model(explorer)
+        spec = replace(self._exploration(explorer, predictor_identity if guided else None), **changes)
+        return self._build(spec, explorer, predictor if guided else None, root)
+
+    def viewpoints(self, split: Literal["validation", "test"], count: int) -> Path:
+        """Frames from free poses spread evenly over held-out scenes: the same for every explorer and every seed.
+
+        Args:
+            split: whose scenes.
+            count: viewpoints in each scene.
+        """
+        return self._viewpoints(split, split, getattr(self.scenes, split), count)
+
+    def synthetic(self, source: str, scenes: int, count: int) -> Path:
+        """Free viewpoints in scenes that are none of the experiment's: what a foundation is trained on.
+
+        Args:
+            source: name of the source that makes the scenes.
+            scenes: number of scenes.
+            count: viewpoints in each scene.
+        """
+        return self._viewpoints("synthetic", "train", further_scenes(source, scenes, self.scenes), count)
+
+    def _exploration(self, explorer: PluginChoice, predictor_identity: str | None) -> DatasetSpec:
+        fingerprint = explorer.create().fingerprint()
+        return DatasetSpec(
+            name=explorer.name,
+            scenes=self.scenes.train,
+            explorer=explorer.name,
+            explorer_settings={**explorer.settings, **({} if fingerprint is None else {"is": fingerprint})},
+            simulation=self.simulation,
+            steps=self.collect.steps,
+            episodes=self.collect.episodes,
+            sparse=self.sampling,
+            verification=self.verification,
+            seed=self._seed,
+            model=predictor_identity,
+            uncertainty=self.collect.measure if predictor_identity else None,
+            batch_size=self.collect.together,
         )
-    manifest = read_manifest(dataset)
-    rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items())
-    say(
-        f"  {manifest['triplets']} of {manifest['candidates']} {spec.name} frames usable"
-        f"{f' (rejected: {rejected})' if rejected else ''}{', collected before' if known else ''}: {dataset}"
-    )
-    return dataset
 
+    def _viewpoints(self, name: str, split: Split, scenes: tuple[SceneReference, ...], count: int) -> Path:
+        spec = DatasetSpec(
+            name=name,
+            scenes=scenes,
+            explorer=VIEWPOINTS,
+            simulation=self.simulation,
+            steps=count,
+            sparse=self.sampling,
+            verification=self.verification,
+            split=split,
+        )
+        return self._build(spec)
 
-def _make_simulator(scene: SceneReference, camera: Camera, robot: Robot, renderer: str) -> Simulator:
-    return MeshSimulator(scene.load(), camera, robot, renderer)
+    def _build(
+        self,
+        spec: DatasetSpec,
+        explorer: PluginChoice | None = None,
+        predictor: DepthPredictor | None = None,
+        root: Path | None = None,
+    ) -> Path:
+        root = root or self._root
+        known = (root / spec.folder_name).exists()
+        with progress() as report:
+            dataset = build_dataset(
+                spec,
+                root,
+                self.simulation.make,
+                explorer.create if explorer else None,
+                predict_depth=predictor,
+                progress=report,
+                processes=self.collect.processes,
+            )
+        manifest = read_manifest(dataset)
+        rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items())
+        say(
+            f"  {manifest['triplets']} of {manifest['candidates']} {spec.name} frames usable"
+            f"{f' (rejected: {rejected})' if rejected else ''}{', collected before' if known else ''}: {dataset}"
+        )
+        return dataset

@@ -1,55 +1,101 @@
 """`task=experiment`: collect, train the seed model, explore with it, train the final model, evaluate."""
 
+from pathlib import Path
+
 from omegaconf import DictConfig
 
 from deux.collection.pipeline import read_manifest
-from deux.configuration import run_folder
+from deux.configuration import run_folder, sections_of
+from deux.contracts import DepthModel
+from deux.data.dataset_reader import DatasetReader
+from deux.metrics.model_errors import Evaluation
 from deux.report.results import RESULTS_FILE, Results
-from deux.tasks.active_collection import read_rounds
-from deux.tasks.collect import collect
+from deux.task_sections import Sections
+from deux.tasks.active_collection import ActiveTraining, read_rounds
+from deux.tasks.collect import Exploration
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.datasets import viewpoint_dataset
-from deux.tasks.evaluation import draw_trajectories, evaluate_model
-from deux.tasks.run_folder import RunFolder
-from deux.tasks.settings import Settings
-from deux.tasks.training import chosen_trainee, train
+from deux.tasks.datasets import Datasets
+from deux.tasks.evaluate import EvaluationSettings, Evaluator
+from deux.tasks.run_folder import RunFolder, open_run_folder
+from deux.tasks.training import Training
 from deux.training.ranks import leads
 
 
 def run(cfg: DictConfig) -> None:
     """Run the whole experiment, from where an earlier attempt in the same folder stopped."""
     quieten_libraries()
-    settings = Settings(cfg)
-    run = RunFolder(run_folder(), settings.identity)
-    trainee = chosen_trainee(settings)
-    if (run.path / RESULTS_FILE).exists():
-        say(f"This run is complete: {run.path}")
-        say(Results.load(run.path).table())
-        return
-    say(f"Run folder: {run.path}")
-    dataset = collect(settings, run, trainee)
-    say(f"Train {settings.model.name} on the {settings.explorer.name} frames")
-    with run.stage("train"):
-        model = train(settings, trainee, settings.training, dataset, run, settings.active)
-    if not leads():
-        return
-    say("Evaluate on free viewpoints of the test scenes")
-    with run.stage("evaluate"):
-        test = viewpoint_dataset(settings, "test")
-        found = evaluate_model(settings, model, test, run.figures)
-        draw_trajectories(settings, dataset, settings.explorer.name, run.figures)
-    rounds = read_rounds(run)
-    results = Results(
-        model=settings.model.name,
-        explore=settings.explorer.name,
-        seed=settings.seed,
-        frames=read_manifest(dataset)["triplets"] + sum(one.frames for one in rounds),
-        metrics=found.metrics,
-        baseline=found.baseline,
-        constant=found.constant,
-        seconds=run.seconds,
-        rounds=[one.summary() for one in rounds],
-    )
-    results.save(run.path)
-    say(results.table())
-    say(f"Figures and logs: {run.path}")
+    experiment = Experiment(sections_of(cfg))
+    with open_run_folder(run_folder(), experiment.identity) as run:
+        if not experiment.is_finished(run):
+            frames = experiment.explore(run)
+            model = experiment.train(frames, run)
+            if leads():
+                errors = experiment.evaluate(model, run)
+                experiment.write(frames, errors, run)
+        experiment.show(run)
+
+
+class Experiment:
+    """The stages of the paper's experiment.
+
+    Args:
+        sections: all that the stages read.
+
+    Raises:
+        DeuxError: an option is wrong.
+    """
+
+    def __init__(self, sections: Sections) -> None:
+        self.identity = sections.identity
+        self._evaluation = sections.read("evaluation", EvaluationSettings)
+        self._datasets = Datasets(sections, ["train", "test"])
+        self._training = Training(sections, self._datasets, self._evaluation.validation_viewpoints)
+        self._exploration = Exploration(sections, self._datasets, self._training)
+        self._final = ActiveTraining(sections, self._datasets, self._training)
+        self._test = Evaluator(sections)
+
+    def is_finished(self, run: RunFolder) -> bool:
+        """Whether an earlier attempt has come to its end; says where the work goes on."""
+        finished = (run.path / RESULTS_FILE).exists()
+        say(f"{'This run is complete' if finished else 'Run folder'}: {run.path}")
+        return finished
+
+    def explore(self, run: RunFolder) -> Path:
+        """Collect the frames of the final model, led by the seed model where the explorer asks for one (Alg. 1)."""
+        return self._exploration.collect(run)
+
+    def train(self, frames: Path, run: RunFolder) -> DepthModel:
+        """Train the final model from scratch on the explored frames alone (Eq. 7)."""
+        say(f"Train {self._training.recipe.model.name} on the {self._exploration.explorer.name} frames")
+        with run.stage("train"):
+            return self._final.train(DatasetReader(frames), run)
+
+    def evaluate(self, model: DepthModel, run: RunFolder) -> Evaluation:
+        """Measure the model's errors on free viewpoints of the test scenes."""
+        say("Evaluate on free viewpoints of the test scenes")
+        with run.stage("evaluate"):
+            viewpoints = self._datasets.viewpoints("test", self._evaluation.viewpoints)
+            return self._test.evaluate(model, DatasetReader(viewpoints), run)
+
+    def write(self, frames: Path, found: Evaluation, run: RunFolder) -> None:
+        """Draw the trajectories and write `results.json`, which says that the run is finished."""
+        self._exploration.draw(frames, run)
+        rounds = read_rounds(run)
+        results = Results(
+            model=self._training.recipe.model.name,
+            explore=self._exploration.explorer.name,
+            seed=self._training.seed,
+            frames=read_manifest(frames)["triplets"] + sum(one.frames for one in rounds),
+            metrics=found.metrics,
+            baseline=found.baseline,
+            constant=found.constant,
+            seconds=run.seconds,
+            rounds=[one.summary() for one in rounds],
+        )
+        results.save(run.path)
+
+    def show(self, run: RunFolder) -> None:
+        """Print the table of errors."""
+        if leads():
+            say(Results.load(run.path).table())
+            say(f"Figures and logs: {run.path}")

@@ -1,23 +1,51 @@
 """`task=export`: a trained model as an ONNX file."""
 
+from dataclasses import dataclass
+
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder
+from deux.configuration import run_folder, sections_of
 from deux.deployment.onnx_export import ONNX_FILE, check_packages, export_onnx
+from deux.errors import check_range
+from deux.geometry.camera import Camera
 from deux.io.atomic import make_folder, write_atomically
+from deux.tasks.checkpoints import load_needed_model
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.given import needed_model
-from deux.tasks.settings import Settings
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """Which model is exported, and what it takes.
+
+    Args:
+        checkpoint: a run folder, a model file or the model's published checkpoint.
+        height: of the images, in pixels; None for the camera's.
+        width: likewise.
+        batch: number of images at a time; None for any.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    checkpoint: str | None
+    height: int | None
+    width: int | None
+    batch: int | None
+
+    def __post_init__(self) -> None:
+        for name, value in (("height", self.height), ("width", self.width), ("batch", self.batch)):
+            if value is not None:
+                check_range(f"export.{name}", value, 1)
 
 
 def run(cfg: DictConfig) -> None:
-    """Export the model `checkpoint` as `model.onnx` in the run folder. A repeated command overwrites the file."""
+    """Export the model `export.checkpoint` as `model.onnx` in the run folder; a repeated command overwrites it."""
     quieten_libraries()
-    settings = Settings(cfg)
+    sections = sections_of(cfg)
+    chosen, camera = sections.read("export", ExportSettings), sections.read("camera", Camera)
     check_packages()
-    name, model = needed_model(settings, "checkpoint", settings.run.checkpoint)
-    chosen = settings.export
-    height, width = chosen.height or settings.camera.height, chosen.width or settings.camera.width
+    name, model = load_needed_model(sections.plugin("model"), chosen.checkpoint, "export.checkpoint")
+    height, width = chosen.height or camera.height, chosen.width or camera.width
     say(f"Export {name} for images of {width} x {height} pixels")
     exported = export_onnx(model, height, width, chosen.batch)
     folder = run_folder()

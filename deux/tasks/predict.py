@@ -9,23 +9,21 @@ import numpy as np
 import torch
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder, user_path
+from deux.configuration import run_folder, sections_of, user_path
 from deux.contracts import DepthModel
 from deux.deployment.array_prediction import predict_arrays
-from deux.errors import DeuxError
-from deux.figures.depth_map import draw_depth
+from deux.errors import DeuxError, check_range
+from deux.figures.depth_figures import draw_depth
 from deux.figures.drawing import save_figure
 from deux.geometry.camera import Camera
 from deux.geometry.scaffolding import interpolate
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
 from deux.io.images import LARGEST_DEPTH, write_depth
-from deux.metrics.functional import depth_errors
+from deux.metrics.depth_errors import depth_errors
 from deux.report.results import error_table
+from deux.tasks.checkpoints import load_needed_model
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.given import needed_model
-from deux.tasks.sections import PredictionSettings
-from deux.tasks.settings import Settings
 
 MANY = 0.1
 """From this part of the points on, it is said that they lie where the model predicts no depth."""
@@ -37,7 +35,34 @@ log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class GivenFrame:
+class PredictSettings:
+    """The model, and the files of the frame whose depth it completes.
+
+    Args:
+        checkpoint: a run folder, a model file or the model's published checkpoint.
+        image: an 8-bit image.
+        sparse: depth of some pixels, as a 16-bit PNG or .npy file.
+        sparse_scale: stored values per metre in PNG files.
+        intrinsics: a text or .npy file.
+        ground_truth: depth to compare with, as `sparse`.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    checkpoint: str | None
+    image: str | None
+    sparse: str | None
+    sparse_scale: float
+    intrinsics: str | None
+    ground_truth: str | None
+
+    def __post_init__(self) -> None:
+        check_range("predict.sparse_scale", self.sparse_scale, 0, ends=False)
+
+
+@dataclass(frozen=True)
+class RecordedFrame:
     """What the user's files hold.
 
     Args:
@@ -54,16 +79,17 @@ class GivenFrame:
 
 
 def run(cfg: DictConfig) -> None:
-    """Complete the depth of the given frame by the model `checkpoint`, in float32, and write it to the run folder.
+    """Complete the depth of a frame by the model `predict.checkpoint`, in float32, and write it to the run folder.
 
     With ground truth, its errors are printed beside those of interpolation. A repeated command overwrites its files.
     """
     quieten_libraries()
-    settings = Settings(cfg)
-    frame = read_frame(settings.prediction)
-    name, model = needed_model(settings, "checkpoint", settings.run.checkpoint)
-    check_points(frame.sparse_depth, model, settings.prediction)
-    truth = None if frame.ground_truth is None else unseen(frame, settings.camera)
+    sections = sections_of(cfg)
+    settings, camera = sections.read("predict", PredictSettings), sections.read("camera", Camera)
+    frame = read_frame(settings)
+    name, model = load_needed_model(sections.plugin("model"), settings.checkpoint, "predict.checkpoint")
+    check_points(frame.sparse_depth, model, settings)
+    truth = None if frame.ground_truth is None else unseen(frame, camera)
     depth = predict_arrays(frame.image, frame.sparse_depth, frame.intrinsics, model)
     for path in write_prediction(depth, run_folder()):
         say(str(path))
@@ -71,12 +97,12 @@ def run(cfg: DictConfig) -> None:
     say(f"Depth from {nearest:.2f} to {farthest:.2f} m, {median:.2f} m in the median, at {_size(depth)} pixels")
     if truth is not None:
         maps = {name: depth, "interpolated points": interpolate(frame.sparse_depth).clip(LEAST_DEPTH)}
-        rows = {row: _errors(predicted, truth, settings.camera) for row, predicted in maps.items()}
+        rows = {row: _errors(predicted, truth, camera) for row, predicted in maps.items()}
         counted = np.count_nonzero(truth)
         say(error_table(f"Errors on the {counted:,} pixels with ground truth that are no sparse points", rows))
 
 
-def read_frame(chosen: PredictionSettings) -> GivenFrame:
+def read_frame(chosen: PredictSettings) -> RecordedFrame:
     """Read the files of one frame.
 
     Raises:
@@ -86,7 +112,7 @@ def read_frame(chosen: PredictionSettings) -> GivenFrame:
     paths = {option: user_path(path) for option, path in given.items() if path}
     if missing := [option for option in given if option not in paths]:
         raise DeuxError(
-            "task=predict needs the files of one frame, image=, sparse= and intrinsics=: "
+            "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=: "
             f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} not given."
         )
     image = read_any_image(paths["image"])
@@ -103,10 +129,10 @@ def read_frame(chosen: PredictionSettings) -> GivenFrame:
             f"the principal point ({x:g}, {y:g}) lies outside the image of {_size(image)} pixels: "
             f"{paths['intrinsics']} seems to belong to images of another size."
         )
-    return GivenFrame(image, sparse_depth, intrinsics, truth)
+    return RecordedFrame(image, sparse_depth, intrinsics, truth)
 
 
-def check_points(sparse_depth: np.ndarray, model: DepthModel, chosen: PredictionSettings) -> None:
+def check_points(sparse_depth: np.ndarray, model: DepthModel, chosen: PredictSettings) -> None:
     """Say so if there are no points, or if many lie outside the model's range, which is what a wrong unit does.
 
     Raises:
@@ -123,14 +149,14 @@ def check_points(sparse_depth: np.ndarray, model: DepthModel, chosen: Prediction
     sentence = (
         f"{share} {points.size:,} points of {chosen.sparse} lie outside the {model.min_depth:g} to {model.max_depth:g} "
         f"m that the model predicts (they go from {points.min():g} to {points.max():g} m): is their unit right? A PNG "
-        f"file holds sparse_scale={chosen.sparse_scale:g} values per metre; it is 1000 for millimetres."
+        f"file holds predict.sparse_scale={chosen.sparse_scale:g} values per metre; it is 1000 for millimetres."
     )
     if outside == 1:
         raise DeuxError(sentence)
     log.warning(sentence)
 
 
-def unseen(frame: GivenFrame, camera: Camera) -> np.ndarray:
+def unseen(frame: RecordedFrame, camera: Camera) -> np.ndarray:
     """The ground truth that is compared with: within the camera's range, and not given to the model as sparse points.
 
     Returns:

@@ -1,39 +1,58 @@
 """`task=report`: finished runs as the paper's tables and figures."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder, user_path
+from deux.configuration import run_folder, sections_of, user_path
 from deux.errors import DeuxError
 from deux.figures.drawing import save_figure
 from deux.io.atomic import make_folder, write_atomically
-from deux.options import construct
 from deux.report.contents import Contents, read_contents
-from deux.report.figures import Picture, draw_comparison, draw_error_against_frames
-from deux.report.formats import csv_text, latex, markdown
-from deux.report.names import Names
+from deux.report.display_names import DisplayNames
 from deux.report.page import html_page
+from deux.report.report_figures import CaptionedFigure, draw_error_against_frames, draw_runs
 from deux.tasks.console import say
-from deux.tasks.sections import ReportSettings
 
 MOST_MISSING = 12
 """Lines about what is missing that the console shows for each table."""
 
 
+@dataclass(frozen=True)
+class ReportSettings:
+    """What `task=report` shows.
+
+    Args:
+        runs: a folder with runs and sweeps below it.
+        first: the dataset of Table I; None for the one on which the most explorers were compared.
+        transferred: explorers of which Table II also shows the models that were trained on the first dataset.
+        baseline: the explorer that the others of Table I are compared with, seed by seed; None for none.
+        models: what each depth model is called, in order of the columns.
+        explorers: what each explorer is called, in order of the rows, in parts with a line between them.
+    """
+
+    runs: str | None
+    first: str | None
+    transferred: tuple[str, ...]
+    baseline: str | None
+    models: Mapping[str, str]
+    explorers: tuple[Mapping[str, str], ...]
+
+
 def run(cfg: DictConfig) -> None:
     """Report on the runs and sweeps below `report.runs`, finished or not. A repeated command overwrites its files."""
-    settings = construct(ReportSettings, cfg.report, "report")
+    settings = sections_of(cfg).read("report", ReportSettings)
     if not settings.runs:
         raise DeuxError(
             "task=report needs runs: name a folder with runs or sweeps below it, such as report.runs=outputs."
         )
-    names = Names(settings.models, settings.explorers)
+    names = DisplayNames(settings.models, settings.explorers)
     contents = read_contents(user_path(settings.runs), names, settings.first, settings.transferred, settings.baseline)
     folder = run_folder()
-    pictures = draw(contents, names, folder / "figures")
-    write(contents, pictures, folder)
+    figures = draw(contents, names, folder / "figures")
+    write(contents, figures, folder)
     say(f"{contents.finished} finished runs, {contents.missing} missing")
     for section in contents.sections:
         say(f"{section.title}: {section.state}")
@@ -46,39 +65,42 @@ def run(cfg: DictConfig) -> None:
     say(f"Report: {folder / 'report.html'}")
 
 
-def draw(contents: Contents, names: Names, folder: Path) -> dict[str, list[Picture]]:
+def draw(contents: Contents, names: DisplayNames, folder: Path) -> dict[str, list[CaptionedFigure]]:
     """Draw the figures into a folder; the result has them by the name of the table that they belong to."""
-    pictures: dict[str, list[Picture]] = {}
-    trained = [section for section in contents.sections if not section.comparison.transferred]
+    figures: dict[str, list[CaptionedFigure]] = {}
+    trained = [section for section in contents.sections if not section.runs.transferred]
     for section in trained:
         table = section.table.name
-        pictures[table] = draw_comparison(section.comparison, names, folder, table)
-        alike = [s for s in trained if s.comparison.but_for_amount == section.comparison.but_for_amount]
+        figures[table] = draw_runs(section.runs, names, folder, table)
+        alike = [s for s in trained if s.runs.without_amount == section.runs.without_amount]
         if section is alike[0]:
-            figure = draw_error_against_frames([s.comparison for s in alike], names, section.dataset)
+            figure = draw_error_against_frames([s.runs for s in alike], names, section.dataset)
             file = save_figure(figure, folder / f"{table}_error_against_frames.png")
-            pictures[table].append(Picture(file, "MAE against the number of training frames; bars: 95 % interval."))
-    return pictures
+            figures[table].append(
+                CaptionedFigure(file, "MAE against the number of training frames; bars: 95 % interval.")
+            )
+    return figures
 
 
-def write(contents: Contents, pictures: dict[str, list[Picture]], folder: Path) -> None:
+def write(contents: Contents, figures: dict[str, list[CaptionedFigure]], folder: Path) -> None:
     """Write the report: a page, the same in Markdown, and each table in Markdown, LaTeX and CSV."""
     make_folder(folder / "tables")
     for section in contents.sections:
-        for suffix, text in (("md", markdown), ("tex", latex), ("csv", csv_text)):
-            write_atomically(folder / "tables" / f"{section.table.name}.{suffix}", text(section.table).encode())
-    write_atomically(folder / "report.md", _markdown_report(contents, pictures).encode())
-    write_atomically(folder / "report.html", html_page(contents, pictures).encode())
+        table = section.table
+        for suffix, text in (("md", table.markdown()), ("tex", table.latex()), ("csv", table.csv())):
+            write_atomically(folder / "tables" / f"{table.name}.{suffix}", text.encode())
+    write_atomically(folder / "report.md", _markdown_report(contents, figures).encode())
+    write_atomically(folder / "report.html", html_page(contents, figures).encode())
 
 
-def _markdown_report(contents: Contents, pictures: dict[str, list[Picture]]) -> str:
+def _markdown_report(contents: Contents, figures: dict[str, list[CaptionedFigure]]) -> str:
     lines = ["# Report", "", f"{contents.finished} finished runs, {contents.missing} missing.", *_list(contents.notes)]
     for section in contents.sections:
-        lines += ["", f"## {section.title}", "", markdown(section.table)]
+        lines += ["", f"## {section.title}", "", section.table.markdown()]
         if section.missing:
-            lines += [f"Missing: {len(section.comparison.missing)} runs.", *_list(section.missing)]
-        for picture in pictures.get(section.table.name, ()):
-            lines += ["", f"![{picture.caption}](figures/{picture.file.name})"]
+            lines += [f"Missing: {len(section.runs.missing)} runs.", *_list(section.missing)]
+        for figure in figures.get(section.table.name, ()):
+            lines += ["", f"![{figure.caption}](figures/{figure.file.name})"]
         lines += ["", "Commands:", "", *(f"    {command}" for command in section.commands)]
     return "\n".join(lines) + "\n"
 

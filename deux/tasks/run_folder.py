@@ -1,4 +1,4 @@
-"""A run's folder: which run it belongs to, how long its stages took, and whether it is finished."""
+"""A run's folder: which run it belongs to, who works in it, and how long its stages took."""
 
 import hashlib
 import json
@@ -11,12 +11,14 @@ from typing import Any
 from deux.deployment.model_files import MODEL_FILE
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_json
+from deux.io.locking import locked_at_once
 from deux.policies.policy_files import POLICY_FILE
 from deux.policies.training_state import CHECKPOINT_FILE
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE
 from deux.training.ranks import leads
 
 _SECONDS_FILE = "seconds.json"
+_LOCK_FILE = ".lock"
 
 EPISODES = "episodes"
 """The folder of the episodes that a comparison has finished."""
@@ -31,33 +33,15 @@ _WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, ROUNDS, MODEL_FILE, POLICY_FI
 class RunFolder:
     """Where one run keeps what it leaves behind; the same command again finds it and goes on.
 
-    Where several processes train together, the leading one alone writes here.
+    Where several processes train together, the leading one alone writes here. Open it by `open_run_folder`, which
+    keeps other commands out.
 
     Args:
-        path: the folder; made if it is absent.
-        settings: all that makes the run what it is, JSON-able. A folder with the work of other settings is refused.
-
-    Raises:
-        DeuxError: the folder holds the checkpoints, model or results of other settings.
+        path: the folder.
     """
 
-    def __init__(self, path: Path, settings: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
-        if not leads():
-            return
-        make_folder(path)
-        identity = path / IDENTITY_FILE
-        mine = json.loads(json.dumps(settings))
-        if identity.exists() and any((path / work).exists() for work in _WORK):
-            theirs = json.loads(identity.read_text())
-            if theirs != mine:
-                different = ", ".join(sorted(_differences(theirs, mine))[:4])
-                raise DeuxError(
-                    f"{path} holds a run with other settings ({different}); "
-                    "choose another folder with hydra.run.dir=... or delete this one."
-                )
-        else:
-            write_json(identity, mine)
 
     @property
     def figures(self) -> Path:
@@ -94,9 +78,47 @@ class RunFolder:
         write_json(self.path / _SECONDS_FILE, earlier | {name: round(earlier.get(name, 0.0) + seconds, 2)})
 
 
+@contextmanager
+def open_run_folder(path: Path, identity: Mapping[str, Any]) -> Iterator[RunFolder]:
+    """Work in a run's folder, which is made if it is absent, and keep other commands out meanwhile.
+
+    Args:
+        path: the folder.
+        identity: all that makes the run what it is, JSON-able.
+
+    Raises:
+        DeuxError: another command works there, or the folder holds the work of other settings.
+    """
+    if not leads():
+        yield RunFolder(path)
+        return
+    make_folder(path)
+    taken = (
+        f"another command is at work in {path}: wait until it has ended, or choose another one with hydra.run.dir=..."
+    )
+    with locked_at_once(path / _LOCK_FILE, taken):
+        _claim(path, json.loads(json.dumps(identity)))
+        yield RunFolder(path)
+
+
 def short_hash(content: Any) -> str:
     """Eight hexadecimal digits that name a JSON-able value."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
+
+
+def _claim(path: Path, mine: Any) -> None:
+    """Write down to which run the folder belongs, unless it holds the work of another one."""
+    record = path / IDENTITY_FILE
+    if not (record.exists() and any((path / work).exists() for work in _WORK)):
+        write_json(record, mine)
+        return
+    theirs = json.loads(record.read_text())
+    if theirs != mine:
+        different = ", ".join(sorted(_differences(theirs, mine))[:4])
+        raise DeuxError(
+            f"{path} holds a run with other settings ({different}); "
+            "choose another folder with hydra.run.dir=... or delete this one."
+        )
 
 
 def _differences(theirs: Any, mine: Any, where: str = "") -> Iterator[str]:

@@ -1,40 +1,118 @@
 """The seed model: the depth model whose errors tell the explorer where to go."""
 
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
-from deux.collection.exploration import MODEL_NEEDS
+from deux.configuration import compose
 from deux.contracts import DepthModel
-from deux.tasks.datasets import explored_dataset
-from deux.tasks.given import given_model, weights_identity
-from deux.tasks.settings import PluginChoice, Settings
-from deux.tasks.training import Trainee, train_once
+from deux.errors import check_range
+from deux.options import construct, plain
+from deux.registry import PluginChoice, registry
+from deux.task_sections import Sections
+from deux.tasks.checkpoints import load_named_model, weights_identity
+from deux.tasks.console import say
+from deux.tasks.datasets import Datasets
+from deux.tasks.training import Recipe, Training
+from deux.training.fit import TrainingSettings
 
 
-def needs_model(explorer: PluginChoice) -> bool:
-    """Whether the explorer asks for what only a depth model can give."""
-    return bool(explorer.create().needs & MODEL_NEEDS)
-
-
-def seed_model(settings: Settings, trainee: Trainee) -> tuple[DepthModel, str]:
-    """The seed model in eval mode, and what identifies its weights.
+@dataclass(frozen=True)
+class SeedModelSettings:
+    """The model whose errors guide the explorer.
 
     Args:
-        settings: the run's.
-        trainee: the final model's architecture and objective, which are the seed model's, too.
+        name: any installed depth model, with its default options; None for the final model's kind and options.
+        checkpoint: a trained model to take; None trains one.
+        explore: the explorer that collects its frames.
+        steps: optimiser steps of its training.
 
-    It is `seed.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the configured
-    model published. Otherwise it is trained on a random agent's frames, with the final model's
-    architecture and settings but for `seed.steps`, and kept under `outputs/seed_models` for every run that asks for
-    the same.
+    Raises:
+        DeuxError: a value is out of its range.
     """
-    checkpoint = settings.seed_model.checkpoint
-    path = str(_trained(settings, trainee)) if checkpoint is None else checkpoint
-    _, model = given_model(settings.model, path)
-    return model, weights_identity(path)
+
+    name: str | None
+    checkpoint: str | None
+    explore: str
+    steps: int
+
+    def __post_init__(self) -> None:
+        check_range("seed_model.steps", self.steps, 1)
 
 
-def _trained(settings: Settings, trainee: Trainee) -> Path:
-    dataset = explored_dataset(settings, settings.seed_explorer)
-    training = replace(settings.training, steps=settings.seed_model.steps)
-    return train_once(settings, trainee, training, dataset, "seed_models")
+class TrainedModel(NamedTuple):
+    """A depth model and where it comes from.
+
+    Args:
+        name: its registered name.
+        model: in eval mode.
+        weights: what identifies its weights.
+    """
+
+    name: str
+    model: DepthModel
+    weights: str
+
+
+class SeedModel:
+    """Trains the seed model, or loads it.
+
+    Args:
+        sections: of these it reads `seed_model`, `explore` and, to adopt the training of another model, `training`.
+        datasets: of the run.
+        training: of the final model; its recipe is the seed model's too, unless that is of another kind.
+
+    Raises:
+        DeuxError: an option is wrong.
+    """
+
+    def __init__(self, sections: Sections, datasets: Datasets, training: Training) -> None:
+        self.settings = sections.read("seed_model", SeedModelSettings)
+        self._datasets = datasets
+        self._training = training
+        explorer = sections.plugin("explore")
+        self._explorer = explorer if self.settings.explore == explorer.name else _named(self.settings.explore)
+        final = training.recipe
+        if self.settings.name in (None, final.model.name):
+            self._recipe = final
+        else:
+            self._recipe = _other_recipe(str(self.settings.name), final, sections.plain("training"))
+            self._recipe.check()
+
+    @property
+    def description(self) -> str:
+        """What it is, for the console."""
+        if self.settings.checkpoint is not None:
+            return f"Seed model: {self.settings.checkpoint}"
+        return f"Seed model: {self._recipe.model.name} on the {self._explorer.name} frames"
+
+    def get(self) -> TrainedModel:
+        """The seed model.
+
+        It is `seed_model.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the
+        model published. Otherwise it is trained on the frames of `seed_model.explore` and kept under
+        `outputs/seed_models` for every run that asks for the same.
+        """
+        say(self.description)
+        checkpoint = self.settings.checkpoint
+        path = self._trained() if checkpoint is None else checkpoint
+        return TrainedModel(*load_named_model(self._recipe.model, path), weights_identity(path))
+
+    def _trained(self) -> str:
+        training = replace(self._recipe.training, steps=self.settings.steps)
+        frames = self._datasets.explored(self._explorer)
+        return str(self._training.train_once(replace(self._recipe, training=training), frames, "seed_models"))
+
+
+def _named(explorer: str) -> PluginChoice:
+    return registry().choose("explorers", {"name": explorer}, "seed_model.explore")
+
+
+def _other_recipe(name: str, final: Recipe, training: dict[str, Any]) -> Recipe:
+    """The recipe of another depth model: its own objective, and of the training what its configuration changes.
+
+    The published learning rates differ between models, and at another one's a network may not learn at all.
+    """
+    mine, theirs = (plain(compose([f"model={model}"]).training, "training") for model in (name, final.model.name))
+    changes = {key: value for key, value in mine.items() if theirs.get(key) != value}
+    model = registry().choose("depth_models", {"name": name}, "seed_model")
+    return Recipe(model, {}, final.pose, construct(TrainingSettings, {**training, **changes}, "training"))

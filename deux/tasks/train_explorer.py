@@ -1,91 +1,120 @@
 """`task=train_explorer`: train the policy of a learned explorer with PPO."""
 
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import torch
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder
-from deux.contracts import Reward
+from deux.configuration import run_folder, sections_of
+from deux.contracts import Reward, SceneReference
 from deux.environment.egocentric import Crops
 from deux.environment.exploration_env import ExplorationEnv
 from deux.environment.memory import RESOLUTION
 from deux.environment.scene_pool import ScenePool
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.figures.drawing import save_figure
-from deux.figures.learning_curve import draw_learning_curve
+from deux.figures.training_curves import draw_learning_curve
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.policies.policy_files import POLICY_FILE, TrainedPolicy, save_policy
 from deux.policies.ppo import LearningCurve, train_policy
+from deux.policies.ppo_settings import PPOSettings
 from deux.registry import registry
-from deux.scenes.sources import SceneReference, synthetic_scenes
+from deux.simulator.simulation import Simulation
+from deux.task_sections import Sections
 from deux.tasks.console import progress, quieten_libraries, say
-from deux.tasks.run_folder import RunFolder
-from deux.tasks.settings import Settings
+from deux.tasks.datasets import further_scenes, read_scenes, read_simulation
+from deux.tasks.run_folder import open_run_folder
 
 CAMERA_PIXELS = 64
 """Rows and columns of the depth images in training: enough for a map with cells of 0.1 m."""
 
 
+@dataclass(frozen=True)
+class ExplorerTrainingSettings(PPOSettings):
+    """How a policy is trained, and where.
+
+    Args:
+        source: source of the scenes, none of them the experiment's own, in which it is trained.
+        scenes: number of these scenes; None for `scenes.train`.
+        reward_options: options of the reward's constructor.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    source: str | None = None
+    scenes: int | None = None
+    reward_options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.scenes is not None:
+            check_range("explorer_training.scenes", self.scenes, 1)
+
+
 def run(cfg: DictConfig) -> None:
     """Train the explorer's policy, from where an earlier attempt in the same folder stopped."""
     quieten_libraries()
-    settings = Settings(cfg)
-    chosen = settings.explorer_training
-    reward = _reward_name(settings)
-    run = RunFolder(run_folder(), settings.identity)
-    scenes = _scenes(settings)
-    say(f"Run folder: {run.path}")
-    say(f"Train {settings.explorer.name} in {len(scenes)} scenes: {chosen.steps} steps for the reward {reward}")
-    with progress() as report, run.stage("train"):
-        make = partial(_environment, reward, scenes, settings, _pool(settings))
-        result = train_policy(chosen, make, settings.seed, run.path, report)
-    made_by = {
-        "reward": reward,
-        "random_seed": settings.seed,
-        "scenes": [scene.identity for scene in scenes],
-        "settings": asdict(chosen),
-        "torch": torch.__version__,
-        "curve": asdict(result.curve),
-    }
-    policy = TrainedPolicy(result.network, Crops(), RESOLUTION, result.reward_state, made_by)
-    save_policy(run.path / POLICY_FILE, policy)
-    curve = result.curve
-    save_figure(draw_learning_curve(curve.steps, curve.reward, curve.area, reward), run.figures / "learning_curve.png")
-    _report(curve)
-    say(f"Explore with it: python -m deux explore={settings.explorer.name} explore.weights={run.path / POLICY_FILE}")
+    sections = sections_of(cfg)
+    settings = sections.read("explorer_training", ExplorerTrainingSettings)
+    explorer, seed = sections.plugin("explore"), sections.seed
+    reward = _reward_name(explorer.name)
+    scenes = _scenes(sections, settings)
+    pool = _pool(read_simulation(sections))
+    with open_run_folder(run_folder(), sections.identity) as run:
+        say(f"Run folder: {run.path}")
+        say(f"Train {explorer.name} in {len(scenes)} scenes: {settings.steps} steps for the reward {reward}")
+        with progress() as report, run.stage("train"):
+            make = partial(_environment, reward, settings, scenes, pool)
+            result = train_policy(settings, make, seed, run.path, report)
+        made_by = {
+            "reward": reward,
+            "seed": seed,
+            "scenes": [scene.identity for scene in scenes],
+            "settings": asdict(settings),
+            "torch": torch.__version__,
+            "curve": asdict(result.curve),
+        }
+        policy = TrainedPolicy(result.network, Crops(), RESOLUTION, result.reward_state, made_by)
+        save_policy(run.path / POLICY_FILE, policy)
+        curve = result.curve
+        figure = draw_learning_curve(curve.steps, curve.reward, curve.area, reward)
+        save_figure(figure, run.figures / "learning_curve.png")
+        _report(curve)
+        say(f"Explore with it: python -m deux explore={explorer.name} explore.weights={run.path / POLICY_FILE}")
 
 
-def _reward_name(settings: Settings) -> str:
-    explorer = registry().get("explorers", settings.explorer.name)
+def _reward_name(name: str) -> str:
+    explorer = registry().get("explorers", name)
     if issubclass(explorer, LearnedExplorer):
         return explorer.reward
     names = registry().names("explorers")
-    learned = [name for name in names if issubclass(registry().get("explorers", name), LearnedExplorer)]
-    raise DeuxError(f"explore={settings.explorer.name} learns nothing: task=train_explorer takes {', '.join(learned)}.")
+    learned = [other for other in names if issubclass(registry().get("explorers", other), LearnedExplorer)]
+    raise DeuxError(f"explore={name} learns nothing: task=train_explorer takes {', '.join(learned)}.")
 
 
-def _scenes(settings: Settings) -> tuple[SceneReference, ...]:
-    flats = settings.explorer_training.flats
-    return settings.splits.train if flats is None else synthetic_scenes(flats, settings.splits)
+def _scenes(sections: Sections, settings: ExplorerTrainingSettings) -> tuple[SceneReference, ...]:
+    if settings.scenes is None:
+        return read_scenes(sections, ["train"]).train
+    if settings.source is None:
+        raise DeuxError("explorer_training.source names no source of scenes: set it, or explorer_training.scenes=null.")
+    return further_scenes(settings.source, settings.scenes, read_scenes(sections, []))
 
 
-def _make_reward(name: str, settings: Settings) -> Reward:
-    reward: Reward = registry().create("rewards", name, settings.explorer_training.reward_options)
-    return reward
-
-
-def _pool(settings: Settings) -> ScenePool:
+def _pool(simulation: Simulation) -> ScenePool:
     """The scenes, which all environments of a process share."""
-    camera = replace(settings.camera, width=CAMERA_PIXELS, height=CAMERA_PIXELS)
-    return ScenePool(camera, settings.robot, textured=False, renderer=settings.run.renderer)
+    camera = replace(simulation.camera, width=CAMERA_PIXELS, height=CAMERA_PIXELS)
+    return ScenePool(replace(simulation, camera=camera), colors=False)
 
 
 def _environment(
-    reward: str, scenes: tuple[SceneReference, ...], settings: Settings, pool: ScenePool
+    reward: str, settings: ExplorerTrainingSettings, scenes: tuple[SceneReference, ...], pool: ScenePool
 ) -> ExplorationEnv:
-    return ExplorationEnv(scenes, _make_reward(reward, settings), steps=settings.explorer_training.episode, pool=pool)
+    made: Reward = registry().create("rewards", reward, settings.reward_options)
+    return ExplorationEnv(scenes, made, steps=settings.episode, pool=pool)
 
 
 def _report(curve: LearningCurve) -> None:

@@ -1,172 +1,250 @@
 """The training stage: a newly made model on one dataset, laid on its foundation where it is built on one."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, replace
-from functools import cached_property
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lightning import seed_everything
+import torch
+from lightning import Callback, seed_everything
 
-from deux.configuration import user_path
-from deux.contracts import DepthModel, Foundation
+from deux.configuration import in_sweep, user_path
+from deux.contracts import DepthModel, Foundation, Reader
+from deux.data.dataset_reader import DatasetReader
 from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
+from deux.figures.depth_figures import PanelLogger
 from deux.figures.drawing import save_figure
-from deux.figures.panel_logger import PanelLogger
-from deux.figures.training_curve import draw_training_curve
+from deux.figures.training_curves import draw_training_curve
+from deux.inference.precision import FastPredictor
 from deux.io.locking import locked
-from deux.metrics.depth_errors import DepthMetrics
-from deux.tasks.active_collection import active_collection, show_rounds
+from deux.metrics.depth_errors import DepthErrors
+from deux.registry import PluginChoice, registry
+from deux.task_sections import Sections
+from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import say, training_bar
-from deux.tasks.datasets import synthetic_dataset, viewpoint_dataset
-from deux.tasks.given import given_model, weights_identity
-from deux.tasks.run_folder import RunFolder, short_hash
-from deux.tasks.sections import ActiveCollectionSettings
-from deux.tasks.settings import PluginChoice, Settings, plugin_choice
-from deux.training.fit import TrainingSettings, fit
-from deux.training.pose_source import PoseKind
-from deux.training.ranks import leads, wait_for_all
+from deux.tasks.datasets import Datasets
+from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
+from deux.training.fit import TrainingSettings, fit, make_trainer
+from deux.training.objective import make_objective
+from deux.training.pose_source import PoseKind, make_pose_source
+from deux.training.ranks import leads, starts_the_command_again, wait_for_all
 
 
-class Trainee:
-    """A depth model that is to be trained, how it is judged, and what it is built on.
+@dataclass(frozen=True)
+class Recipe:
+    """What a depth model is and how it is trained.
 
     Args:
-        settings: the run's.
         model: the depth model with its options.
         objective: loss terms that override the model's own.
         pose: where relative poses come from.
+        training: budget and learning rate.
     """
 
-    def __init__(
-        self,
-        settings: Settings,
-        model: PluginChoice,
-        objective: Mapping[str, Any] | None = None,
-        pose: PoseKind = "simulator",
-    ) -> None:
-        self.model = model
-        self.objective = objective or {}
-        self.pose = pose
-        self._settings = settings
+    model: PluginChoice
+    objective: Mapping[str, Any]
+    pose: PoseKind
+    training: TrainingSettings
 
-    @cached_property
-    def foundation(self) -> Path | None:
-        """The trained model that this one is built on, as a file; None if it stands alone.
+    def check(self) -> None:
+        """Make once, without memory and time, what only the training needs.
 
-        It is `foundation.checkpoint` if that is given. Otherwise it is trained when it is first asked for, with ground
-        truth and its own objective, on frames of generated flats that are none of the run's scenes, as the published
-        ScaffNet is on synthetic data: the ground truth of what the robot explores reaches no unsupervised model.
+        Raises:
+            DeuxError: an option of the model, a loss term or the pose source is wrong.
         """
-        foundation = self.model.create().foundation()
-        settings = self._settings
-        if foundation is None:
-            return None
-        if settings.foundation.checkpoint is not None:
-            return weights_file(user_path(settings.foundation.checkpoint))
-        say(f"  {self.model.name} is built on {foundation.name}, which learns from synthetic flats first")
-        below = Trainee(settings, _choice(foundation))
-        chosen = settings.foundation
-        training = replace(settings.training, steps=chosen.steps, batch_size=chosen.batch_size)
-        return train_once(settings, below, training, synthetic_dataset(settings), "foundations")
+        with torch.device("meta"):
+            model = self.model.create()
+            make_objective(model, self.objective)
+            make_pose_source(self.pose, model)
 
-    def make(self) -> DepthModel:
+
+@dataclass(frozen=True)
+class FoundationSettings:
+    """The supervised model that the chosen one is built on, where it is built on one.
+
+    Args:
+        checkpoint: a trained model to take; None trains one.
+        source: source of the scenes, none of them the experiment's own, in whose frames it is trained.
+        scenes: number of these scenes.
+        viewpoints: frames of each scene.
+        steps: optimiser steps of its training.
+        batch_size: samples in a batch.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    checkpoint: str | None
+    source: str
+    scenes: int
+    viewpoints: int
+    steps: int
+    batch_size: int
+
+    def __post_init__(self) -> None:
+        for name in ("scenes", "viewpoints", "steps", "batch_size"):
+            check_range(f"foundation.{name}", getattr(self, name), 1)
+
+
+class Training:
+    """Trains depth models.
+
+    Args:
+        sections: of these it reads `model`, `objective`, `pose`, `training`, `trainer` and `foundation`.
+        datasets: of the run.
+        validation_viewpoints: validation frames of each validation scene.
+
+    Raises:
+        DeuxError: an option is wrong.
+    """
+
+    def __init__(self, sections: Sections, datasets: Datasets, validation_viewpoints: int) -> None:
+        self.recipe = Recipe(
+            sections.plugin("model"),
+            sections.plain("objective"),
+            sections.plain("pose"),
+            sections.read("training", TrainingSettings),
+        )
+        self.seed = sections.seed
+        self._trainer: dict[str, Any] = sections.plain("trainer")
+        self._foundation = sections.read("foundation", FoundationSettings)
+        self._datasets = datasets
+        self._validation_viewpoints = validation_viewpoints
+        self._outputs = sections.outputs
+        self._check()
+
+    def predictor(self, model: DepthModel) -> FastPredictor:
+        """The model on the trainer's kind of device, for a robot that waits for its depth."""
+        return FastPredictor(model, self._trainer.get("accelerator", "auto"))
+
+    def validation_readers(self) -> list[Reader]:
+        """Free viewpoints of the validation scenes; none without such scenes."""
+        if not self._datasets.scenes.validation:
+            return []
+        return [DatasetReader(self._datasets.viewpoints("validation", self._validation_viewpoints))]
+
+    def train(
+        self,
+        recipe: Recipe,
+        data: Reader,
+        run: RunFolder,
+        validation: Sequence[Reader] | None = None,
+        callbacks: Sequence[Callback] = (),
+    ) -> DepthModel:
+        """Train a model from scratch, or take it from the run folder if it is there already.
+
+        Args:
+            recipe: the model and how it is trained.
+            data: frames to train on.
+            run: takes `model.safetensors`, checkpoints, logs and the training curve.
+            validation: frames to validate on; None for `validation_readers`.
+            callbacks: further callbacks.
+
+        Returns:
+            The trained model, in eval mode.
+        """
+        path = run.path / MODEL_FILE
+        if path.exists():
+            say(f"  trained before: {path}")
+            return load_model(path)
+        model = self._make(recipe)
+        validation = self.validation_readers() if validation is None else validation
+        camera = self._datasets.simulation.camera
+        bars = training_bar()
+        fit(
+            model,
+            recipe.training,
+            [data],
+            validation,
+            run.path,
+            objective=recipe.objective,
+            pose=recipe.pose,
+            seed=self.seed,
+            metrics=DepthErrors(camera.min_depth, camera.max_depth) if validation else None,
+            trainer_arguments={"enable_progress_bar": bool(bars), **self._trainer},
+            callbacks=[*bars, *([PanelLogger()] if validation else []), *callbacks],
+        )
+        model = model.cpu()
+        if leads():
+            save_figure(draw_training_curve(run.logs), run.figures / "training.png")
+            save_model(path, model, recipe.model.name, recipe.model.settings)  # last: it says that training is done
+        wait_for_all()
+        return model
+
+    def train_once(self, recipe: Recipe, dataset: Path, kind: str) -> Path:
+        """Train a model that is kept in `outputs/<kind>` for every run that asks for the same; return its file."""
+        foundation = self._foundation_file(recipe)
+        identity = {
+            "model": recipe.model.description,
+            "objective": dict(recipe.objective),
+            "pose": recipe.pose,
+            "training": asdict(recipe.training),
+            "trainer": self._trainer,
+            "dataset": dataset.name,
+            "seed": self.seed,
+            "foundation": foundation and weights_identity(foundation),
+        }
+        folder = self._outputs / kind / f"{recipe.model.name}-{short_hash(identity)}"
+        # Processes that train together come here together; the leading one holds the lock for all.
+        with locked(folder.with_name(f".{folder.name}.lock")) if leads() else nullcontext():
+            if (folder / MODEL_FILE).exists():
+                say(f"  trained before: {folder}")
+            else:
+                with open_run_folder(folder, identity) as run:
+                    self.train(recipe, DatasetReader(dataset), run)
+        return folder / MODEL_FILE
+
+    def _make(self, recipe: Recipe) -> DepthModel:
         """Make the model, untrained, on its trained foundation."""
-        path = self.foundation
-        seed_everything(self._settings.seed, workers=True, verbose=False)
-        model: DepthModel = self.model.create()
+        path = self._foundation_file(recipe)
+        seed_everything(self.seed, workers=True, verbose=False)
+        model: DepthModel = recipe.model.create()
         foundation = model.foundation()
         if path is None or foundation is None:
             return model
-        name, trained = given_model(_choice(foundation), str(path))
+        name, trained = load_named_model(_choice(foundation), str(path))
         if problem := load_weights(foundation.module, trained.state_dict()):
             raise DeuxError(
                 f"foundation.checkpoint={path} is a {name} that does not fit the {foundation.name} that "
-                f"{self.model.name} is built on: it {problem}."
+                f"{recipe.model.name} is built on: it {problem}."
             )
         return model
 
+    def _foundation_file(self, recipe: Recipe) -> Path | None:
+        """The trained model that another one is built on; None if it stands alone.
+
+        It is `foundation.checkpoint` if that is given. Otherwise it is trained when it is first asked for, with ground
+        truth and its own objective, on frames of generated scenes that are none of the run's, as the published
+        ScaffNet is on synthetic data: the ground truth of what the robot explores reaches no unsupervised model.
+        """
+        with torch.device("meta"):
+            foundation = recipe.model.create().foundation()
+        if foundation is None:
+            return None
+        chosen = self._foundation
+        if chosen.checkpoint is not None:
+            return weights_file(user_path(chosen.checkpoint))
+        say(f"  {recipe.model.name} is built on {foundation.name}, which learns from synthetic scenes first")
+        training = replace(recipe.training, steps=chosen.steps, batch_size=chosen.batch_size)
+        below = Recipe(_choice(foundation), {}, "simulator", training)
+        return self.train_once(
+            below, self._datasets.synthetic(chosen.source, chosen.scenes, chosen.viewpoints), "foundations"
+        )
+
+    def _check(self) -> None:
+        """Find what is wrong before any work is done."""
+        self.recipe.check()
+        if self._foundation.checkpoint is not None:
+            weights_file(user_path(self._foundation.checkpoint))
+        trainer = make_trainer({"logger": False, "enable_checkpointing": False, **self._trainer})
+        if in_sweep() and starts_the_command_again(trainer):
+            raise DeuxError(
+                f"a sweep (-m) with trainer.devices={trainer.num_devices} would start the whole sweep again in every "
+                "process: give each job one device, or run the jobs one by one without -m."
+            )
+
 
 def _choice(foundation: Foundation) -> PluginChoice:
-    return plugin_choice("depth_models", {"name": foundation.name, **foundation.settings}, foundation.name)
-
-
-def chosen_trainee(settings: Settings) -> Trainee:
-    """The model that the configuration chooses, with the objective that it asks for."""
-    return Trainee(settings, settings.model, settings.objective, settings.run.pose)
-
-
-def train(
-    settings: Settings,
-    trainee: Trainee,
-    training: TrainingSettings,
-    dataset: Path,
-    run: RunFolder,
-    active: ActiveCollectionSettings | None = None,
-) -> DepthModel:
-    """Train a model from scratch, or take it from the run folder if it is there already.
-
-    Args:
-        settings: the run's.
-        trainee: the model.
-        training: budget and learning rate.
-        dataset: frames to train on.
-        run: takes `model.safetensors`, checkpoints, logs and the training curve.
-        active: when the model explores during its training; None for never.
-
-    Returns:
-        The trained model, in eval mode.
-    """
-    path = run.path / MODEL_FILE
-    if path.exists():
-        say(f"  trained before: {path}")
-        return load_model(path)
-    model = trainee.make()
-    validation = [viewpoint_dataset(settings, "validation")] if settings.splits.validation else []
-    callbacks = [*(bars := training_bar()), *([PanelLogger()] if validation else [])]
-    if active is not None:
-        callbacks.append(active_collection(settings, active, trainee.model, run, validation, bars))
-    fit(
-        model,
-        training,
-        [dataset],
-        validation,
-        run.path,
-        objective=trainee.objective,
-        pose=trainee.pose,
-        seed=settings.seed,
-        metrics=DepthMetrics(settings.camera.min_depth, settings.camera.max_depth) if validation else None,
-        trainer_arguments={"enable_progress_bar": bool(training_bar()), **settings.trainer},
-        callbacks=callbacks,
-    )
-    model = model.cpu()
-    if leads():
-        save_figure(draw_training_curve(run.logs), run.figures / "training.png")
-        if active is not None:
-            show_rounds(run, active)
-        save_model(path, model, trainee.model.name, trainee.model.settings)  # last: it says that training is done
-    wait_for_all()
-    return model
-
-
-def train_once(settings: Settings, trainee: Trainee, training: TrainingSettings, dataset: Path, kind: str) -> Path:
-    """Train a model that is kept in `outputs/<kind>` for every run that asks for the same; return its file."""
-    identity = {
-        "model": {"name": trainee.model.name, **trainee.model.settings},
-        "objective": dict(trainee.objective),
-        "pose": trainee.pose,
-        "training": asdict(training),
-        "dataset": dataset.name,
-        "random_seed": settings.seed,
-        "foundation": trainee.foundation and weights_identity(trainee.foundation),
-    }
-    folder = settings.outputs / kind / f"{trainee.model.name}-{short_hash(identity)}"
-    # Processes that train together come here together; the leading one holds the lock for all.
-    with locked(folder.with_name(f".{folder.name}.lock")) if leads() else nullcontext():
-        if (folder / MODEL_FILE).exists():
-            say(f"  trained before: {folder}")
-        else:
-            train(settings, trainee, training, dataset, RunFolder(folder, identity))
-    return folder / MODEL_FILE
+    return registry().choose("depth_models", {"name": foundation.name, **foundation.settings}, foundation.name)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy import ndimage
 
 from deux.contracts import Action, Channel, Channels, Floor, Frame, Robot, SceneReference, Simulator
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.poses import camera_pose
@@ -33,25 +34,23 @@ class Box:
 
 @dataclass(frozen=True)
 class BoxScene(SceneReference):
-    """The locator of a box world, which is nowhere but in memory.
+    """The locator of a box world, which is nowhere but in memory; arguments as of `BoxWorld`."""
 
-    Args:
-        name: the world's name.
-    """
-
-    name: str = "boxes"
+    width: float
+    length: float
+    boxes: tuple[Box, ...]
 
     @property
     def identity(self) -> str:
-        """Its name alone."""
-        return f"boxes:{self.name}"
+        """All its measures."""
+        return f"boxes:{self.width}:{self.length}:{self.boxes}"
 
 
 class BoxWorld(Simulator):
     """A closed rectangular room with boxes.
 
     The floor is at y = 0 and the ceiling at 2.5 m. Depth comes from intersecting each pixel's ray with the boxes.
-    The robot slides along what it touches, one axis at a time.
+    The robot slides along what it touches, one axis at a time. Before the first `reset` it is in the room's middle.
 
     Args:
         width: the room spans x from 0 to this, metres.
@@ -63,7 +62,6 @@ class BoxWorld(Simulator):
 
     ceiling = 2.5
     label_names: tuple[str, ...] = ("room", "box")
-    scene = BoxScene()
 
     def __init__(
         self,
@@ -76,17 +74,29 @@ class BoxWorld(Simulator):
         self.width = width
         self.length = length
         self.boxes = boxes
-        self.object_labels = ("box",) * len(boxes)
+        self.scene = BoxScene("boxes", width, length, boxes)
         self.floors = (Floor(0.0, width * length),)
-        blocking = [box for box in boxes if box.height > (robot or Robot()).max_climb]
-        self._blocking = np.array([(box.x0, box.z0, box.x1, box.z1) for box in blocking]).reshape(-1, 4)
         self.camera = camera or Camera(width=64, height=64)
         self.robot = robot or Robot()
+        blocking = [box for box in boxes if box.height > self.robot.max_climb]
+        self._blocking = np.array([(box.x0, box.z0, box.x1, box.z1) for box in blocking]).reshape(-1, 4)
         self._rays = self.camera.rays()
-        self.reset(width / 2.0, length / 2.0, 0.0)
+        self._x, self._z, self._yaw = width / 2.0, length / 2.0, 0.0
+
+    @property
+    def object_labels(self) -> tuple[str, ...]:
+        """One label for each of the boxes."""
+        return ("box",) * len(self.boxes)
 
     def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
-        """Put the robot at world (x, z), heading `yaw`."""
+        """Put the robot at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
+
+        Raises:
+            DeuxError: the robot does not fit there, or there is no such floor.
+        """
+        self._check_floor(floor)
+        if self.clearance(x, z) < self.robot.radius:
+            raise DeuxError(f"the robot cannot stand at x={x:.3f}, z={z:.3f} in {self.scene.name}: something is there.")
         self._x, self._z, self._yaw = x, z, yaw
 
     @property
@@ -142,6 +152,7 @@ class BoxWorld(Simulator):
         rgb = np.stack([80.0 + pattern, 120.0 + 50.0 * ids, 180.0 - pattern], axis=-1).astype(np.uint8)
         in_range = (depth >= self.camera.min_depth) & (depth <= self.camera.max_depth)
         depth = np.where(in_range, depth, 0.0).astype(np.float32)
+        objects[~in_range] = -1
         return Frame(
             rgb if Channel.COLOR in channels else np.zeros((0, 0, 3), np.uint8),
             depth,
@@ -155,7 +166,12 @@ class BoxWorld(Simulator):
         return BoxWorld(self.width, self.length, self.boxes, camera or self.camera, self.robot)
 
     def free_space(self, floor: int = 0) -> FreeSpace:
-        """The floor where the robot's centre can be, on a grid of 5 cm, connected to where the robot stands."""
+        """The floor where the robot's centre can be, on a grid of 5 cm, connected to where the robot stands.
+
+        Raises:
+            DeuxError: there is no such floor.
+        """
+        self._check_floor(floor)
         frame = GridFrame(0.0, 0.0, math.ceil(self.length / 0.05), math.ceil(self.width / 0.05))
         rows, columns = np.mgrid[: frame.rows, : frame.columns]
         clearance = self.clearance((columns + 0.5) * frame.resolution, (rows + 0.5) * frame.resolution)
@@ -164,6 +180,10 @@ class BoxWorld(Simulator):
         free[here] = True
         regions, _ = ndimage.label(free)
         return FreeSpace(frame, regions == regions[here], clearance.astype(np.float32), 0.0)
+
+    def _check_floor(self, floor: int) -> None:
+        if floor != 0:
+            raise DeuxError(f"{self.scene.name} has no floor {floor}: its only floor is 0.")
 
     @staticmethod
     def _slabs(

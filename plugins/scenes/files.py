@@ -57,22 +57,25 @@ class Files(SceneSource):
         train: path or paths of the scenes that are explored, relative to the working folder; ~ is the home folder.
         validation: likewise, of the scenes that choose between models.
         test: likewise, of the scenes that are kept for the final numbers.
-        up: the axis of the files that points up.
-        allow_overlap: whether a file may serve in two splits.
+        up: the axis of the files that points up; z turns them: world (x, y, z) = (x, z, -y) of the file.
+        allow_overlap: whether a file may be in two splits.
+
+    Raises:
+        DeuxError: a file is missing, has an unknown suffix, or is in two splits.
     """
 
     def __init__(
         self,
-        train: str | list[str] = (),  # type: ignore[assignment]
-        validation: str | list[str] = (),  # type: ignore[assignment]
-        test: str | list[str] = (),  # type: ignore[assignment]
+        train: str | list[str] | None = None,
+        validation: str | list[str] | None = None,
+        test: str | list[str] | None = None,
         up: Up = "y",
         allow_overlap: bool = False,
     ) -> None:
         self._up: Up = up
         self._paths = {split: _paths(asked) for split, asked in zip(SPLITS, (train, validation, test), strict=True)}
         if not allow_overlap:
-            check_disjoint(self._paths, "file", " (scenes.allow_overlap=true lets it)")
+            check_disjoint(self._paths, "file", ", or set scenes.allow_overlap=true")
 
     def splits(self) -> SceneSplits:
         """The files of each split, named after their stems."""
@@ -85,8 +88,8 @@ class Files(SceneSource):
         )
 
 
-def _paths(asked: str | Sequence[str]) -> tuple[Path, ...]:
-    return tuple(check_scene_file(path) for path in ([asked] if isinstance(asked, str) else asked))
+def _paths(asked: str | Sequence[str] | None) -> tuple[Path, ...]:
+    return tuple(check_scene_file(path) for path in ([asked] if isinstance(asked, str) else asked or ()))
 
 
 def _names(paths: set[Path]) -> dict[Path, str]:
@@ -134,6 +137,8 @@ def check_scene_file(path: str | Path) -> Path:
     path = Path(os.path.abspath(Path(path).expanduser()))
     if path.suffix.lower() not in SUFFIXES:
         raise DeuxError(f"{path} is no scene file: it must end in one of {', '.join(SUFFIXES)}.")
+    if not path.parent.is_dir():
+        raise DeuxError(f"there is no scene file {path}: there is no folder {path.parent}.")
     if not path.is_file():
         beside = near_matches(path.name, (p.name for p in path.parent.glob("*") if p.suffix.lower() in SUFFIXES))
         raise DeuxError(f"there is no scene file {path}: {beside}")

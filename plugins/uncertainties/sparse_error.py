@@ -16,20 +16,27 @@ class SparseError(Uncertainty):
     """How far the prediction is from the sparse points nearby, in metres.
 
     A pixel takes the mean of the points' errors with the weights exp(-d^2 / (2 s^2)) for a point d pixels away; s is
-    half the mean distance between the batch's points, so that mostly the nearest ones count. The model was given
+    half the mean distance between the frame's points, so that mostly the nearest ones count. The model was given
     these points, but it is smooth: where it fits badly at them it does so between them. NaN for a frame without
     points.
     """
 
     def __call__(self, view: View) -> Tensor:
         """N x H x W metres."""
-        points = view.sparse_depth > 0
-        error = torch.where(points, (view.depth - view.sparse_depth).abs(), 0.0)
-        known = points.to(error.dtype)
-        sigma = 0.5 / max(float(known.mean()), 1.0 / known[0].numel()) ** 0.5
-        mean = error.sum((2, 3), keepdim=True) / known.sum((2, 3), keepdim=True)
-        total, weight = _weighted_sum(error, sigma), _weighted_sum(known, sigma)
-        return ((total + PRIOR_WEIGHT * mean) / (weight + PRIOR_WEIGHT))[:, 0]
+        # One by one: the width of the weights is each frame's own.
+        frames = zip(view.depth.split(1), view.sparse_depth.split(1), strict=True)
+        return torch.cat([_error_nearby(depth, sparse_depth)[:, 0] for depth, sparse_depth in frames])
+
+
+def _error_nearby(depth: Tensor, sparse_depth: Tensor) -> Tensor:
+    """The weighted mean error of the points around each pixel of one frame; all 1 x 1 x H x W metres."""
+    points = sparse_depth > 0
+    error = torch.where(points, (depth - sparse_depth).abs(), 0.0)
+    known = points.to(error.dtype)
+    sigma = 0.5 / max(float(known.mean()), 1.0 / known.numel()) ** 0.5
+    mean = error.sum() / known.sum()
+    total, weight = _weighted_sum(error, sigma), _weighted_sum(known, sigma)
+    return (total + PRIOR_WEIGHT * mean) / (weight + PRIOR_WEIGHT)
 
 
 def _weighted_sum(x: Tensor, sigma: float) -> Tensor:

@@ -1,23 +1,28 @@
 """The collector: what explorers are given, what is stored, and that nothing is collected twice."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from toy_world import CAMERA, GuessingModel, ToyScene, ToySimulator, Wanderer, tree
+from toy_world import CAMERA, ROBOT, GuessingModel, ToyScene, ToySimulator, Wanderer, tree
 
 from deux.collection.episodes import EpisodePlan
-from deux.collection.exploration import MODEL_NEEDS, explore
+from deux.collection.exploration import explore
+from deux.collection.perception import MODEL_NEEDS
 from deux.collection.sparse import SparseSettings, sample_sparse
-from deux.contracts import Action, Need
+from deux.contracts import COLOR, Action, Channel, Need
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
 from deux.geometry.reprojection import reproject
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import quantise_depth, read_depth, read_image, read_labels
+from deux_plugins.uncertainties.photometric import L1Residual
 
 STEPS = 6
+L1 = L1Residual()
 ALL_NEEDS = [frozenset()] + [frozenset({need}) for need in Need] + [frozenset(Need)]
 
 
@@ -57,7 +62,7 @@ def test_frames_hold_what_the_simulator_showed(tmp_path: Path) -> None:
         pose = read_pose(folder / f"absolute_pose/{i:06d}.txt")
         np.testing.assert_array_equal(pose, seen.pose)
         replay.reset(pose[0, 3], pose[2, 3], np.arctan2(-pose[0, 2], -pose[2, 2]))
-        frame = replay.observe(labels=True)
+        frame = replay.observe(COLOR | {Channel.LABELS})
         np.testing.assert_allclose(read_image(folder / f"image/{i:06d}.png").astype(int), frame.rgb, atol=1)
         np.testing.assert_allclose(read_depth(folder / f"ground_truth/{i:06d}.png"), frame.depth, atol=1 / 256)
         assert np.mean(read_labels(folder / f"labels/{i:06d}.png") == frame.labels) > 0.99
@@ -75,7 +80,7 @@ def test_the_first_action_follows_the_first_frame_and_the_budget_is_the_number_o
 @pytest.mark.parametrize("needs", ALL_NEEDS, ids=lambda needs: "+".join(sorted(needs)) or "nothing")
 def test_an_explorer_is_given_what_it_declares_and_nothing_else(tmp_path: Path, needs: frozenset[Need]) -> None:
     crew = Crew(needs)
-    explore(plans(tmp_path, 1), crew.make_simulator, crew.make_explorer, GuessingModel())
+    explore(plans(tmp_path, 1), crew.make_simulator, crew.make_explorer, GuessingModel(), uncertainty=L1)
     explorer = crew.at_work()[0]
     assert (explorer.episode.free_space is not None) == (Need.FREE_SPACE in needs)
     for seen in explorer.seen:
@@ -99,19 +104,19 @@ def test_depth_is_given_as_the_files_hold_it(tmp_path: Path) -> None:
 
 def test_the_model_is_called_once_a_step_for_all_robots_that_are_still_going(tmp_path: Path) -> None:
     model, crew = GuessingModel(), Crew(frozenset({Need.PREDICTED_DEPTH}), stops=(None, None, 2, None))
-    explore(plans(tmp_path, 3), crew.make_simulator, crew.make_explorer, model, together=3)
+    explore(plans(tmp_path, 3), crew.make_simulator, crew.make_explorer, model, batch_size=3)
     assert model.batch_sizes == [3, 3, 3, 2, 2, 2]
 
 
 def test_robots_go_in_groups(tmp_path: Path) -> None:
     model, crew = GuessingModel(), Crew(frozenset({Need.RESIDUAL}))
-    explore(plans(tmp_path, 5), crew.make_simulator, crew.make_explorer, model, together=2)
+    explore(plans(tmp_path, 5), crew.make_simulator, crew.make_explorer, model, uncertainty=L1, batch_size=2)
     assert model.batch_sizes == [2] * STEPS + [2] * STEPS + [1] * STEPS
 
 
 def test_no_model_is_called_for_explorers_that_need_none(tmp_path: Path) -> None:
     model, crew = GuessingModel(), Crew(frozenset({Need.SENSOR_DEPTH, Need.LABELS, Need.FREE_SPACE}))
-    explore(plans(tmp_path), crew.make_simulator, crew.make_explorer, model)
+    explore(plans(tmp_path), crew.make_simulator, crew.make_explorer, model, uncertainty=L1)
     assert model.batch_sizes == []
 
 
@@ -119,11 +124,31 @@ def test_an_explorer_that_needs_a_model_without_one_is_an_error(tmp_path: Path) 
     crew = Crew(frozenset({Need.RESIDUAL}))
     with pytest.raises(DeuxError, match="needs residual but there is no depth model"):
         explore(plans(tmp_path), crew.make_simulator, crew.make_explorer)
+    with pytest.raises(DeuxError, match="needs residual but there is no measure of uncertainty"):
+        explore(plans(tmp_path), crew.make_simulator, crew.make_explorer, GuessingModel())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_explorer_that_asks_for_depth_alone_needs_no_measure(tmp_path: Path) -> None:
+    crew = Crew(frozenset({Need.PREDICTED_DEPTH}))
+    explore(plans(tmp_path, 1), crew.make_simulator, crew.make_explorer, GuessingModel())
+    assert all(seen.predicted_depth is not None for seen in crew.at_work()[0].seen)
+    assert not (tmp_path / "room-0/uncertainty.csv").exists()
+
+
+def test_an_episode_takes_place_on_its_floor(tmp_path: Path) -> None:
+    crew = Crew()
+    (plan,) = plans(tmp_path, 1)
+    explore([replace(plan, floor=1)], crew.make_simulator, crew.make_explorer)
+    (explorer,) = crew.at_work()
+    assert explorer.episode.floor == 1
+    assert all(seen.pose[1, 3] == 3.0 + ROBOT.camera_height for seen in explorer.seen)
+    assert json.loads(plan.record.read_bytes())["floor"] == 1
 
 
 def test_prediction_and_residual_are_those_of_the_frame(tmp_path: Path) -> None:
     crew, model = Crew(frozenset({Need.SENSOR_DEPTH, Need.PREDICTED_DEPTH, Need.RESIDUAL})), GuessingModel()
-    explore(plans(tmp_path), crew.make_simulator, crew.make_explorer, model, SparseSettings(0.02))
+    explore(plans(tmp_path), crew.make_simulator, crew.make_explorer, model, SparseSettings(0.02), L1)
     seen = crew.at_work()[1].seen
     assert all(np.isnan(one.residual).all() and np.isnan(one.uncertainty) for one in seen[:2])
     for two, one, now in zip(seen, seen[1:], seen[2:], strict=False):
@@ -146,7 +171,7 @@ def test_prediction_and_residual_are_those_of_the_frame(tmp_path: Path) -> None:
 
 def test_the_uncertainty_of_each_pose_and_the_final_map_are_kept(tmp_path: Path) -> None:
     crew = Crew(frozenset({Need.RESIDUAL}))
-    explore(plans(tmp_path, 1), crew.make_simulator, crew.make_explorer, GuessingModel())
+    explore(plans(tmp_path, 1), crew.make_simulator, crew.make_explorer, GuessingModel(), uncertainty=L1)
     table = np.genfromtxt(tmp_path / "room-0/uncertainty.csv", delimiter=",", names=True)
     np.testing.assert_array_equal(table["step"], np.arange(STEPS))
     np.testing.assert_array_equal(table["uncertainty"], [seen.uncertainty for seen in crew.at_work()[0].seen])
@@ -179,7 +204,7 @@ def test_collisions_are_told(tmp_path: Path) -> None:
 def test_every_explorer_starts_at_the_same_pose(tmp_path: Path) -> None:
     first, second = Crew(), Crew(frozenset({Need.RESIDUAL, Need.LABELS}))
     explore(plans(tmp_path / "a"), first.make_simulator, first.make_explorer)
-    explore(plans(tmp_path / "b"), second.make_simulator, second.make_explorer, GuessingModel())
+    explore(plans(tmp_path / "b"), second.make_simulator, second.make_explorer, GuessingModel(), uncertainty=L1)
     starts = [[explorer.seen[0].pose for explorer in crew.at_work()] for crew in (first, second)]
     np.testing.assert_array_equal(*starts)
     assert not np.allclose(starts[0][0], starts[0][1])
@@ -198,8 +223,8 @@ def test_finished_episodes_are_not_run_again(tmp_path: Path) -> None:
 def test_finished_frames_are_read_instead_of_rendered(tmp_path: Path, needs: frozenset[Need]) -> None:
     whole, crew = Crew(needs), Crew(needs)
     model = GuessingModel()
-    explore(plans(tmp_path / "whole"), whole.make_simulator, whole.make_explorer, model)
-    explore(plans(tmp_path / "cut"), crew.make_simulator, crew.make_explorer, model)
+    explore(plans(tmp_path / "whole"), whole.make_simulator, whole.make_explorer, model, uncertainty=L1)
+    explore(plans(tmp_path / "cut"), crew.make_simulator, crew.make_explorer, model, uncertainty=L1)
     # As if the run had been killed: one episode done, one at its fourth frame, one not begun.
     (tmp_path / "cut/room-1/episode.json").unlink()
     for i in range(4, STEPS):
@@ -209,7 +234,7 @@ def test_finished_frames_are_read_instead_of_rendered(tmp_path: Path, needs: fro
         path.rmdir() if path.is_dir() else path.unlink()
     finished = {p: p.stat().st_mtime_ns for p in (tmp_path / "cut").rglob("00000[0123].*") if "room-2" not in str(p)}
     again = Crew(needs)
-    explore(plans(tmp_path / "cut"), again.make_simulator, again.make_explorer, model)
+    explore(plans(tmp_path / "cut"), again.make_simulator, again.make_explorer, model, uncertainty=L1)
     assert tree(tmp_path / "cut") == tree(tmp_path / "whole")
     assert {path: path.stat().st_mtime_ns for path in finished} == finished
     rendered = {simulator.scene.name: simulator.rendered for simulator in again.simulators}

@@ -11,14 +11,26 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer, specification, tree
+from toy_world import (
+    L1,
+    SIMULATION,
+    GuessingModel,
+    ToyScene,
+    ToySimulator,
+    Wanderer,
+    guided_explorer,
+    specification,
+    tree,
+)
 
-from deux.collection.pipeline import build_dataset, read_manifest
+from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
-from deux.collection.verification import VerificationSettings
+from deux.collection.verification import Rejection, VerificationSettings
 from deux.contracts import Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.io.layout import SequencePaths
+from deux.registry import PluginChoice
 
 
 def build(root: Path, spec: DatasetSpec | None = None) -> Path:
@@ -80,17 +92,17 @@ def test_a_finished_dataset_is_returned_at_once(tmp_path: Path) -> None:
         {"scenes": (ToyScene("kitchen", "toy-2"), ToyScene("hall", "toy-22"))},
         {"explorer": "other"},
         {"explorer_settings": {"greed": 0.5}},
-        {"camera": Camera(width=48, height=40, hfov=91.0)},
-        {"robot": Robot(radius=0.11)},
-        {"renderer": "other"},
+        {"simulation": replace(SIMULATION, camera=Camera(width=48, height=40, hfov=91.0))},
+        {"simulation": replace(SIMULATION, robot=Robot(radius=0.11))},
+        {"simulation": replace(SIMULATION, simulator=PluginChoice("simulators", "toy", {"delay": 1.0}))},
         {"steps": 9},
         {"episodes": 2},
         {"sparse": replace(specification().sparse, density=0.01)},
         {"verification": VerificationSettings(min_points=0.5)},
         {"seed": 4},
         {"model": "kbnet-0123"},
-        {"uncertainty": "ssim"},
-        {"together": 2},
+        {"uncertainty": L1},
+        {"batch_size": 2},
         {"split": "test"},
     ],
     ids=lambda change: next(iter(change)),
@@ -101,7 +113,15 @@ def test_any_setting_changes_the_hash(change: dict[str, object]) -> None:
 
 
 def test_every_field_of_the_specification_is_in_its_hash() -> None:
-    assert set(specification().description()) == {"version", *DatasetSpec.__dataclass_fields__}
+    named = {"version", *DatasetSpec.__dataclass_fields__, "camera", "robot", "simulator"} - {"simulation"}
+    assert set(specification().description()) == named
+
+
+def test_the_specification_describes_itself_in_json() -> None:
+    description = specification(uncertainty=L1).description()
+    assert json.loads(json.dumps(description)) == description
+    assert (description["simulator"], description["uncertainty"]) == ({"name": "toy"}, {"name": "l1"})
+    assert description["scenes"][1] == {"name": "hall", "identity": "toy-22"}
 
 
 def test_starts_differ_between_scenes_episodes_and_seeds_but_not_between_explorers() -> None:
@@ -127,7 +147,7 @@ def run_until(root: Path, lines: int) -> None:
 
 
 def test_a_killed_build_goes_on_where_it_was(tmp_path: Path) -> None:
-    spec = specification(model="guess")
+    spec = specification(model="guess", uncertainty=L1)
     whole = build_dataset(spec, tmp_path / "whole", ToySimulator, guided_explorer, GuessingModel())
     written: dict[Path, int] = {}
     for lines in (3, 14):  # in the middle of the exploration, and of the sparse depth
@@ -212,3 +232,21 @@ def test_viewpoints_become_a_test_split_of_one_triplet_each(tmp_path: Path) -> N
 def test_a_folder_without_manifest_is_no_dataset_of_ours(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match=r"holds no readable manifest\.json"):
         read_manifest(tmp_path)
+
+
+def test_lists_name_the_accepted_frames_in_one_order(tmp_path: Path) -> None:
+    paths = SequencePaths(tmp_path / "data/room")
+    (paths.folder / "image").mkdir(parents=True)
+    for number in range(8):
+        paths.file("image", f"{number:06d}").touch()
+    verdict = dict.fromkeys(paths.frames()[2:]) | {"000004": Rejection.TOO_FEW_POINTS}
+    assert write_lists(tmp_path, "toy-123", "train", [paths], {"room": verdict}) == 5
+    lines = {path.stem.removeprefix("train_"): path.read_text().splitlines() for path in tmp_path.glob("*.txt")}
+    accepted = ["000002", "000003", "000005", "000006", "000007"]
+    assert lines["image"] == [f"toy-123/data/room/image/{name}.png" for name in accepted]
+    assert lines["absolute_pose"] == [f"toy-123/data/room/absolute_pose/{name}.txt" for name in accepted]
+    assert lines["intrinsics"] == ["toy-123/data/room/K.txt"] * 5
+    assert set(lines) == {
+        *("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose", "intrinsics", "triplets")
+    }
+    assert lines["triplets"][2].split("\t") == [f"toy-123/data/room/image/00000{i}.png" for i in (5, 4, 3)]

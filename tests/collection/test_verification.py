@@ -1,4 +1,4 @@
-"""Each reason for rejecting a frame, and the lists that are written of the others."""
+"""Each reason for rejecting a frame."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from toy_world import ToySimulator
 
-from deux.collection.preprocessing import write_lists
 from deux.collection.sparse import SparseSettings, sample_sequences
-from deux.collection.verification import Rejection, VerificationSettings, targets, verify_sequences
+from deux.collection.verification import Rejection, VerificationSettings, verify_sequences
 from deux.contracts import Action
 from deux.io.calibration import write_matrix
 from deux.io.frames import prepare_folders, write_frame
@@ -137,27 +136,3 @@ def test_a_judged_sequence_is_read_again_only_for_other_settings(walked: Sequenc
     cut_image(walked)
     assert not any(verdict(walked).values())
     assert any(verdict(walked, VerificationSettings(min_depth=0.2)).values())
-
-
-def test_targets_have_all_their_sources() -> None:
-    assert targets(["a", "b", "c", "d"], (-1, -2)) == [("c", "b", "a"), ("d", "c", "b")]
-    assert targets(["a", "b", "c", "d"], (-1, 1)) == [("b", "a", "c"), ("c", "b", "d")]
-    assert targets(["a", "b"], (-1, -2)) == []
-    assert targets([str(i) for i in range(30)], (-10, 10)) == [
-        (str(i), str(i - 10), str(i + 10)) for i in range(10, 20)
-    ]
-
-
-def test_lists_name_the_accepted_frames_in_one_order(walked: SequencePaths, tmp_path: Path) -> None:
-    fewer_points(walked)
-    verdicts = verify_sequences([walked], VerificationSettings(), SPARSE)
-    assert write_lists(tmp_path, "toy-123", "train", [walked], verdicts) == 5
-    lines = {path.stem.removeprefix("train_"): path.read_text().splitlines() for path in tmp_path.glob("*.txt")}
-    accepted = ["000002", "000003", "000005", "000006", "000007"]
-    assert lines["image"] == [f"toy-123/data/room/image/{name}.png" for name in accepted]
-    assert lines["absolute_pose"] == [f"toy-123/data/room/absolute_pose/{name}.txt" for name in accepted]
-    assert lines["intrinsics"] == ["toy-123/data/room/K.txt"] * 5
-    assert set(lines) == {
-        *("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose", "intrinsics", "triplets")
-    }
-    assert lines["triplets"][2].split("\t") == [f"toy-123/data/room/image/00000{i}.png" for i in (5, 4, 3)]

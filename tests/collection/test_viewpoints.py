@@ -1,5 +1,6 @@
 """Free test poses: uniform over the floor, three frames each, resumable."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
 from deux.collection.viewpoints import MOTIONS, ViewpointsPlan, collect_viewpoints, poses_before
 from deux.contracts import Action
 from deux.errors import DeuxError
+from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import motion, yaw_of
 from deux.io.calibration import read_pose
 
@@ -62,6 +64,7 @@ def test_only_missing_viewpoints_are_rendered(tmp_path: Path) -> None:
     collect_viewpoints([plan], make)
     assert tree(tmp_path) == before
     assert made[1].rendered == 3
+    assert made[0].batches == [3] * 4  # each viewpoint's frames are drawn as one batch
     collect_viewpoints([plan], make)
     assert len(made) == 2
 
@@ -71,5 +74,49 @@ def test_a_scene_without_room_for_a_step_is_an_error(tmp_path: Path) -> None:
         def step(self, action: Action) -> bool:
             return True
 
-    with pytest.raises(DeuxError, match="Scene room has no viewpoints"):
+    with pytest.raises(DeuxError, match="Scene room has no viewpoints: the robot finds no room on floor 0"):
         collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2)], Cell)
+
+
+def test_a_floor_without_a_free_place_is_an_error(tmp_path: Path) -> None:
+    class Blocked(ToySimulator):
+        def free_space(self, floor: int = 0) -> FreeSpace:
+            space = super().free_space(floor)
+            return replace(space, free=np.zeros_like(space.free))
+
+    with pytest.raises(DeuxError, match="Scene room has no viewpoints: there is no free floor"):
+        collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2, floor=1)], Blocked)
+
+
+def test_more_viewpoints_than_free_cells(tmp_path: Path) -> None:
+    class Narrow(ToySimulator):
+        def free_space(self, floor: int = 0) -> FreeSpace:
+            space = super().free_space(floor)
+            free = np.zeros_like(space.free)
+            free[18:24, 28:30] = True
+            return replace(space, free=free)
+
+    collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 20)], Narrow)
+    assert len(poses(tmp_path)) == 20
+
+
+def test_viewpoints_lie_on_their_floor(tmp_path: Path) -> None:
+    collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 3, floor=1)], ToySimulator)
+    assert (poses(tmp_path)[..., 1, 3] == 3.0 + ROBOT.camera_height).all()
+
+
+def test_an_empty_floor_is_an_error_and_a_tiny_one_serves_all_viewpoints(tmp_path: Path) -> None:
+    class Patch(ToySimulator):
+        cells = 0
+
+        def free_space(self, floor: int = 0) -> FreeSpace:
+            space = super().free_space(floor)
+            free = np.zeros_like(space.free)
+            free.reshape(-1)[20 * 60 + 30 : 20 * 60 + 30 + self.cells] = True
+            return replace(space, free=free)
+
+    with pytest.raises(DeuxError, match=r"^Scene room has no viewpoints: there is no free floor: .*\.$"):
+        collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 2)], Patch)
+    Patch.cells = 8  # 0.8 m x 0.1 m: room for a step along it, and fewer cells than viewpoints
+    collect_viewpoints([ViewpointsPlan(tmp_path, ToyScene(), 0, 10)], Patch)
+    assert poses(tmp_path).shape == (10, 3, 4, 4)

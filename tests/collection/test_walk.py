@@ -1,62 +1,145 @@
+from collections.abc import Callable
+
 import numpy as np
 import pytest
-from toy_world import ToyScene, ToySimulator, Wanderer, guided_explorer
+from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer
 
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
-from deux.collection.perception import Percept
-from deux.collection.walk import Walk
-from deux.contracts import Action, Need
+from deux.collection.perception import Perception
+from deux.collection.walk import Step, Walk, run_walks
+from deux.contracts import Action, Frame, Need
+from deux.errors import DeuxError
 from deux.io.frames import read_frame
+from deux.io.images import quantise_depth
+from deux_plugins.uncertainties.photometric import L1Residual
 
 
-def walked(explorer: Wanderer, seed: int = 5, steps: int = 12) -> list[np.ndarray]:
-    walk = Walk(ToySimulator(), explorer, seed, steps)
-    poses = []
-    while not walk.over:
-        frame = walk.frame()
-        poses.append(frame.pose)
-        walk.act(frame)
-    return poses
+def steps_of(explorer: Wanderer, seed: int = 5, steps: int = 12, perception: Perception | None = None) -> list[Step]:
+    return [step for (step,) in run_walks([Walk(ToySimulator(), explorer, seed, steps)], perception)]
 
 
 def test_it_goes_where_the_collector_goes(tmp_path):
     plan = EpisodePlan(tmp_path / "room-00", ToyScene(), seed=5, steps=12)
     explore([plan], ToySimulator, Wanderer)
-    poses = walked(Wanderer())
-    assert len(poses) == 12
-    for step, pose in enumerate(poses):
-        np.testing.assert_array_equal(read_frame(plan.paths, step, labels=False).pose, pose)
+    steps = steps_of(Wanderer())
+    assert [step.number for step in steps] == list(range(12))
+    for step in steps:
+        stored = read_frame(plan.paths, step.number, labels=False)
+        np.testing.assert_array_equal(stored.pose, step.frame.pose)
+        np.testing.assert_array_equal(stored.depth, step.frame.depth)
 
 
 def test_an_explorer_is_shown_what_it_declared_and_no_more():
     bare, guided = Wanderer(), guided_explorer()
-    walked(bare)
+    perception = Perception(GuessingModel(), uncertainty=L1Residual())
+    steps_of(bare, perception=perception)
     assert bare.episode.free_space is None
-    assert (bare.seen[0].sensor_depth, bare.seen[0].labels, bare.episode.label_names) == (None, None, ())
-    percept = Percept(np.ones((40, 48), np.float32), np.zeros((40, 48), np.float32), 0.25)
-    walk = Walk(ToySimulator(), guided, seed=5, steps=2)
-    walk.act(walk.frame(), percept)
-    seen = guided.seen[0]
-    assert (seen.uncertainty, seen.predicted_depth.mean(), guided.episode.label_names) == (0.25, 1.0, ("x", "y", "z"))
+    assert (bare.seen[3].sensor_depth, bare.seen[3].labels, bare.episode.label_names) == (None, None, ())
+    assert (bare.seen[3].predicted_depth, bare.seen[3].residual, bare.seen[3].uncertainty) == (None, None, None)
+    steps = steps_of(guided, perception=perception)
+    seen, percept = guided.seen[3], steps[3].percept
+    assert guided.episode.label_names == ("x", "y", "z")
     assert seen.labels.shape == seen.sensor_depth.shape == (40, 48)
+    np.testing.assert_array_equal(seen.predicted_depth, percept.predicted_depth.numpy())
+    np.testing.assert_array_equal(seen.residual, percept.residual.numpy())
+    assert seen.uncertainty == percept.uncertainty.item()
     privileged = Wanderer(frozenset({Need.FREE_SPACE}))
-    walked(privileged)
+    steps_of(privileged)
     assert privileged.episode.free_space.area == pytest.approx(5.4 * 3.4)
 
 
+def test_what_an_explorer_writes_into_its_arrays_changes_no_step():
+    class Scribbler(Wanderer):
+        def act(self, observation):
+            action = super().act(observation)
+            for array in vars(observation).values():
+                if isinstance(array, np.ndarray):
+                    array.fill(0)
+            return action
+
+    needs = frozenset(Need)
+    perception = Perception(GuessingModel(), uncertainty=L1Residual())
+    clean, scribbled = (steps_of(explorer(needs), perception=perception) for explorer in (Wanderer, Scribbler))
+    for ours, theirs in zip(clean, scribbled, strict=True):
+        assert ours.action == theirs.action
+        for name in ("rgb", "depth", "pose", "labels"):
+            np.testing.assert_array_equal(getattr(ours.frame, name), getattr(theirs.frame, name))
+        np.testing.assert_array_equal(ours.percept.predicted_depth, theirs.percept.predicted_depth)
+        np.testing.assert_array_equal(ours.percept.residual, theirs.percept.residual)
+
+
 def test_it_ends_when_the_explorer_stops_or_the_steps_are_used_up():
-    assert len(walked(Wanderer(stop_after=3))) == 4
+    assert len(steps_of(Wanderer(stop_after=3))) == 4
     walk = Walk(ToySimulator(), Wanderer(), seed=5, steps=1)
     before = walk.simulator.state
-    walk.act(walk.frame())
-    assert (walk.over, walk.step, walk.simulator.state) == (True, 1, before)
+    assert len(list(run_walks([walk]))) == 1
+    assert (walk.over, len(walk.actions), walk.simulator.state) == (True, 1, before)
 
 
 def test_collisions_are_told(monkeypatch):
     monkeypatch.setattr(Wanderer, "act", lambda self, observation: self.seen.append(observation) or Action.FORWARD)
     explorer = Wanderer()
-    poses = walked(explorer, steps=40)  # ten metres ahead, in a room of six
-    moved = np.linalg.norm(np.diff([pose[:3, 3] for pose in poses], axis=0), axis=1)
+    steps = steps_of(explorer, steps=40)  # ten metres ahead, in a room of six
+    moved = np.linalg.norm(np.diff([step.frame.pose[:3, 3] for step in steps], axis=0), axis=1)
     assert [seen.collided for seen in explorer.seen[1:]] == [bool(distance < 0.249) for distance in moved]
-    assert explorer.seen[-1].collided
+    assert [step.collided for step in steps] == [seen.collided for seen in explorer.seen]
+    assert steps[-1].collided
+
+
+def test_walks_in_lock_step_are_what_each_is_alone():
+    """Also where one of them ends before the others."""
+    makers: list[Callable[[], Wanderer]] = [Wanderer, lambda: Wanderer(stop_after=4), Wanderer]
+    walks = [Walk(ToySimulator(), make(), seed, 9) for seed, make in enumerate(makers)]
+    rounds = list(run_walks(walks))
+    assert [len(steps) for steps in rounds] == [3] * 5 + [2] * 4
+    for seed, make in enumerate(makers):
+        alone = steps_of(make(), seed, 9)
+        mine = [step for steps in rounds for step in steps if step.walk is walks[seed]]
+        assert [step.action for step in mine] == [step.action for step in alone]
+        np.testing.assert_array_equal([step.frame.rgb for step in mine], [step.frame.rgb for step in alone])
+
+
+def test_a_step_carries_the_frames_before_it():
+    steps = steps_of(Wanderer(), steps=5)
+    assert [len(step.frames) for step in steps] == [1, 2, 3, 3, 3]
+    assert steps[4].frames == (steps[4].frame, steps[3].frame, steps[2].frame)
+
+
+def test_stored_frames_are_not_rendered_again():
+    whole = steps_of(Wanderer(), steps=6)
+    asked: list[np.ndarray] = []
+
+    def stored(number: int, pose: np.ndarray) -> Frame | None:
+        asked.append(pose)
+        return whole[number].frame if number in (0, 1, 4) else None
+
+    simulator = ToySimulator()
+    again = [step for (step,) in run_walks([Walk(simulator, Wanderer(), 5, 6, stored=stored)])]
+    assert [step.rendered for step in again] == [False, False, True, True, False, True]
+    assert simulator.rendered == 3
+    for ours, theirs, pose in zip(again, whole, asked, strict=True):
+        assert ours.action == theirs.action
+        np.testing.assert_array_equal(ours.frame.depth, theirs.frame.depth)
+        np.testing.assert_array_equal(pose, theirs.frame.pose)
+
+
+def test_depth_is_what_files_can_hold():
+    for step in steps_of(Wanderer(), steps=3):
+        np.testing.assert_array_equal(step.frame.depth, quantise_depth(step.frame.depth))
+
+
+def test_a_walk_takes_place_on_its_floor():
+    explorer = Wanderer(frozenset({Need.FREE_SPACE}))
+    walk = Walk(ToySimulator(), explorer, seed=5, steps=3, floor=1)
+    heights = {step.frame.pose[1, 3] for (step,) in run_walks([walk])}
+    assert heights == {3.0 + walk.simulator.robot.camera_height}
+    assert explorer.episode.floor == 1
+    assert explorer.episode.free_space.floor_height == 3.0
+
+
+def test_what_an_explorer_needs_has_to_be_there():
+    with pytest.raises(DeuxError, match="needs predicted_depth and residual but there is no depth model"):
+        steps_of(guided_explorer())
+    with pytest.raises(DeuxError, match=r"there is no measure of uncertainty: choose one with collect\.uncertainty"):
+        steps_of(guided_explorer(), perception=Perception(GuessingModel()))

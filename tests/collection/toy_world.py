@@ -29,11 +29,15 @@ from deux.contracts import (
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.poses import camera_pose
+from deux.registry import PluginChoice
+from deux.simulator.simulation import Simulation
 
 CAMERA = Camera(width=48, height=40, hfov=90.0)
 ROOM = np.array([[-3.0, 0.0, -2.0], [3.0, 2.5, 2.0]])
 MARGIN = 0.3
 ROBOT = Robot()
+SIMULATION = Simulation(CAMERA, ROBOT, PluginChoice("simulators", "toy", {}))
+L1 = PluginChoice("uncertainties", "l1", {})
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class ToyScene(SceneReference):
 
 @dataclass
 class ToySimulator(Simulator):
-    """Walls, floor and ceiling of one room; colour is a pattern of sines in world space."""
+    """Two floors of one room each: walls, floor and ceiling; colour is a pattern of sines in world space."""
 
     scene: ToyScene = field(default_factory=ToyScene)
     camera: Camera = CAMERA
@@ -56,12 +60,14 @@ class ToySimulator(Simulator):
     delay: float = 0.0
     label_names: tuple[str, ...] = ("x", "y", "z")
     object_labels: tuple[str, ...] = ()
-    floors: tuple[Floor, ...] = (Floor(0.0, 24.0),)
+    floors: tuple[Floor, ...] = (Floor(0.0, 24.0), Floor(3.0, 24.0))
     rendered: int = 0
+    batches: list[int] = field(default_factory=list)
     state: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    floor: int = 0
 
     def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
-        self.state = (x, z, yaw)
+        self.state, self.floor = (x, z, yaw), floor
 
     def step(self, action: Action) -> bool:
         x, z, yaw = self.state
@@ -78,9 +84,10 @@ class ToySimulator(Simulator):
     @property
     def pose(self) -> np.ndarray:
         x, z, yaw = self.state
-        return camera_pose(x, self.robot.camera_height, z, yaw)
+        return camera_pose(x, self.floors[self.floor].height + self.robot.camera_height, z, yaw)
 
     def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
+        self.batches.append(len(poses))
         return [self._frame(pose, channels) for pose in poses]
 
     def another(self, camera: Camera | None = None) -> "ToySimulator":
@@ -90,8 +97,10 @@ class ToySimulator(Simulator):
         time.sleep(self.delay)
         self.rendered += 1
         directions = self.camera.rays() @ pose[:3, :3].T
+        height = max(floor.height for floor in self.floors if floor.height < pose[1, 3])
+        room = ROOM + np.array([0.0, height, 0.0])
         with np.errstate(divide="ignore"):
-            distances = np.maximum((ROOM[0] - pose[:3, 3]) / directions, (ROOM[1] - pose[:3, 3]) / directions)
+            distances = np.maximum((room[0] - pose[:3, 3]) / directions, (room[1] - pose[:3, 3]) / directions)
         depth, axis = distances.min(axis=-1), distances.argmin(axis=-1)
         points = pose[:3, 3] + directions * depth[..., None]
         phase = 0.1 * len(self.scene.identity) + np.array([2.0, 2.5, 3.0])
@@ -103,7 +112,8 @@ class ToySimulator(Simulator):
         frame = GridFrame(ROOM[0, 0], ROOM[0, 2], rows=40, columns=60, resolution=0.1)
         free = np.zeros(frame.shape, dtype=bool)
         free[3:-3, 3:-3] = True
-        return FreeSpace(frame, free, np.where(free, 1.0, 0.0).astype(np.float32), floor_height=0.0)
+        height = self.floors[floor].height
+        return FreeSpace(frame, free, np.where(free, 1.0, 0.0).astype(np.float32), floor_height=height)
 
 
 class Wanderer(Explorer):
@@ -151,9 +161,7 @@ def specification(**changes: object) -> DatasetSpec:
         "name": "toy",
         "scenes": (ToyScene("kitchen", "toy-1"), ToyScene("hall", "toy-22")),
         "explorer": "wanderer",
-        "camera": CAMERA,
-        "robot": ROBOT,
-        "renderer": "numpy",
+        "simulation": SIMULATION,
         "steps": 8,
         "seed": 3,
     }
@@ -186,7 +194,7 @@ def build_slowly(root: str) -> None:
 
     torch.set_num_threads(1)
     build_dataset(
-        specification(model="guess"),
+        specification(model="guess", uncertainty=L1),
         Path(root),
         slow_simulator,
         guided_explorer,

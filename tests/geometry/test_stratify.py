@@ -1,5 +1,7 @@
 import numpy as np
+import pytest
 
+from deux.errors import DeuxError
 from deux.geometry.stratify import stratify
 
 
@@ -17,3 +19,8 @@ def test_more_parts_than_cells_still_has_a_cell_in_each() -> None:
     free = np.zeros((4, 4), bool)
     free[1, 1:3] = True
     assert all(len(part) == 1 for part in stratify(free, 7))
+
+
+def test_an_empty_floor_is_an_error() -> None:
+    with pytest.raises(DeuxError, match="no free floor"):
+        stratify(np.zeros((4, 4), bool), 3)

@@ -51,7 +51,9 @@ def test_the_fast_predictor_computes_in_the_fastest_precision_and_answers_in_flo
     monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: False)
     model = Multiplied()
     intrinsics = torch.tensor([[8.0, 0.0, 3.5], [0.0, 8.0, 3.5], [0.0, 0.0, 1.0]])[None]
-    depth = FastPredictor(model)(torch.zeros(1, 3, 8, 8), torch.ones(1, 1, 8, 8), intrinsics)
+    predictor = FastPredictor(model)
+    depth = predictor(torch.zeros(1, 3, 8, 8), torch.ones(1, 1, 8, 8), intrinsics)
+    assert depth.device == predictor.device == torch.device("cpu")
     assert model.product.dtype == dtype
     assert depth.dtype == torch.float32
     assert torch.allclose(depth, torch.full_like(depth, 1 / 3), atol=2e-3)

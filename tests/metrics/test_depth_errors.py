@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from deux.metrics.depth_errors import METRIC_NAMES, DepthMetrics
-from deux.metrics.functional import depth_errors
+from deux.metrics.depth_errors import METRICS, DepthErrors, depth_errors, invalid_pixels
 
 
 def test_errors_of_one_pixel_by_hand():
@@ -40,7 +39,7 @@ def test_the_range_is_open_at_both_ends():
 
 
 def test_metric_averages_images_not_pixels_and_leaves_out_images_without_truth():
-    metric = DepthMetrics()
+    metric = DepthErrors()
     truth = torch.zeros(3, 1, 1, 4)
     truth[0] = 2.0  # four pixels, error 1 m
     truth[1, ..., 0] = 2.0  # one pixel, error 1 m as well
@@ -49,4 +48,48 @@ def test_metric_averages_images_not_pixels_and_leaves_out_images_without_truth()
     metric.update(predicted[:1], truth[:1])
     metric.update(predicted[1:], truth[1:])
     assert metric.compute()["mae"].item() == pytest.approx(2000.0)
-    assert tuple(metric.compute()) == METRIC_NAMES
+    assert list(metric.compute()) == list(METRICS)
+
+
+def test_the_names_and_units_are_those_of_the_paper():
+    assert [metric.heading for metric in METRICS.values()] == ["MAE [mm]", "RMSE [mm]", "iMAE [1/km]", "iRMSE [1/km]"]
+    assert list(METRICS) == [metric.title.lower() for metric in METRICS.values()]
+
+
+INVALID = (float("nan"), float("inf"), -float("inf"), 0.0, -1.5)
+
+
+@pytest.mark.parametrize("value", INVALID)
+def test_a_prediction_that_is_no_depth_has_an_infinite_error(value):
+    truth = torch.full((2, 1, 2, 3), 2.0)
+    truth[:, :, 0, 0] = 0.0
+    predicted = torch.full_like(truth, 2.5)
+    predicted[1, 0, 1, 2] = value
+    for name, errors in depth_errors(predicted, truth).items():
+        assert errors.isfinite().tolist() == [True, False], name
+        assert errors[1] == torch.inf
+    assert invalid_pixels(predicted, truth).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("value", INVALID)
+def test_where_there_is_no_ground_truth_the_prediction_does_not_matter(value):
+    truth = torch.full((1, 1, 2, 2), 2.0)
+    truth[..., 0] = 0.0
+    predicted = torch.where(truth > 0, 2.5, value)
+    assert depth_errors(predicted, truth)["mae"].item() == pytest.approx(500.0)
+    assert invalid_pixels(predicted, truth).tolist() == [0]
+
+
+def test_a_broken_prediction_does_not_leave_the_mean():
+    """It once was taken for an image without ground truth, and the worse model looked the better one."""
+    metric = DepthErrors()
+    truth = torch.full((2, 1, 4, 4), 2.0)
+    predicted = torch.full_like(truth, 3.0)
+    predicted[1] = torch.nan
+    metric.update(predicted, truth)
+    with pytest.warns(UserWarning, match="not finite or not above 0 at 16 pixels with ground truth of 2 images"):
+        means = metric.compute()
+    assert all(mean == torch.inf for mean in means.values())
+    metric.reset()
+    metric.update(predicted[:1], truth[:1])
+    assert metric.compute()["mae"].item() == pytest.approx(1000.0)

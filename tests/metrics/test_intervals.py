@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from deux.metrics.intervals import estimate
+from deux.metrics.intervals import Estimate, estimate
 
 
 def test_the_interval_is_students():
@@ -24,3 +24,15 @@ def test_one_value_says_nothing_of_its_spread_and_none_nothing_at_all():
     assert estimate([4.0]).mean == 4.0
     assert math.isnan(estimate([4.0]).half_width)
     assert math.isnan(estimate([]).mean)
+
+
+def test_the_printed_table_of_t():
+    assert estimate([0.0, 1.0, 2.0]).half_width == pytest.approx(4.303 / math.sqrt(3), abs=1e-3)
+
+
+@pytest.mark.parametrize("value", [math.inf, math.nan])
+def test_a_value_that_is_not_finite_stays_in_the_mean_and_leaves_no_interval(value):
+    found = estimate([1.0, value, 2.0])
+    assert str(found.mean) == str(value)
+    assert math.isnan(found.half_width)
+    assert math.isnan(Estimate(1.0).half_width)

@@ -4,10 +4,9 @@ import torch
 
 from deux.contracts import Batch, DepthModel, Prediction
 from deux.errors import DeuxError
-from deux.figures.samples import depth_samples
 from deux.geometry.scaffolding import interpolate
-from deux.metrics.functional import depth_errors
-from deux.metrics.model_errors import evaluate
+from deux.metrics.depth_errors import depth_errors
+from deux.metrics.model_errors import evaluate, median_depth
 
 
 class Constant(DepthModel):
@@ -68,9 +67,38 @@ def test_it_says_what_is_missing():
         evaluate(Constant(2.0), [batch()], min_depth=5.0, max_depth=6.0)
 
 
-def test_samples_hold_what_the_model_saw_and_a_robot_that_stood_still_leaves_no_residual():
-    samples = depth_samples(Constant(2.0), batch())
-    assert len(samples) == 2
-    assert samples[0].rgb.dtype == np.uint8
-    assert (samples[0].predicted_depth == 2.0).all()
-    assert np.nanmax(samples[0].residual) < 1e-4
+def test_the_constant_baseline_is_the_median_of_the_points():
+    sparse = np.zeros((4, 4), np.float32)
+    sparse.flat[[0, 5, 9]] = [1.0, 2.0, 7.0]
+    assert (median_depth(sparse) == 2.0).all()
+    assert not median_depth(np.zeros((5, 6), np.float32)).any()
+
+
+class Broken(Constant):
+    """Predicts a depth of its own in one corner of each image, and with it only the images of a batch from `first`."""
+
+    def __init__(self, corner: float, first: int) -> None:
+        super().__init__(2.0)
+        self.corner, self.first = corner, first
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+        depth = self.depth.expand_as(sparse_depth).clone()
+        depth[self.first :, :, :2, :3] = self.corner
+        return Prediction(depth)
+
+
+@pytest.mark.parametrize("corner", [float("nan"), float("inf"), 0.0, -2.0])
+def test_a_prediction_that_is_no_depth_is_an_error_that_names_the_frame(corner):
+    sentence = "test frame 1 .* is not finite or not above 0 at 6 pixels with ground truth"
+    with pytest.raises(DeuxError, match=sentence) as caught:
+        evaluate(Broken(corner, first=1), [batch(0), batch(1)])
+    assert "\n" not in str(caught.value)
+    with pytest.raises(DeuxError, match="test frame 2 "):
+        evaluate(Broken(corner, first=0), iter([batch_without_corner(), batch(1)]))
+
+
+def batch_without_corner() -> Batch:
+    """A batch whose ground truth says nothing of the corner."""
+    found = batch()
+    found.ground_truth[:, :, :2, :3] = 0.0
+    return found

@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 import yaml
 
-from deux.report.names import Names
+from deux.report.display_names import DisplayNames
 
-HERE = {"scenes": {"source": "apartments", "train": 4, "test": 2}, "robot": {}}
-THERE = {"scenes": {"source": "files", "train": ["a.glb"], "test": ["x/hall.ply"]}, "robot": {}}
+HERE = {"scenes": {"name": "apartments", "train": 4, "test": 2}, "robot": {}}
+THERE = {"scenes": {"name": "files", "train": ["a.glb"], "test": ["x/hall.ply"]}, "robot": {}}
 BASELINE = {"mae": 80.0, "rmse": 180.0, "imae": 70.0, "irmse": 150.0}
 
 
 def identity(explorer: str, model: str, seed: int, place: dict = HERE, **changes) -> dict:
     chosen = {
         "task": "experiment",
-        "random_seed": seed,
+        "seed": seed,
         "camera": {"width": 64, "height": 64},
         "collect": {"steps": 20, "processes": 1},
         "training": {"steps": 10, "batch_size": 4, "validations": 1},
@@ -98,7 +98,7 @@ def write_sweep(tmp_path):
         path = tmp_path / "outputs" / folder
         path.mkdir(parents=True, exist_ok=True)
         hydra = {"overrides": {"task": overrides, "hydra": ["hydra.mode=MULTIRUN"]}, "sweeper": {"params": params}}
-        chosen = {"task": "experiment", "random_seed": 0, "explore": {"name": "deux"}, "model": {"name": "kbnet"}}
+        chosen = {"task": "experiment", "seed": 0, "explore": {"name": "deux"}, "model": {"name": "kbnet"}}
         (path / "multirun.yaml").write_text(yaml.safe_dump({"hydra": hydra, **chosen, **content}))
         return path
 
@@ -106,10 +106,12 @@ def write_sweep(tmp_path):
 
 
 @pytest.fixture
-def names() -> Names:
+def names() -> DisplayNames:
     """A few names in an order that is not the alphabet's."""
     models = {"voiced": "VOICED", "kbnet": "KBNet"}
-    return Names(models, [{"random": "Random", "frontier": "Frontier"}, {"novelty": "Novelty"}, {"deux": "DEUX"}])
+    return DisplayNames(
+        models, [{"random": "Random", "frontier": "Frontier"}, {"novelty": "Novelty"}, {"deux": "DEUX"}]
+    )
 
 
 @pytest.fixture

@@ -1,52 +1,70 @@
+from dataclasses import fields
+
 import pytest
+import yaml
 
-from deux.report.conditions import conditions, differences, facts, variants
+from deux.configuration import config_folder
+from deux.report import conditions as parts
+from deux.report.conditions import conditions, differences, flatten_options, variant_labels
+from deux.report.older_configurations import current_keys
+from deux.training.fit import TrainingSettings
 
-IDENTITY = {
+CONFIGURATION = {
     "task": "experiment",
-    "random_seed": 7,
-    "renderer": "embree",
+    "seed": 7,
+    "simulator": {"name": "mesh", "renderer": "embree"},
     "pose": "simulator",
     "camera": {"width": 64, "hfov": 90.0},
     "robot": {},
     "objective": {"sparse_depth": 0.5},
-    "collect": {"steps": 20, "processes": 1},
-    "seed": {"checkpoint": None, "steps": 5},
-    "foundation": {"flats": 1},
+    "collect": {"steps": 20, "processes": 1, "together": 4},
+    "seed_model": {"name": None, "checkpoint": None, "steps": 5},
+    "foundation": {"scenes": 1},
     "training": {"batch_size": 4, "steps": 10, "epochs": 25, "crop": [32, 32], "validations": 1},
     "trainer": {"accelerator": "auto"},
     "evaluation": {"viewpoints": 4, "data": None},
     "explore": {"name": "deux", "temperature": 0.25},
     "model": {"name": "kbnet", "filters": [4, 8]},
-    "scenes": {"source": "apartments", "train": 3, "validation": 1, "test": 2},
+    "scenes": {"name": "apartments", "train": 3, "validation": 1, "test": 2},
+    "data": {"name": "deux"},
 }
+
+OLD_CONFIGURATION = {
+    **{key: value for key, value in CONFIGURATION.items() if key not in ("simulator", "seed_model", "data")},
+    "random_seed": 7,
+    "renderer": "embree",
+    "seed": {"checkpoint": None, "steps": 5},
+    "foundation": {"flats": 1},
+    "scenes": {"source": "apartments", "train": 3, "validation": 1, "test": 2},
+    "checkpoint": None,
+    "image": None,
+    "sparse_scale": 256,
+}
+"""The same as version 0.1.0 wrote it."""
 
 
 def test_everything_that_matters_is_in_its_place_and_only_there():
-    made_of = conditions(IDENTITY)
+    made_of = conditions(CONFIGURATION)
     assert (made_of.model, made_of.explorer, made_of.seed) == ("kbnet", "deux", 7)
     assert dict(made_of.model_options) == {
-        "foundation.flats": "1",
+        "foundation.scenes": "1",
         "model.filters": "[4, 8]",
         "objective.sparse_depth": "0.5",
         "pose": '"simulator"',
         "training.batch_size": "4",
     }
-    assert dict(made_of.explorer_options) == {"explore.temperature": "0.25", "seed.steps": "5"}
-    both = {"camera.hfov": "90", "camera.width": "64", "renderer": '"embree"', "scenes.source": '"apartments"'}
-    assert dict(made_of.training) == {
-        **both,
-        "collect.steps": "20",
-        "scenes.train": "3",
-        "training.crop": "[32, 32]",
-        "training.steps": "10",
-    }
-    assert dict(made_of.testing) == {
-        **both,
-        "scenes.test": "2",
-        "evaluation.viewpoints": "4",
+    assert dict(made_of.explorer_options) == {"explore.temperature": "0.25", "seed_model.steps": "5"}
+    both = {
+        "camera.hfov": "90",
+        "camera.width": "64",
+        "simulator.name": '"mesh"',
+        "simulator.renderer": '"embree"',
+        "scenes.name": '"apartments"',
         "training.crop": "[32, 32]",
     }
+    assert dict(made_of.training_frames) == {**both, "collect.steps": "20", "scenes.train": "3"}
+    assert dict(made_of.training) == {**dict(made_of.training_frames), "training.steps": "10"}
+    assert dict(made_of.testing) == {**both, "scenes.test": "2", "evaluation.viewpoints": "4"}
     assert dict(made_of.budget) == {
         "camera.width": "64",
         "collect.steps": "20",
@@ -55,64 +73,123 @@ def test_everything_that_matters_is_in_its_place_and_only_there():
     }
 
 
+def test_a_run_of_an_older_version_has_the_same_conditions():
+    assert conditions(OLD_CONFIGURATION) == conditions(CONFIGURATION)
+    assert current_keys(CONFIGURATION) == CONFIGURATION
+    rounds = {"every": 1, "rounds": 3}
+    old = conditions({**OLD_CONFIGURATION, "callbacks": rounds})
+    assert old == conditions({**CONFIGURATION, "callbacks": {"active_collection": rounds}})
+    recorded = {"viewpoints": 4, "data": "void"}
+    old = conditions({**OLD_CONFIGURATION, "evaluation": recorded})
+    assert old == conditions({**CONFIGURATION, "evaluation": recorded})
+
+
 @pytest.mark.parametrize(
     "changes",
     [
         {"robot": None},
-        {"random_seed": 8},
         {"callbacks": {}},  # what later versions added and a run does not use
-        {"image": None, "sparse_scale": 1000, "export": {"height": 3}},
-        {"trainer": {"accelerator": "cpu", "devices": 4}},
+        {"predict": {"image": None, "sparse_scale": 1000}, "export": {"height": 3}},
+        {"trainer": {"accelerator": "cpu", "devices": 4, "enable_progress_bar": False}},
         {"camera": {"width": 64.0, "hfov": 90}},
-        {"report": {"runs": "x"}, "explorer_training": {"steps": 1}},
+        {"report": {"runs": "x"}, "explorer_training": {"steps": 1}, "compare": {"seeds": 2}},
+        {"collect": {"steps": 20, "processes": 8, "together": 1}},
+        {"telemetry": {"people": 3}},  # a section that nobody knows yet
+        {"data": {"name": "void"}},  # how recorded frames are read, and there are none
     ],
 )
 def test_what_changes_no_number_changes_no_condition(changes):
-    one, other = conditions(IDENTITY), conditions({**IDENTITY, **changes})
-    assert (one.training, one.testing, one.model_options, one.explorer_options) == (
-        other.training,
-        other.testing,
-        other.model_options,
-        other.explorer_options,
-    )
+    assert conditions({**CONFIGURATION, **changes}) == conditions(CONFIGURATION)
 
 
-def test_an_option_that_nobody_knows_yet_separates_trainings():
-    assert conditions({**IDENTITY, "distractors": {"people": 3}}).training != conditions(IDENTITY).training
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"collect": {"steps": 30}}, "budget"),
+        ({"training": {**CONFIGURATION["training"], "steps": 11}}, "budget"),
+        ({"trainer": {"max_steps": 1}}, "budget"),
+        ({"robot": {"camera_height": 0.4}}, "training_frames"),
+        ({"simulator": {"name": "habitat"}}, "training_frames"),
+        ({"scenes": {**CONFIGURATION["scenes"], "train": 4}}, "training_frames"),
+        ({"scenes": {**CONFIGURATION["scenes"], "test": 4}}, "testing"),
+        ({"evaluation": {"viewpoints": 5}}, "testing"),
+        ({"trainer": {"precision": "32-true"}}, "model_options"),
+        ({"training": {**CONFIGURATION["training"], "learning_rate": 1e-4}}, "model_options"),
+    ],
+)
+def test_what_changes_numbers_changes_its_part(changes, part):
+    changed, plain = conditions({**CONFIGURATION, **changes}), conditions(CONFIGURATION)
+    assert getattr(changed, part) != getattr(plain, part)
+    separated = (changed.training, changed.testing) != (plain.training, plain.testing)
+    assert separated == (part != "model_options")
 
 
-@pytest.mark.parametrize("changes", [{"callbacks": {"rounds": 3}}, {"collect": {"steps": 20, "uncertainty": "flip"}}])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"callbacks": {"active_collection": {"rounds": 3}}},
+        {"collect": {"steps": 20, "uncertainty": "flip"}},
+        {"collect": {"steps": 20, "uncertainty_options": {"window": 3}}},
+        {"seed_model": {"steps": 6}},
+    ],
+)
 def test_what_guides_the_robot_makes_another_explorer_and_no_other_training(changes):
-    changed, plain = conditions({**IDENTITY, **changes}), conditions(IDENTITY)
+    changed, plain = conditions({**CONFIGURATION, **changes}), conditions(CONFIGURATION)
     assert changed.explorer_options != plain.explorer_options
     assert (changed.training, changed.model_options) == (plain.training, plain.model_options)
 
 
 def test_recorded_data_stand_for_the_test_scenes():
-    made_of = conditions({**IDENTITY, "evaluation": {"viewpoints": 4, "data": "void"}})
-    assert dict(made_of.testing) == {"evaluation.data": '"void"', "training.crop": "[32, 32]"}
+    made_of = conditions({**CONFIGURATION, "evaluation": {"viewpoints": 4, "data": "void"}})
+    expected = {"evaluation.data": '"void"', "data.name": '"deux"', "training.crop": "[32, 32]"}
+    assert dict(made_of.testing) == expected
 
 
 def test_given_frames_have_no_explorer():
-    assert conditions({**IDENTITY, "training_data": "void"}).explorer is None
+    assert conditions({**CONFIGURATION, "training_data": "void"}).explorer is None
+
+
+UNRELATED = {
+    "training": {"num_workers", "validations"},
+    "": {"defaults", "task", "seed", "training_data", "predict", "export", "explorer_training", "compare", "paths"},
+}
+"""Options and sections that no number of an experiment depends on, or that are known otherwise."""
+
+
+def test_every_option_of_the_training_is_assigned_to_a_part():
+    """A new option belongs into one of the lists, or here, on purpose."""
+    assigned = {key for part in (parts.MODEL, parts.BUDGET) for key in part}
+    known = {field.name for field in fields(TrainingSettings)} - UNRELATED["training"]
+    assert {key.removeprefix("training.") for key in assigned if key.startswith("training.")} == known
+
+
+def test_every_section_of_the_configuration_is_assigned_to_a_part():
+    lists = (parts.MODEL, parts.EXPLORER, parts.TRAINING_FRAMES, parts.TEST_FRAMES, parts.RECORDED_TEST_FRAMES)
+    assigned = {key.partition(".")[0] for part in (*lists, parts.BUDGET) for key in part}
+    sections = current_keys(yaml.safe_load((config_folder() / "config.yaml").read_text()))
+    old = {"checkpoint", "image", "sparse", "sparse_scale", "intrinsics", "ground_truth"}
+    assert set(sections) - old <= assigned | UNRELATED[""]
 
 
 def test_differences_are_told_from_ones_own_side():
-    mine, others = facts({"a": 1, "b": {"c": "x"}}), facts({"a": 2, "d": True})
+    mine, others = flatten_options({"a": 1, "b": {"c": "x"}}), flatten_options({"a": 2, "d": True})
     assert differences(mine, others) == "a=1, b.c=x, d not set"
     assert differences(mine, mine) == ""
 
 
 def test_variants_are_called_by_what_they_differ_in():
-    plain, surface = facts({"explore": {"t": 1}}), facts({"explore": {"t": 1, "pose": "surface"}})
-    assert variants([plain, plain]) == {plain: ""}
-    assert variants([plain, surface]) == {plain: "pose not set", surface: "pose=surface"}
+    plain = flatten_options({"explore": {"t": 1}})
+    surface = flatten_options({"explore": {"t": 1, "pose": "surface"}})
+    assert variant_labels([plain, plain]) == {plain: ""}
+    assert variant_labels([plain, surface]) == {plain: "pose not set", surface: "pose=surface"}
 
 
-def test_a_node_that_some_lack_is_one_word():
-    plain = facts({"collect": {"uncertainty": "l1"}})
-    refreshed = facts({"collect": {"uncertainty": "l1"}, "callbacks": {"every": 1, "rounds": 3}})
-    oftener = facts({"collect": {"uncertainty": "flip"}, "callbacks": {"every": 2, "rounds": 3}})
-    names = variants([plain, refreshed])
-    assert names == {plain: "no callbacks", refreshed: "with callbacks"}
-    assert variants([refreshed, oftener])[oftener] == "callbacks.every=2, uncertainty=flip"
+def test_a_section_that_some_lack_is_one_word():
+    rounds = {"active_collection": {"every": 1, "rounds": 3}}
+    often = {"active_collection": {"every": 2, "rounds": 3}}
+    plain = flatten_options({"collect": {"uncertainty": "l1"}})
+    refreshed = flatten_options({"collect": {"uncertainty": "l1"}, "callbacks": rounds})
+    oftener = flatten_options({"collect": {"uncertainty": "flip"}, "callbacks": often})
+    assert variant_labels([plain, refreshed]) == {plain: "no callbacks", refreshed: "with callbacks"}
+    label = variant_labels([refreshed, oftener])[oftener]
+    assert label == "callbacks.active_collection.every=2, uncertainty=flip"

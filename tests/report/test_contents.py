@@ -38,22 +38,22 @@ def test_other_budgets_get_tables_of_their_own(write_run, outputs, names):
 
 
 def test_missing_runs_and_commands_are_listed(write_run, write_sweep, outputs, names):
-    write_sweep(["explore=deux,random", "model=kbnet,voiced", "random_seed=0,1,2"])
+    write_sweep(["explore=deux,random", "model=kbnet,voiced", "seed=0,1,2"])
     write_run("random", "kbnet", 0, 20.0)
     write_run("deux", "kbnet", 2, None)
     write_run("frontier", "kbnet", 0, 20.0, folder="alone", overrides=("explore=frontier", "scenes.test=[1, 2]"))
-    write_sweep(["explore=novelty", "random_seed=5,6"], folder="never")
+    write_sweep(["explore=novelty", "seed=5,6"], folder="never")
     contents = read_contents(outputs, names)
     (section,) = contents.sections
     assert "Random, VOICED: seeds 0, 1, 2" in section.missing
     assert "DEUX, KBNet: seeds 0, 1, 2 (begun: 2)" in section.missing
     assert [line.partition(",")[0] for line in section.missing] == ["Random"] * 2 + ["Frontier"] + ["DEUX"] * 2
-    assert contents.missing == len(section.comparison.missing)
+    assert contents.missing == len(section.runs.missing)
     assert section.commands == (
-        "python -m deux -m explore=deux,random model=kbnet,voiced random_seed=0,1,2",
+        "python -m deux -m explore=deux,random model=kbnet,voiced seed=0,1,2",
         "python -m deux explore=frontier 'scenes.test=[1, 2]'",
     )
-    assert contents.notes == ("Nothing is finished of 2 runs: python -m deux -m explore=novelty random_seed=5,6",)
+    assert contents.notes == ("Nothing is finished of 2 runs: python -m deux -m explore=novelty seed=5,6",)
 
 
 def test_an_unknown_first_dataset_is_a_mistake(write_run, outputs, names):

@@ -4,8 +4,8 @@ import pytest
 from PIL import Image
 
 from deux.report.contents import read_contents
-from deux.report.figures import Picture
 from deux.report.page import html_page
+from deux.report.report_figures import CaptionedFigure
 
 VOID = {"meta", "img", "br", "link"}
 
@@ -46,7 +46,7 @@ class Reader(HTMLParser):
 
 @pytest.fixture
 def page(write_run, write_sweep, outputs, names, tmp_path):
-    write_sweep(["explore=deux,random", "random_seed=0,1"])
+    write_sweep(["explore=deux,random", "seed=0,1"])
     write_run("random", "kbnet", 0, 20.0)
     write_run("random", "kbnet", 1, 22.0)
     write_run("deux", "kbnet", 0, 15.0)
@@ -54,7 +54,7 @@ def page(write_run, write_sweep, outputs, names, tmp_path):
     Image.new("RGB", (8, 8), "red").save(tmp_path / "a.png")
     contents = read_contents(outputs, names)
     reader = Reader()
-    text = html_page(contents, {"table1": [Picture(tmp_path / "a.png", 'A "picture" <b>')]})
+    text = html_page(contents, {"table1": [CaptionedFigure(tmp_path / "a.png", 'A "picture" <b>')]})
     reader.feed(text)
     reader.close()
     return text, reader
@@ -86,5 +86,5 @@ def test_numbers_and_marks_are_in_their_cells(page):
 def test_it_tells_what_is_missing_and_how_the_runs_were_made(page):
     _, reader = page
     assert "DEUX, KBNet: seed 1" in reader.text
-    assert "python -m deux -m explore=deux,random random_seed=0,1" in reader.text
+    assert "python -m deux -m explore=deux,random seed=0,1" in reader.text
     assert "4 finished runs, 2 missing" in reader.text

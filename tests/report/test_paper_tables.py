@@ -1,17 +1,21 @@
 import pytest
 from scipy import stats
 
-from deux.report.comparison import comparisons
+from deux.report.comparable_runs import group_comparable
 from deux.report.paper_tables import table_one, table_three, table_two
 from deux.report.runs import find_runs
 
 
 def compare(outputs):
-    return comparisons(find_runs(outputs), [])
+    return group_comparable(find_runs(outputs), [])
 
 
 def means(row) -> list[float | None]:
-    return [number if number is None else pytest.approx(number.mean) for number in row.numbers]
+    return [cell.estimate and pytest.approx(cell.estimate.mean) for cell in row.cells]
+
+
+def mark(table, part: int, row: int, column: int) -> str | None:
+    return table.parts[part][row].cells[column].mark
 
 
 def test_table_one_has_explorers_by_models(write_run, outputs, names):
@@ -19,18 +23,19 @@ def test_table_one_has_explorers_by_models(write_run, outputs, names):
         write_run("random", "kbnet", seed, 30.0 + seed)
         write_run("deux", "kbnet", seed, 20.0)
         write_run("deux", "voiced", seed, 40.0)
-    (comparison,) = compare(outputs)
-    table = table_one(comparison, names, "apartments")
+    (runs,) = compare(outputs)
+    table = table_one(runs, names, "apartments")
     assert table.groups == ("VOICED", "KBNet")
     assert [[row.labels[0] for row in part] for part in table.parts] == [["Interpolation"], ["Random"], ["DEUX"]]
     assert means(table.parts[0][0]) == [80.0, 180.0, 70.0, 150.0] * 2
     assert means(table.parts[1][0]) == [None] * 4 + [31.0, 62.0, 93.0, 969.0]
     assert means(table.parts[2][0]) == [40.0, 80.0, 120.0, 960.0, 20.0, 40.0, 60.0, 980.0]
-    assert table.parts[1][0].numbers[4].interval == pytest.approx(stats.t.ppf(0.975, 2) / 3**0.5)
-    assert table.marks[2, 0, 4] == "best"  # interpolation, at 80, is not ranked
-    assert table.marks[1, 0, 4] == "second"
-    assert table.marks[1, 0, 7] == "best"
+    assert table.parts[1][0].cells[4].estimate.half_width == pytest.approx(stats.t.ppf(0.975, 2) / 3**0.5)
+    assert mark(table, 2, 0, 4) == "best"  # interpolation, at 80, is not ranked
+    assert mark(table, 1, 0, 4) == "second"
+    assert mark(table, 1, 0, 7) == "best"
     assert "apartments" in table.caption
+    assert "MAE and RMSE in mm, iMAE and iRMSE in 1/km; lower is better." in table.notes
     assert any("over n = 3 seeds (0, 1, 2)" in note for note in table.notes)
 
 
@@ -40,13 +45,13 @@ def test_a_note_compares_explorers_seed_by_seed(write_run, outputs, names):
         write_run("random", "kbnet", seed, common)
         write_run("deux", "kbnet", seed, common - 5.0 + seed)
     write_run("novelty", "kbnet", 0, 10.0)
-    (comparison,) = compare(outputs)
+    (runs,) = compare(outputs)
     interval = stats.t.ppf(0.975, 2) / 3**0.5
-    assert table_one(comparison, names, "apartments", baseline="random").notes[0] == (
+    assert table_one(runs, names, "apartments", baseline="random").notes[0] == (
         f"KBNet, MAE beyond Random's with the same seed (below 0 is better): DEUX -4.0 ± {interval:.1f}."
     )
     for baseline in (None, "frontier"):
-        notes = table_one(comparison, names, "apartments", baseline=baseline).notes
+        notes = table_one(runs, names, "apartments", baseline=baseline).notes
         assert not any("same seed" in note for note in notes)
 
 
@@ -54,14 +59,14 @@ def test_table_two_sets_models_of_the_first_dataset_beside_those_of_the_other(wr
     for explorer, mae in (("random", 30.0), ("deux", 20.0)):
         write_run(explorer, "kbnet", 0, mae, place=there)
         write_run(explorer, "kbnet", 0, mae + 5, place=there, trained_in=here)
-    home, away = sorted(compare(outputs), key=lambda comparison: comparison.transferred)
+    home, away = sorted(compare(outputs), key=lambda runs: runs.transferred)
     table = table_two(home, [away], names, ("first", "other"), ["deux"])
     assert [[row.labels for row in part] for part in table.parts] == [
         [("Interpolation", "")],
         [("KBNet", "Random"), ("KBNet", "DEUX"), ("KBNet", "DEUX*")],
     ]
-    assert [row.numbers[0].mean for row in table.parts[1]] == [30.0, 20.0, 25.0]
-    assert [table.marks.get((1, row, 0)) for row in range(3)] == [None, "best", "second"]
+    assert [row.cells[0].estimate.mean for row in table.parts[1]] == [30.0, 20.0, 25.0]
+    assert [mark(table, 1, row, 0) for row in range(3)] == [None, "best", "second"]
     assert table.notes[0] == "*: trained on first."
 
 
@@ -71,13 +76,13 @@ def test_table_three_averages_over_the_models_seed_by_seed(write_run, outputs, n
     for (explorer, model), values in maes.items():
         for seed, mae in enumerate(values):
             write_run(explorer, model, seed, mae, place=there, trained_in=here)
-    (comparison,) = compare(outputs)
-    table = table_three(comparison, names, "first", "other")
+    (runs,) = compare(outputs)
+    table = table_three(runs, names, "first", "other")
     deux = table.parts[2][0]
     each = [20.0, 24.0, 24.0]
-    assert deux.numbers[0].mean == pytest.approx(sum(each) / 3)
-    assert deux.numbers[0].interval == pytest.approx(stats.t.ppf(0.975, 2) * stats.sem(each))
-    assert [table.marks[part, 0, 0] for part in (1, 2)] == ["best", "second"]
+    assert deux.cells[0].estimate.mean == pytest.approx(sum(each) / 3)
+    assert deux.cells[0].estimate.half_width == pytest.approx(stats.t.ppf(0.975, 2) * stats.sem(each))
+    assert [mark(table, part, 0, 0) for part in (1, 2)] == ["best", "second"]
     assert table.caption.endswith("trained on first, tested on other")
     assert "VOICED, KBNet" in table.notes[0]
 
@@ -88,10 +93,10 @@ def test_table_three_says_so_where_models_are_missing(write_run, outputs, names,
             write_run("deux", model, seed, 20.0, place=there, trained_in=here)
     for seed in range(2):
         write_run("random", "kbnet", seed, 10.0, place=there, trained_in=here)
-    (comparison,) = compare(outputs)
-    _, (random,), (deux,) = table_three(comparison, names, "first", "other").parts
-    assert (deux.labels, deux.ranked, deux.numbers[0].seeds) == (("DEUX",), True, (0,))  # the one seed with all models
-    assert (random.labels, random.ranked, random.numbers[0].seeds) == (("Random (KBNet only)",), False, (0, 1))
+    (runs,) = compare(outputs)
+    _, (random,), (deux,) = table_three(runs, names, "first", "other").parts
+    assert (deux.labels, deux.ranked, deux.cells[0].seeds) == (("DEUX",), True, (0,))  # the one seed with all models
+    assert (random.labels, random.ranked, random.cells[0].seeds) == (("Random (KBNet only)",), False, (0, 1))
 
 
 def test_runs_that_cannot_be_compared_are_pointed_out(write_run, outputs, names):
@@ -99,8 +104,8 @@ def test_runs_that_cannot_be_compared_are_pointed_out(write_run, outputs, names)
     write_run("random", "kbnet", 0, 10.0, folder="again")
     path = write_run("deux", "kbnet", 0, 10.0) / "results.json"
     path.write_text(path.read_text().replace('"mae": 80.0', '"mae": 90.0'))
-    (comparison,) = compare(outputs)
-    notes = " ".join(table_one(comparison, names, "apartments").notes)
+    (runs,) = compare(outputs)
+    notes = " ".join(table_one(runs, names, "apartments").notes)
     assert "were not tested on the same frames" in notes
     assert "Runs that were done twice: 1; the newest counts." in notes
     assert "One seed (0) each" in notes

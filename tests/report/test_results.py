@@ -46,3 +46,15 @@ def test_the_table_marks_the_lowest_error():
         console.print(results(baseline={**ERRORS, "mae": 0.5}).table())
     assert "\x1b[1m0.5\x1b[0m" in capture.get()
     assert "\x1b[1m1.0\x1b[0m" not in capture.get()
+
+
+def test_the_tables_columns_have_the_metrics_names_and_units():
+    table = results().table()
+    assert table.headings == ("MAE [mm]", "RMSE [mm]", "iMAE [1/km]", "iRMSE [1/km]")
+    assert [row.labels[0] for row in table.rows] == [
+        "kbnet, deux frames",
+        "interpolated points",
+        "median of the points",
+    ]
+    assert table.caption == "Errors on the test frames (12 training frames, seed 3)"
+    assert "| kbnet, deux frames | 1.0 | 2.0 | 3.0 | 4.0 |" in results().table().markdown().replace("**", "")

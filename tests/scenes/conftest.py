@@ -1,30 +1,12 @@
-"""Scenes that several tests look at."""
+"""Meshes that several tests put together."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from deux.contracts import Material, Scene, SceneMesh
-from deux.scenes.ray_caster import RayCaster
-from deux_plugins.scenes.files import load_scene
-
-
-@pytest.fixture(scope="session")
-def small_house(shared_data: Callable[[str], Path]) -> Scene:
-    return load_scene(shared_data("scenes") / "small_house.glb")
-
-
-@pytest.fixture(scope="session")
-def lounge(shared_data: Callable[[str], Path]) -> Scene:
-    return load_scene(shared_data("scenes") / "lounge.ply")
-
-
-@pytest.fixture(scope="session")
-def house_caster(small_house: Scene) -> RayCaster:
-    return RayCaster(small_house.mesh)
+from deux.contracts import Material, SceneMesh
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,19 @@ import numpy as np
 import pytest
 import trimesh
 
+from deux.contracts import Robot, SceneMesh
 from deux.errors import DeuxError
+from deux.scenes.floor import find_floors
+from deux.scenes.free_space import free_space
+from deux_plugins.scenes.apartments import apartment
+
+
+def floor_height(mesh: SceneMesh) -> float:
+    return find_floors(mesh)[0].height
+
+
+def heights(mesh: SceneMesh) -> list[float]:
+    return [round(floor.height, 2) for floor in find_floors(mesh)]
 
 
 @pytest.fixture
@@ -38,7 +50,7 @@ def test_furniture_over_most_of_the_floor_does_not_become_the_floor(mesh_of, roo
 
 def test_the_lower_of_two_storeys_is_the_floor(mesh_of, slab):
     storeys = [slab([0, y - 0.2, 0], [6, y, 5]) for y in (0.0, 3.0, 6.0)]
-    assert floor_height(mesh_of(*storeys)) == pytest.approx(0.0, abs=1e-3)
+    assert heights(mesh_of(*storeys)) == [0.0, 3.0], "the topmost slab is the roof"
 
 
 def test_a_rough_scanned_floor_lies_at_its_middle(mesh_of):
@@ -68,6 +80,83 @@ def test_a_crawl_space_is_no_floor(mesh_of, sheet):
     assert floor_height(mesh_of(*level)) == pytest.approx(0.6, abs=1e-3)
 
 
+@pytest.fixture
+def storey(slab):
+    """storey(y, length): walls of 2.6 m around an 8 m wide floor at height y, a slab of 0.3 m above them, and furniture
+    where there is room for it."""
+
+    def build(y: float, length: float = 6.0):
+        walls = [
+            slab([0, y, 0], [8, y + 2.6, 0.2]),
+            slab([0, y, length - 0.2], [8, y + 2.6, length]),
+            slab([0, y, 0], [0.2, y + 2.6, length]),
+            slab([7.8, y, 0], [8, y + 2.6, length]),
+        ]
+        wardrobe, table = slab([5, y, 0.3], [7.5, y + 2.1, 1.0]), slab([1, y + 0.7, 1], [3, y + 0.75, 3])
+        rug = slab([4, y, 2], [7, y + 0.02, 4])
+        furniture = [wardrobe, table, rug] if length > 4.5 else []
+        return [*walls, *furniture, slab([0, y + 2.6, 0], [8, y + 2.9, length])]
+
+    return build
+
+
+def test_each_storey_has_a_floor_and_roof_and_furniture_have_none(mesh_of, slab, storey):
+    ground = slab([0, -0.3, 0], [8, 0, 6])
+    assert heights(mesh_of(ground, *storey(0.0), *storey(2.9), *storey(5.8))) == [0.0, 2.9, 5.8]
+
+
+def test_a_stair_opening_stays_out_of_both_floors(mesh_of, slab, storey):
+    """The slab between the storeys leaves 3 m x 1.2 m open above a flight of stairs."""
+    opened = [slab([0, 2.6, 0], [8, 2.9, 4.6]), slab([3.5, 2.6, 4.6], [8, 2.9, 6]), slab([0, 2.6, 5.8], [8, 2.9, 6])]
+    stairs = [slab([0.3 + 0.25 * k, 0, 4.7], [0.55 + 0.25 * k, 0.24 * (k + 1), 5.7]) for k in range(12)]
+    parts = [slab([0, -0.3, 0], [8, 0, 6]), *storey(0.0)[:-1], *opened, *stairs, *storey(2.9)]
+    ground, upper = find_floors(mesh_of(*parts))
+    assert (ground.height, upper.height) == pytest.approx((0.0, 2.9), abs=1e-3)
+    space = free_space(mesh_of(*parts), upper.height, Robot())
+    assert not space.free[space.frame.cell(1.5, 5.2)], "one falls down the stairs"
+    assert space.free[space.frame.cell(4.0, 3.0)]
+
+
+@pytest.mark.parametrize(
+    ("length", "expected"),
+    [
+        pytest.param(6.0, [-2.9, 0.0], id="as large as the storey above: the lowest is the main floor"),
+        pytest.param(1.5, [0.0], id="a quarter of it: too small for a storey"),
+    ],
+)
+def test_a_basement_is_a_storey_where_it_is_large_enough(mesh_of, slab, storey, length, expected):
+    basement = [slab([0, -3.2, 0], [8, -2.9, length]), *storey(-2.9, length)]
+    assert heights(mesh_of(*basement, slab([0, -0.3, 0], [8, 0, 6]), *storey(0.0))) == expected
+
+
+def test_the_ground_around_a_house_does_not_make_a_floor_of_its_roof(mesh_of, slab, storey):
+    for margin in (1.0, 4.0, 8.0, 30.0):
+        ground = slab([-margin, -0.3, -margin], [8 + margin, 0, 6 + margin])
+        assert heights(mesh_of(ground, *storey(0.0))) == [0.0], f"with {margin} m of ground around it"
+
+
+def test_a_terrace_belongs_to_the_storey_beside_it(mesh_of, slab, storey):
+    """The upper storey covers half of the lower one; the rest of the lower one's roof is at its floor's height."""
+    assert heights(mesh_of(slab([0, -0.3, 0], [8, 0, 6]), *storey(0.0), *storey(2.9, length=3.0))) == [0.0, 2.9]
+
+
+def test_a_scene_without_any_ceiling_keeps_its_levels(mesh_of, slab):
+    """Two halves of a scan whose ceilings were cut away, one a storey above the other."""
+    halves = [slab([0, -0.2, 0], [6, 0, 5]), slab([6, 2.4, 0], [12, 2.6, 5])]
+    lamp = slab([2, 2.0, 2], [2.5, 2.1, 2.5])
+    lower, upper = find_floors(mesh_of(*halves, lamp))
+    assert (lower.height, upper.height) == pytest.approx((0.0, 2.6), abs=1e-3)
+    assert (lower.area, upper.area) == pytest.approx((30.0, 30.0), rel=0.02)
+
+
+def test_generated_flats_have_the_one_floor_that_they_say():
+    flat = apartment(3)
+    (found,) = find_floors(flat.mesh)
+    assert found.height == pytest.approx(flat.floor_height, abs=1e-6)
+    assert found.area == pytest.approx(flat.floors[0].area, rel=0.25), "furniture stands on a part of it"
+
+
 def test_real_scenes_stand_at_zero(small_house, lounge):
     assert small_house.floor_height == pytest.approx(0.0, abs=0.005)
     assert lounge.floor_height == pytest.approx(0.0, abs=0.015)
+    assert len(small_house.floors) == len(lounge.floors) == 1

@@ -1,18 +1,18 @@
 """Scenes and views that several tests look at."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
-from deux.contracts import Material, Robot, Scene, SceneMesh
+from deux.contracts import Floor, Material, Robot, Scene, SceneMesh, SceneReference
 from deux.geometry.poses import camera_pose
 from deux.scenes.free_space import free_space
 from deux.simulator.starts import random_starts
 from deux_plugins.scenes.apartments import apartment
-from deux_plugins.scenes.files import load_scene
 
 
 def quads(corners: np.ndarray, materials: tuple[Material, ...], vertex_colors: np.ndarray | None = None) -> Scene:
@@ -29,7 +29,27 @@ def quads(corners: np.ndarray, materials: tuple[Material, ...], vertex_colors: n
         label_names=tuple(f"quad {i}" for i in range(count)),
         vertex_colors=vertex_colors,
     )
-    return Scene("quads", mesh, 0.0, "test:quads")
+    return Scene("quads", mesh, (Floor(0.0, 12.0),), "test:quads")
+
+
+@dataclass(frozen=True)
+class LoadedScene(SceneReference):
+    """A reference to a scene that is in memory already."""
+
+    scene: Scene
+
+    @property
+    def identity(self) -> str:
+        return self.scene.identity
+
+    def load(self) -> Scene:
+        return self.scene
+
+
+@pytest.fixture(scope="session")
+def refer() -> Callable[[Scene], LoadedScene]:
+    """A function from a scene in memory to a reference to it."""
+    return lambda scene: LoadedScene(scene.name, scene)
 
 
 @pytest.fixture(scope="session")
@@ -54,11 +74,6 @@ def box() -> Scene:
             sides.append(side)
     colors = [(250, 10, 10), (10, 250, 10), (10, 10, 250), (250, 250, 10), (10, 250, 250), (250, 10, 250)]
     return quads(np.array(sides), tuple(Material(str(color), color) for color in colors))
-
-
-@pytest.fixture(scope="session")
-def small_house(shared_data: Callable[[str], Path]) -> Scene:
-    return load_scene(shared_data("scenes") / "small_house.glb")
 
 
 @pytest.fixture(scope="session")

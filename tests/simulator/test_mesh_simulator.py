@@ -1,21 +1,80 @@
-import copy
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from deux.contracts import Action, Robot, Scene
+from deux.contracts import COLOR, DEPTH, Action, Channel, Floor, Robot, Scene, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose, yaw_of
+from deux.scenes.objects import find_objects
+from deux.simulator.egl_context import EGLContext
 from deux.simulator.mesh_simulator import MeshSimulator
+from deux.testing.simulators import SimulatorSuite
 
 CAMERA = Camera(32, 32)
 
+Refer = Callable[[Scene], SceneReference]
 
-def test_it_walks_turns_and_sees(box: Scene) -> None:
-    simulator = MeshSimulator(box, CAMERA, Robot())
+
+@pytest.fixture(scope="module")
+def flat_simulator(flat: Scene, refer: Refer) -> MeshSimulator:
+    return MeshSimulator(refer(flat), CAMERA, Robot())
+
+
+@pytest.fixture(scope="module")
+def two_storeys(make_quads: Callable[..., Scene], box: Scene, refer: Refer) -> SceneReference:
+    """The box and another one 0.3 m above its ceiling."""
+    mesh = box.mesh
+    upper = mesh.vertices + np.float32([0.0, 2.8, 0.0])
+    doubled = replace(
+        mesh,
+        vertices=np.concatenate([mesh.vertices, upper]),
+        faces=np.concatenate([mesh.faces, mesh.faces + len(mesh.vertices)]),
+        uv=np.tile(mesh.uv, (2, 1, 1)),
+        face_material=np.tile(mesh.face_material, 2),
+        face_label=np.tile(mesh.face_label, 2),
+    )
+    return refer(replace(box, mesh=doubled, floors=(Floor(0.0, 12.0), Floor(2.8, 12.0))))
+
+
+class TestMeshSimulator(SimulatorSuite):
+    """In a furnished flat."""
+
+    @pytest.fixture(autouse=True)
+    def _simulator(self, flat_simulator: MeshSimulator) -> None:
+        self.simulator = flat_simulator
+
+    def make_simulator(self, camera: Camera) -> Simulator:
+        return self.simulator.another(camera)
+
+
+class TestTwoStoreys(SimulatorSuite):
+    """In a building of two bare storeys."""
+
+    @pytest.fixture(autouse=True)
+    def _scene(self, two_storeys: SceneReference) -> None:
+        self.scene = two_storeys
+
+    def make_simulator(self, camera: Camera) -> Simulator:
+        return MeshSimulator(self.scene, camera, Robot())
+
+
+class TestOpenGL(TestTwoStoreys):
+    """Drawn by pyrender."""
+
+    def make_simulator(self, camera: Camera) -> Simulator:
+        try:
+            EGLContext(8, 8)
+        except DeuxError as error:
+            pytest.skip(str(error))
+        return MeshSimulator(self.scene, camera, Robot(), renderer="pyrender")
+
+
+def test_it_walks_turns_and_sees(box: Scene, refer: Refer) -> None:
+    simulator = MeshSimulator(refer(box), CAMERA, Robot())
     simulator.reset(2.0, 2.0, 0.0)
     np.testing.assert_allclose(simulator.pose, camera_pose(2.0, 1.25, 2.0, 0.0))
     assert simulator.step(Action.FORWARD) is False
@@ -29,42 +88,14 @@ def test_it_walks_turns_and_sees(box: Scene) -> None:
     assert simulator.step(Action.STOP) is False
     assert yaw_of(simulator.pose) == pytest.approx(0.0, abs=1e-12)
 
-    frame = simulator.observe()
-    assert frame.labels is None
-    np.testing.assert_array_equal(frame.pose, simulator.pose)
+    frame = simulator.observe(COLOR | {Channel.LABELS})
     np.testing.assert_allclose(frame.depth[16, 16], frame.pose[2, 3], atol=1e-5)
-    labelled = simulator.observe(labels=True)
-    assert labelled.labels is not None
-    assert simulator.label_names[labelled.labels[16, 16]] == "quad 4"  # low end of z
+    assert frame.labels is not None
+    assert simulator.label_names[frame.labels[16, 16]] == "quad 4"  # low end of z
 
 
-def test_depth_alone_is_that_of_the_frame(box: Scene) -> None:
-    simulator = MeshSimulator(box, CAMERA, Robot())
-    simulator.reset(2.0, 2.0, 0.3)
-    for action in (Action.FORWARD, Action.LEFT, Action.FORWARD):
-        simulator.step(action)
-        seen = simulator.observe(labels=True)
-        np.testing.assert_array_equal(simulator.depth(), seen.depth)
-        for alone, whole in zip(simulator.labelled_depth(), (seen.depth, seen.labels), strict=True):
-            np.testing.assert_array_equal(alone, whole)
-
-
-def test_what_is_prepared_is_shared_by_copies_that_move_on_their_own(box: Scene) -> None:
-    simulator = MeshSimulator(box, CAMERA, Robot())
-    simulator.prepare()
-    first, second = copy.copy(simulator), copy.copy(simulator)
-    assert first._renderer is second._renderer is simulator._renderer
-    assert first.free_space() is second.free_space()
-    first.reset(2.0, 2.0, 0.0)
-    second.reset(1.0, 1.0, 0.0)
-    first.step(Action.FORWARD)
-    np.testing.assert_allclose(second.pose, camera_pose(1.0, 1.25, 1.0, 0.0))
-    with pytest.raises(DeuxError, match="call reset"):
-        simulator.depth()
-
-
-def test_turns_add_up_exactly(box: Scene) -> None:
-    simulator = MeshSimulator(box, CAMERA, Robot())
+def test_turns_add_up_exactly(box: Scene, refer: Refer) -> None:
+    simulator = MeshSimulator(refer(box), CAMERA, Robot())
     simulator.reset(2.0, 1.5, 0.4)
     start = simulator.pose
     for _ in range(36):
@@ -72,8 +103,8 @@ def test_turns_add_up_exactly(box: Scene) -> None:
     np.testing.assert_allclose(simulator.pose, start, atol=1e-12)
 
 
-def test_it_stops_at_the_wall_a_radius_away(box: Scene) -> None:
-    simulator = MeshSimulator(box, CAMERA, Robot())
+def test_it_stops_at_the_wall_a_radius_away(box: Scene, refer: Refer) -> None:
+    simulator = MeshSimulator(refer(box), CAMERA, Robot())
     simulator.reset(2.0, 1.5, 0.0)
     collisions = [simulator.step(Action.FORWARD) for _ in range(12)]
     assert collisions == sorted(collisions)
@@ -81,17 +112,56 @@ def test_it_stops_at_the_wall_a_radius_away(box: Scene) -> None:
     assert 0.1 <= simulator.pose[2, 3] <= 0.16  # the radius, up to a cell
 
 
-def test_the_camera_is_above_the_scenes_own_floor(box: Scene) -> None:
-    lifted = replace(box.mesh, vertices=box.mesh.vertices + np.float32([0.0, 7.0, 0.0]))
-    simulator = MeshSimulator(replace(box, mesh=lifted, floor_height=7.0), CAMERA, Robot(camera_height=0.8))
-    simulator.reset(2.0, 1.5, 0.0)
-    assert simulator.pose[1, 3] == pytest.approx(7.8)
-    assert simulator.free_space() is simulator.free_space()
-    assert simulator.free_space().floor_height == 7.0
+def test_the_camera_is_above_the_floor_that_it_is_put_on(two_storeys: SceneReference) -> None:
+    simulator = MeshSimulator(two_storeys, CAMERA, Robot(camera_height=0.8))
+    for floor, height in enumerate((0.0, 2.8)):
+        simulator.reset(2.0, 1.5, 0.0, floor)
+        simulator.step(Action.FORWARD)
+        assert simulator.pose[1, 3] == pytest.approx(height + 0.8)
+        assert simulator.free_space(floor) is simulator.free_space(floor)
+        assert simulator.free_space(floor).floor_height == height
+    with pytest.raises(DeuxError, match="has no floor 2: its floors are numbered 0 to 1"):
+        simulator.free_space(2)
 
 
-def test_it_cannot_be_put_into_a_wall_or_moved_before_it_is_put(box: Scene) -> None:
-    simulator = MeshSimulator(box, CAMERA, Robot())
+def test_objects_are_those_of_the_faces_in_range(flat_simulator: MeshSimulator, flat: Scene) -> None:
+    found = find_objects(flat.mesh)
+    assert flat_simulator.object_labels == found.labels
+    near = flat_simulator.another(Camera(64, 64, max_depth=2.0))
+    space = near.free_space()
+    row, column = np.argwhere(space.free)[len(np.argwhere(space.free)) // 2]
+    seen = set()
+    for yaw in np.linspace(0.0, 2.0 * math.pi, 5):
+        near.reset(*space.frame.centre(row, column), yaw)
+        frame = near.observe(frozenset({Channel.OBJECTS}))
+        assert frame.objects is not None
+        assert (frame.objects[frame.depth == 0.0] == -1).all()
+        seen |= set(np.unique(frame.objects)) - {-1}
+    assert seen, "it sees no furniture"
+
+
+def test_without_colours_depth_is_the_same_and_no_texture_is_kept(flat: Scene, refer: Refer) -> None:
+    bare = MeshSimulator(refer(flat), CAMERA, Robot(), colors=False)
+    assert all(material.texture is None for material in bare._shared.scene.mesh.materials)
+    pose = camera_pose(2.0, 1.25, 2.0, 0.3)[None]
+    whole = MeshSimulator(refer(flat), CAMERA, Robot())
+    np.testing.assert_array_equal(bare.observe(DEPTH, pose)[0].depth, whole.observe(DEPTH, pose)[0].depth)
+
+
+def test_one_hierarchy_of_rays_serves_floors_and_cameras(
+    two_storeys: SceneReference, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = []
+    monkeypatch.setattr("deux.scenes.ray_caster.TriangleMesh", lambda *mesh: built.append(mesh))
+    simulator = MeshSimulator(two_storeys, CAMERA, Robot())
+    for robot in (simulator, simulator.another(), simulator.another(Camera(20, 20))):
+        robot.observe(COLOR, camera_pose(2.0, 1.25, 2.0, 0.3)[None])
+    assert len(built) == 1
+    assert simulator._shared.caster is simulator.another()._shared.caster
+
+
+def test_it_cannot_be_put_into_a_wall_or_moved_before_it_is_put(box: Scene, refer: Refer) -> None:
+    simulator = MeshSimulator(refer(box), CAMERA, Robot())
     with pytest.raises(DeuxError, match="not in quads yet: call reset"):
         simulator.step(Action.FORWARD)
     with pytest.raises(DeuxError, match=r"cannot stand at x=0\.020, z=1\.500 in quads"):
@@ -100,8 +170,8 @@ def test_it_cannot_be_put_into_a_wall_or_moved_before_it_is_put(box: Scene) -> N
         simulator.reset(50.0, 1.5, 0.0)
 
 
-def test_a_wrong_renderer_is_an_error(box: Scene) -> None:
-    simulator = MeshSimulator(box, CAMERA, Robot(), renderer="pyrnder")
+def test_a_wrong_renderer_is_an_error(box: Scene, refer: Refer) -> None:
+    simulator = MeshSimulator(refer(box), CAMERA, Robot(), renderer="pyrnder")
     simulator.reset(2.0, 1.5, 0.0)
     with pytest.raises(DeuxError, match="did you mean pyrender"):
         simulator.observe()

@@ -10,15 +10,15 @@ from deux.simulator.renderers import make_renderer
 
 
 def test_renderers_are_made_by_name(box: Scene) -> None:
-    assert isinstance(make_renderer("embree", box, Camera()), EmbreeRenderer)
+    assert isinstance(make_renderer("embree", box.mesh, Camera()), EmbreeRenderer)
 
 
 def test_an_unknown_renderer_is_named_with_what_was_meant(box: Scene) -> None:
-    with pytest.raises(DeuxError, match=r"renderer='embre' is not known: did you mean embree\? .*pyrender"):
-        make_renderer("embre", box, Camera())
+    with pytest.raises(DeuxError, match=r"renderer cannot be 'embre': did you mean embree\? .*pyrender"):
+        make_renderer("embre", box.mesh, Camera())
 
 
 def test_missing_opengl_is_one_sentence_with_the_packages(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyrender", None)  # makes its import fail
     with pytest.raises(DeuxError, match=r"cannot load OpenGL .*Debian packages libegl1 and libgl1"):
-        make_renderer("pyrender", box, Camera())
+        make_renderer("pyrender", box.mesh, Camera())

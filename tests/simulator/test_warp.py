@@ -1,5 +1,6 @@
 """What the training objective relies on: depth, poses, intrinsics and colours of neighbouring frames fit together."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 import torch
 from torch.nn.functional import grid_sample
 
-from deux.contracts import Action, Frame, Robot, Scene
+from deux.contracts import Action, Frame, Robot, Scene, SceneReference
 from deux.geometry.camera import Camera
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.simulator.starts import random_starts
@@ -44,9 +45,9 @@ def warp(source: Frame, target: Frame, intrinsics: np.ndarray) -> Mismatch:
 
 
 @pytest.fixture(scope="module")
-def pairs(flat: Scene) -> list[tuple[Frame, Frame]]:
+def pairs(flat: Scene, refer: Callable[[Scene], SceneReference]) -> list[tuple[Frame, Frame]]:
     """Neighbouring frames: a forward step, and a turn."""
-    simulator = MeshSimulator(flat, CAMERA, Robot())
+    simulator = MeshSimulator(refer(flat), CAMERA, Robot())
     found = []
     for start in random_starts(simulator.free_space(), 5, np.random.default_rng(0)):
         simulator.reset(*start)

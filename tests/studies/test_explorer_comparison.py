@@ -4,10 +4,8 @@ import math
 
 import pytest
 
-from deux.report.sheet import Cell
-from deux.studies.comparison_sheets import gains_sheet, measures_sheet, rewards_sheet
 from deux.studies.exploration_meter import Exploration
-from deux.studies.explorer_comparison import Comparison, ExplorationEpisode
+from deux.studies.explorer_comparison import ExplorationEpisode, ExplorerComparison
 
 
 def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) -> ExplorationEpisode:
@@ -18,7 +16,7 @@ def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) 
 
 
 @pytest.fixture
-def comparison() -> Comparison:
+def comparison() -> ExplorerComparison:
     """Two scenes that differ more than the two explorers do; two episodes of `still` in the first scene."""
     episodes = [
         episode("still", "small", 9.0),
@@ -27,7 +25,7 @@ def comparison() -> Comparison:
         episode("eager", "small", 13.0, collisions=0),
         episode("eager", "large", 33.5, collisions=1),
     ]
-    return Comparison(episodes, {"eager": "growth"})
+    return ExplorerComparison(episodes, {"eager": "growth"})
 
 
 def test_episodes_of_one_scene_are_averaged_first(comparison):
@@ -44,31 +42,8 @@ def test_gains_are_taken_within_each_scene(comparison):
     assert comparison.gain("eager", "still", "reward_growth").mean == pytest.approx(0.325)
 
 
-def test_the_best_of_each_column_stands_out(comparison):
-    sheet = measures_sheet(comparison)
-    still, eager = sheet.rows
-    assert (still[0].text, eager[0].text) == ("still", "eager")
-    assert (still[1].bold, eager[1]) == (False, Cell("23.2 ± 130.2", bold=True))
-    assert (still[2].text, still[2].bold, eager[2].bold) == ("50.0 ± 0.0", True, True)
-    assert (still[4].bold, eager[4].bold) == (False, True)  # the fewer collisions
-    assert (still[5].bold, eager[5].bold) == (False, False)  # a long path is neither good nor bad
-
-
-def test_an_explorers_own_reward_stands_out(comparison):
-    assert [row[1].bold for row in rewards_sheet(comparison).rows] == [False, True]
-
-
-def test_a_gain_stands_out_where_its_interval_is_above_zero(comparison):
-    ((name, area, floor, _, own),) = gains_sheet(comparison, "still").rows
-    assert name.text == "eager"
-    assert area == Cell("3.2 ± 3.2", bold=True)  # 3.25 ± 3.18
-    assert floor == Cell("0.0 ± 0.0")
-    assert own == Cell("0.33 ± 0.32", bold=True)
-
-
 def test_what_is_not_known_is_left_empty():
-    comparison = Comparison([episode("still", "file", 9.0, objects_seen=None)], {})
-    assert measures_sheet(comparison).rows[0][3] == Cell("-")
+    comparison = ExplorerComparison([episode("still", "file", 9.0, objects_seen=None)], {})
     assert comparison.summary()["still"]["objects_seen"] == {"mean": None, "half_width": None}
     (row,) = csv.DictReader(io.StringIO(comparison.table_csv()))
     assert (row["objects_seen"], row["area_seen"], row["area_seen_low"]) == ("", "9.0", "")

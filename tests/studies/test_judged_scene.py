@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 import torch
 
-from deux.contracts import View
+from deux.contracts import Uncertainty, View
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
+from deux.registry import registry
 from deux.studies.judged_scene import CONTROLS, JudgedScene, SceneJudge, rank_correlation
-from deux.uncertainty.measures import MEASURES
+from deux.uncertainty import make_view
 
 CAMERA = Camera(width=64, height=48, hfov=60.0)
+MEASURES: dict[str, Uncertainty] = {
+    name: registry().create("uncertainties", name, {}) for name in ("l1", "ssim", "parallax", "flip", "sparse_error")
+}
 
 
 def view(error: float) -> View:
@@ -23,11 +27,10 @@ def view(error: float) -> View:
     points[..., 2::5, 2::5] = 2.0
     depth = torch.full((1, 1, 48, 64), 2.0)
     depth[..., 32:] += error
-    return View(
+    return make_view(
         image=torch.rand(1, 3, 48, 64, generator=generator),
         sparse_depth=points,
         intrinsics=torch.from_numpy(CAMERA.intrinsics).float()[None],
-        depth=depth,
         sources=torch.rand(1, 2, 3, 48, 64, generator=generator),
         source_from_target=torch.eye(4).repeat(1, 2, 1, 1),
         predict_depth=lambda image, sparse_depth, intrinsics: depth[:1].expand(len(image), -1, -1, -1),
@@ -36,7 +39,7 @@ def view(error: float) -> View:
 
 @pytest.fixture
 def judged() -> JudgedScene:
-    judge = SceneJudge("wall", CAMERA)
+    judge = SceneJudge("wall", CAMERA, MEASURES)
     truth = np.full((48, 64), 2.0, np.float32)
     truth[0] = 0.0  # not known
     for step in range(2, 6):
@@ -48,7 +51,7 @@ def test_frames_hold_the_true_error_and_every_measure(judged):
     assert [frame.step for frame in judged.frames] == [2, 3, 4, 5]
     assert [frame.error for frame in judged.frames] == pytest.approx([100.0, 150.0, 200.0, 250.0], rel=1e-4)
     assert judged.frames[0].distance == pytest.approx(2.1, rel=1e-4)
-    # Without motion there is no parallax, and with it nothing that `parallax` could say.
+    # Without motion there is no parallax, and without parallax `parallax` has no values.
     assert set(judged.frames[0].judgements) == {*MEASURES, *CONTROLS} - {"parallax"}
 
 
@@ -58,7 +61,7 @@ def test_a_measure_that_finds_the_errors_beats_chance(judged):
         assert frame.judgements["sparse_error"].ause < 0.1
         assert abs(frame.judgements["chance"].rank_correlation) < 0.1
         assert frame.judgements["chance"].ause > 0.3
-        assert frame.judgements["chance"].share == 1.0
+        assert frame.judgements["chance"].coverage == 1.0
         assert frame.judgements["sparse_error"].curve[0] == pytest.approx(1.0)
 
 
@@ -77,9 +80,23 @@ def test_it_survives_json(judged):
 
 
 def test_a_frame_without_true_depth_is_passed_over():
-    judge = SceneJudge("dark", CAMERA)
-    judge.see(2, view(0.1), np.zeros((48, 64), np.float32), camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 0.0)
+    judge = SceneJudge("dark", CAMERA, MEASURES)
+    assert judge.see(2, view(0.1), np.zeros((48, 64), np.float32), camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 0.0) == {}
     assert judge.result().frames == []
+
+
+def test_what_is_computed_already_is_not_computed_again(judged):
+    class Never(Uncertainty):
+        def __call__(self, view: View) -> torch.Tensor:
+            raise AssertionError("it was computed already")
+
+    given = torch.full((48, 64), 0.3)
+    judge = SceneJudge("wall", CAMERA, {"given": Never(), "flip": MEASURES["flip"]})
+    truth = np.full((48, 64), 2.0, np.float32)
+    maps = judge.see(2, view(0.1), truth, camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 10.0, {"given": given})
+    assert set(maps) == {"given", "flip", *CONTROLS}
+    np.testing.assert_array_equal(maps["given"], given.numpy())
+    assert judge.result().frames[0].judgements["given"].delta == pytest.approx(1.0 - np.exp(-0.3))
 
 
 def test_a_constant_orders_nothing():

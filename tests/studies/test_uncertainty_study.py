@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from deux.figures.uncertainty_figures import draw_frames, draw_sparsification
 from deux.studies.judged_scene import JudgedFrame, JudgedScene, Judgement, Place
-from deux.studies.uncertainty_sheets import causes_sheet, measures_sheet
 from deux.studies.uncertainty_study import UncertaintyStudy
+
+MEASURES = ("l1", "parallax", "flip", "sparse_error")
 
 
 def judgement(delta: float, rank: float) -> Judgement:
@@ -38,7 +38,7 @@ def scene(name: str, sign: float, rank: float) -> JudgedScene:
 
 @pytest.fixture
 def study() -> UncertaintyStudy:
-    return UncertaintyStudy([scene("a", 1.0, 0.6), scene("b", 1.0, 0.8)])
+    return UncertaintyStudy([scene("a", 1.0, 0.6), scene("b", 1.0, 0.8)], MEASURES)
 
 
 def test_numbers_are_means_over_scenes_with_their_interval(study):
@@ -59,32 +59,8 @@ def test_what_a_measure_goes_with(study):
 def test_frames_of_which_a_measure_says_nothing(study):
     assert study.count() == 20
     assert study.count("moved") == 10
-    assert study.share("parallax").mean == pytest.approx(0.25)  # half of the pixels of half of the frames
-    assert study.share("parallax", "moved").mean == pytest.approx(0.5)
+    assert study.coverage("parallax").mean == pytest.approx(0.25)  # half of the pixels of half of the frames
+    assert study.coverage("parallax", "moved").mean == pytest.approx(0.5)
     assert study.frames("parallax").mean == pytest.approx(1.0)
     assert np.isnan(study.pixels("flip").mean)
     assert study.summary()["flip"]["rank_correlation_pixels"] is None
-
-
-def test_tables(study):
-    sheet = measures_sheet(study)
-    rows = {row[0].text: row for row in sheet.rows}
-    assert "all 20 frames" in sheet.title
-    assert rows["sparse_error"][2].text == "0.70 ± 1.27"
-    assert rows["sparse_error"][2].bold
-    assert not rows["l1"][2].bold
-    assert rows["flip"][2].text == "-"
-    assert not rows["(chance)"][3].bold
-    assert "the 10 frames whose camera moved" in measures_sheet(study, "moved").title
-    assert causes_sheet(study).header == ("measure", "true error", "metres moved", "distance", "texture")
-
-
-def test_figures_show_the_measures_that_say_something(study):
-    figure = draw_sparsification(study)
-    assert len(figure.axes) == 2
-    labels = [line.get_label() for line in figure.axes[0].lines]
-    assert "sparse_error (0.15)" in labels
-    assert "the error itself" in labels
-    assert not any(str(label).startswith("flip") for label in labels)
-    points = sum(len(group.get_offsets()) for group in draw_frames(study).axes[0].collections)
-    assert points == 20

@@ -2,31 +2,30 @@
 
 import pytest
 
-from deux.configuration import compose
+from deux.configuration import compose, sections_of
 from deux.report.conditions import Conditions, conditions
-from deux.tasks.settings import Settings
-from deux.uncertainty.measures import MEASURES
+from deux.registry import registry
 
 SWITCHES = {
     "explore.residual_pose": ("pose", "surface"),
-    "collect.uncertainty": tuple(MEASURES),
+    "collect.uncertainty": ("l1", *(name for name in registry().names("uncertainties") if name != "l1")),
     "explore.map_depth": ("predicted", "sensor"),
     "explore.target": ("sampled", "greedy"),
     "explore.temperature": ("0.25", "1.0"),
-    "seed.explore": ("random", "frontier"),
-    "seed.steps": ("300", "600"),
-    "seed.checkpoint": ("null", "somewhere/model.safetensors"),
-    "callbacks": ("none", "active_collection"),
+    "seed_model.explore": ("random", "frontier"),
+    "seed_model.steps": ("300", "600"),
+    "seed_model.checkpoint": ("null", "somewhere/model.safetensors"),
+    "callbacks": ("[]", "[active_collection]"),
 }
 
 
 def composed(override: str) -> Conditions:
-    return conditions(Settings(compose([override])).identity)
+    return conditions(sections_of(compose([override])).identity)
 
 
 @pytest.mark.parametrize("option", SWITCHES)
 def test_a_switch_makes_another_explorer_of_the_same_training(option):
     made = [composed(f"{option}={value}") for value in SWITCHES[option]]
-    assert made[0] == conditions(Settings(compose()).identity)  # the first value is the default
+    assert made[0] == conditions(sections_of(compose()).identity)  # the first value is the default
     assert len({one.explorer_options for one in made}) == len(SWITCHES[option])
     assert len({(one.training, one.testing, one.model_options) for one in made}) == 1

@@ -10,20 +10,23 @@ import pytest
 
 import deux as package
 from deux.collection.pipeline import read_manifest
-from deux.configuration import compose
+from deux.configuration import compose, sections_of
 from deux.data.datamodule import TripletDataModule
+from deux.data.dataset_reader import DatasetReader
 from deux.metrics.model_errors import evaluate
+from deux.options import construct
 from deux.tasks import active_collection
-from deux.tasks.active_collection import RoundCollector
-from deux.tasks.given import weights_identity
-from deux.tasks.settings import Settings
+from deux.tasks.active_collection import ActiveCollectionSettings, RoundCollector
+from deux.tasks.checkpoints import weights_identity
+from deux.tasks.datasets import Datasets
+from deux.tasks.training import Training
 from deux.training.rounds import RoundRequest, Share
 
 ACTIVE = [
     "explore=deux",
     "callbacks=active_collection",
-    "callbacks.steps=8",
-    "callbacks.rounds=2",
+    "callbacks.active_collection.steps=8",
+    "callbacks.active_collection.rounds=2",
     "training.steps=8",
     "scenes.validation=1",
     "evaluation.validation_viewpoints=3",
@@ -80,7 +83,7 @@ def test_the_error_of_a_round_is_that_of_the_model_that_explored(active):
     (validation,) = (active.parent / "datasets").glob("validation-*")
     for one in results(active)["rounds"]:
         model = package.load(active / "rounds" / f"round{one['round']:02d}.safetensors")
-        batches = TripletDataModule(model, test=[], validation=[validation], batch_size=2).val_dataloader()
+        batches = TripletDataModule(model, validation=[DatasetReader(validation)], batch_size=2).val_dataloader()
         assert one["mae"] == pytest.approx(evaluate(model, batches).metrics["mae"], rel=1e-4)
 
 
@@ -118,12 +121,16 @@ def test_interrupted_in_a_round_it_ends_like_an_unbroken_run(tiny, active, tmp_p
 
 @pytest.fixture
 def collector(active, tiny_arguments) -> RoundCollector:
-    settings = Settings(compose(tiny_arguments(active.parent, *ACTIVE)))
-    return RoundCollector(settings, settings.active, settings.model, active / "rounds", [])
+    sections = sections_of(compose(tiny_arguments(active.parent, *ACTIVE)))
+    datasets = Datasets(sections)
+    recipe = Training(sections, datasets, 1).recipe
+    settings = construct(ActiveCollectionSettings, sections.plain("callbacks")["active_collection"], "callbacks")
+    explorer = sections.plugin("explore")
+    return RoundCollector(datasets, settings, explorer, recipe, active / "rounds", [], sections.seed)
 
 
 def request(collector: RoundCollector, number: int, **changes) -> RoundRequest:
-    return RoundRequest(number, 1, collector.model.create().eval(), "32-true", nullcontext, **changes)
+    return RoundRequest(number, 1, collector.recipe.model.create().eval(), "32-true", nullcontext, **changes)
 
 
 def test_a_round_that_was_begun_is_finished_with_the_weights_of_its_beginning(collector):
@@ -136,11 +143,16 @@ def test_a_process_without_a_scene_collects_nothing(collector):
 
 
 def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
-    options = ["task=train", "callbacks=active_collection", "callbacks.steps=8", "callbacks.mode=replace"]
+    options = [
+        "task=train",
+        "callbacks=active_collection",
+        "callbacks.active_collection.steps=8",
+        "callbacks.active_collection.mode=replace",
+    ]
     folder = active.parent / "control"
     outcome = tiny(active.parent, "explore=random", "training.steps=2", *options, f"hydra.run.dir={folder}")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "1 of callbacks.rounds=3 rounds took place" in outcome.out
+    assert "1 of callbacks.active_collection.rounds=3 rounds took place" in outcome.out
     (found,) = json.loads((folder / "rounds" / "rounds.json").read_text())
     assert (found["frames"], found["uncertainty"], found["mae"]) == (6, None, None)
 
@@ -149,10 +161,18 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
     ("overrides", "sentence"),
     [
         (["callbacks=activ_collection"], "there is no callback called 'activ_collection': did you mean active_collec"),
-        (["callbacks.every=2"], "callbacks has no options before one is chosen: add callbacks=active_collection."),
-        (["callbacks=active_collection", "callbacks.mode=ad"], "callbacks.mode cannot be 'ad': did you mean add?"),
-        (["callbacks=active_collection", "callbacks.evry=2"], "there is no option callbacks.evry: did you mean every?"),
-        (["callbacks=active_collection", "callbacks.steps=2"], "callbacks.steps is 2: it must be at least 3."),
+        (
+            ["callbacks=active_collection", "callbacks.active_collection.mode=ad"],
+            "callbacks.active_collection.mode cannot be 'ad': did you mean add?",
+        ),
+        (
+            ["callbacks=active_collection", "callbacks.active_collection.evry=2"],
+            "callbacks.active_collection.evry is not an option of",
+        ),
+        (
+            ["callbacks=active_collection", "callbacks.active_collection.steps=2"],
+            "callbacks.active_collection.steps is 2: it must be at least 3.",
+        ),
     ],
 )
 def test_mistakes_are_told_in_one_sentence(tiny, tmp_path, overrides, sentence):
@@ -160,7 +180,7 @@ def test_mistakes_are_told_in_one_sentence(tiny, tmp_path, overrides, sentence):
 
 
 def test_a_sweep_does_not_start_itself_again(tiny, tmp_path):
-    outcome = tiny(tmp_path, "explore=random", "random_seed=0,1", "trainer.strategy=ddp", "trainer.devices=2", "-m")
+    outcome = tiny(tmp_path, "explore=random", "seed=0,1", "trainer.strategy=ddp", "trainer.devices=2", "-m")
     assert outcome.code == 1
     assert "a sweep (-m) with trainer.devices=2 would start the whole sweep again" in outcome.err
 

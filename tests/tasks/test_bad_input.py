@@ -25,15 +25,15 @@ MISTAKES = {
     "task=collct": "there is no task called 'collct': did you mean collect?",
     "model=kbnt": "there is no depth model called 'kbnt': did you mean kbnet?",
     "explore=rndom": "there is no explorer called 'rndom': did you mean random?",
-    "seed.explore=rndom": "there is no explorer called 'rndom': did you mean random?",
+    "seed_model.explore=rndom": "there is no explorer called 'rndom': did you mean random?",
     "compare.explorers=[rndom]": "there is no explorer called 'rndom': did you mean random?",
     "compare.baseline=rndom": "there is no explorer called 'rndom': did you mean random?",
     "objective.color_consistncy=1": "there is no loss term called 'color_consistncy': did you mean color_consistency",
-    "scenes=apartmnts": "there is no kind of scenes called 'apartmnts': did you mean apartments?",
+    "scenes=apartmnts": "there is no source of scenes called 'apartmnts': did you mean apartments?",
     "experiment=debg": "there is no experiment called 'debg': did you mean debug?",
-    "renderer=embre": "renderer cannot be 'embre': did you mean embree?",
-    "pose=lerned": "pose cannot be 'lerned': did you mean learned?",
-    "collect.uncertainty=l3": "collect.uncertainty cannot be 'l3': did you mean l1?",
+    "simulator.renderer=embre": "simulator.renderer cannot be 'embre': did you mean embree?",
+    "pose=lerned": "pose=lerned is no source of poses: did you mean learned?",
+    "collect.uncertainty=l3": "there is no measure of uncertainty called 'l3': did you mean l1?",
     # keys
     "trainig.steps=3": "there is no option trainig: did you mean training",
     "collect.step=3": "there is no option collect.step: did you mean steps?",
@@ -42,18 +42,19 @@ MISTAKES = {
     "trainer.acclerator=cpu": "trainer.acclerator is not an option of Trainer: did you mean accelerator?",
     "model.min_dept=1": "model.min_dept is not an option of KBNet: did you mean min_depth",
     "explore.steps=3": "explore.steps is not an option of RandomExplorer: ",
-    "scenes.trains=3": "there is no option scenes.trains: did you mean train?",
+    "scenes.trains=3": "scenes.trains is not an option of Apartments: did you mean train?",
+    "simulator.rendrer=embree": "simulator.rendrer is not an option of MeshSimulator: did you mean renderer?",
     "objective.sparse_depth.weigth=2": "objective.sparse_depth.weigth is not an option of",
     # types
     "camera.width=abc": "camera.width must be a whole number, but is 'abc'.",
     "camera.width=64.5": "camera.width must be a whole number, but is 64.5.",
     "collect.steps=abc": "collect.steps must be a whole number, but is 'abc'.",
-    "random_seed=abc": "random_seed must be a whole number, but is 'abc'.",
+    "seed=abc": "seed is 'abc': the random seed is a whole number from 0 to 4294967295.",
     "training.offsets=[-1,0]": "training.offsets is [-1, 0]: it lists the source frames as distances from the target",
     "training.crop=64": "training.crop must be a list of 2 values (a whole number, a whole number) or null, but is 64.",
     "verification.min_points=few": "verification.min_points must be a number, but is 'few'.",
     "objective.sparse_depth=heavy": "objective.sparse_depth has the weight 'heavy': a weight is a number of 0 or more",
-    "scenes.train=many": "scenes.train is 'many', but it must be a number of apartments or a list of seeds >= 0.",
+    "scenes.train=many": "scenes.train must be a whole number or a list (each a whole number), but is 'many'.",
     "trainer.accelerator=gpuu": "the settings under trainer make no lightning.Trainer: You selected an invalid acc",
     "trainer.devices=many": "the settings under trainer make no lightning.Trainer: `devices` selected with",
     # ranges
@@ -65,29 +66,30 @@ MISTAKES = {
     "collect.steps=0": "collect.steps is 0: it must be at least 3.",
     "collect.processes=0": "collect.processes is 0: it must be at least 1.",
     "sampling.density=2": "sampling.density is 2.0: it must be at least 1e-06 and at most 1.",
-    "seed.steps=-1": "seed.steps is -1: it must be at least 1.",
+    "seed_model.steps=-1": "seed_model.steps is -1: it must be at least 1.",
     "training.steps=-3": "training.steps is -3: it must be at least 1.",
     "training.batch_size=0": "training.batch_size is 0: it must be at least 1.",
     "training.validations=0": "training.validations is 0: it must be at least 1.",
     "evaluation.viewpoints=0": "evaluation.viewpoints is 0: it must be at least 1.",
-    "compare.flats=0": "compare.flats is 0: it must be at least 1.",
     "compare.steps=1": "compare.steps is 1: it must be at least 2.",
     "compare.figure_scene=20": "compare.figure_scene is 20: it must be at least 0 and at most 19.",
-    "random_seed=-1": "random_seed is -1: it must be at least 0 and at most 4294967295.",
+    "seed=-1": "seed is -1: the random seed is a whole number from 0 to 4294967295.",
     "objective.sparse_depth=-1": "objective.sparse_depth has the weight -1: a weight is a number of 0 or more",
     "scenes.test=0": "scenes.test names no scene: at least one is needed.",
     "model.min_depth=-1": "min_depth=-1.0 and max_depth=10.0 are no depth range",
     "compare.explorers=[]": "compare.explorers is empty: name some, or null for all that are installed.",
     "compare.explorers=random": "compare.explorers must be a list",
     # what another option asks for
-    "task=evaluate": "task=evaluate needs a trained model: name a run folder, a model file or a published checkpoint",
+    "task=evaluate": "a trained model is needed: name a run folder, a model file or a published checkpoint by evaluation",
 }
 
 
 @pytest.mark.parametrize("override", MISTAKES)
 def test_a_mistake_in_the_configuration_ends_before_any_work(tiny, tmp_path, override):
     group = [] if override.startswith("explore=") else ["explore=random"]
-    sentence = tiny(tmp_path, *group, override).sentence
+    task = {"compare": ["task=compare_explorers"]}.get(override.partition(".")[0], [])
+    guided = ["explore=deux"] if override.startswith(("seed_model.", "collect.uncertainty")) else []
+    sentence = tiny(tmp_path, *group, *guided, *task, override).sentence
     assert sentence.startswith(MISTAKES[override])
     assert {path.name for path in tmp_path.rglob("*") if path.is_file()} <= {
         "deux.log",
@@ -216,8 +218,7 @@ def test_supervision_alone_reads_the_ground_truth(tiny, tested, tmp_path):
 
 @pytest.mark.parametrize("task", ["train", "evaluate"])
 def test_a_folder_that_is_no_dataset(tiny, tested, tmp_path, task):
-    option = {"train": "training_data", "evaluate": "evaluation.data"}[task]
-    assert use(tiny, tested, tmp_path, task, tmp_path).startswith(f"{option}={tmp_path} is no dataset: ")
+    assert use(tiny, tested, tmp_path, task, tmp_path).startswith(f"{tmp_path} is no dataset: ")
     (tmp_path / "data").mkdir()
     sentence = use(tiny, tested, tmp_path, task, tmp_path)
     assert f"{tmp_path} has no {task.replace('evaluate', 'test')} split" in sentence
@@ -273,7 +274,7 @@ def load_settings(model: Path) -> dict:
         return json.loads(stream.metadata()["deux"])["settings"]
 
 
-@pytest.mark.parametrize("option", ["seed.checkpoint", "evaluation.checkpoint"])
+@pytest.mark.parametrize("option", ["seed_model.checkpoint", "evaluation.checkpoint"])
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
@@ -290,7 +291,7 @@ def load_settings(model: Path) -> dict:
 )
 def test_a_checkpoint_that_is_none(tiny, trained, tmp_path, option, kind, sentence):
     path = checkpoint_file(kind, trained, tmp_path)
-    task = {"seed.checkpoint": "collect", "evaluation.checkpoint": "evaluate"}[option]
+    task = {"seed_model.checkpoint": "collect", "evaluation.checkpoint": "evaluate"}[option]
     outcome = tiny(tmp_path / "outputs", "explore=deux", f"task={task}", f"{option}={path}")
     assert sentence in outcome.sentence
     assert not list(tmp_path.glob("outputs/datasets/[!.]*"))

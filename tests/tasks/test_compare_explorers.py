@@ -13,7 +13,7 @@ from deux.environment.egocentric import Crops
 from deux.policies.policy_files import save_policy
 from deux.testing.learned_explorers import untrained_policy
 
-SMALL = ["task=compare_explorers", "compare.flats=2", "compare.steps=6"]
+SMALL = ["task=compare_explorers", "scenes.test=2", "compare.steps=6"]
 
 
 def episodes(run: Path) -> dict[str, dict]:
@@ -98,7 +98,7 @@ def test_guided_and_learned_explorers_take_part(compare, model_file, tmp_path):
     policy = tmp_path / "policy.safetensors"
     save_policy(policy, untrained_policy(Crops()))
     chosen = ["compare.explorers=[deux,coverage]", "explore=coverage", f"explore.weights={policy}", "compare.seeds=2"]
-    outcome = compare(tmp_path / "run", *chosen, "compare.flats=1", f"seed.checkpoint={model_file('kbnet')}")
+    outcome = compare(tmp_path / "run", *chosen, "scenes.test=1", f"seed_model.checkpoint={model_file('kbnet')}")
     assert (outcome.code, outcome.err) == (0, "")
     found = episodes(tmp_path / "run")
     assert list(found) == [f"{name}-apartment_200000-0{i}.json" for name in ("coverage", "deux") for i in (0, 1)]

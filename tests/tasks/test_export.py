@@ -23,7 +23,7 @@ def export(deux, tmp_path):
     """Run the task: export(checkpoint, **options) gives its outcome and where the file is to be."""
 
     def run(checkpoint: Path | None, *options: str):
-        given = [] if checkpoint is None else [f"checkpoint={checkpoint}"]
+        given = [] if checkpoint is None else [f"export.checkpoint={checkpoint}"]
         return deux("task=export", *given, f"hydra.run.dir={tmp_path}/run", *options), tmp_path / "run" / "model.onnx"
 
     return run
@@ -104,8 +104,11 @@ def test_a_package_that_is_not_installed(export, model_file, monkeypatch, missin
 @pytest.mark.parametrize(
     ("option", "sentence"),
     [
-        ("checkpoint=null", "task=export needs a trained model: name a run folder, a model file or a published checkp"),
-        ("checkpoint=nowhere", "there is no model "),
+        (
+            "export.checkpoint=null",
+            "a trained model is needed: name a run folder, a model file or a published checkpoi",
+        ),
+        ("export.checkpoint=nowhere", "there is no model "),
         ("export.height=0", "export.height is 0: it must be at least 1."),
         ("export.batch=-1", "export.batch is -1: it must be at least 1."),
         ("export.width=wide", "export.width must be a whole number or null, but is 'wide'."),

@@ -23,7 +23,7 @@ def founded(tiny, collected, tmp_path_factory):
 
 def test_scaffnet_is_trained_first_and_stays_as_it_is(founded):
     outputs, said = founded
-    assert "fusionnet is built on scaffnet, which learns from synthetic flats first" in said
+    assert "fusionnet is built on scaffnet, which learns from synthetic scenes first" in said
     (foundation,) = outputs.glob("foundations/scaffnet-*/model.safetensors")
     scaffnet, fusionnet = deux.load(foundation), deux.load(outputs / "fusionnet")
     inside = fusionnet.scaffnet.state_dict()
@@ -62,7 +62,7 @@ def test_a_checkpoint_of_the_users(founded, tiny):
     arguments = ["task=train", "explore=random", f"foundation.checkpoint={given}", f"hydra.run.dir={run}"]
     outcome = tiny(outputs, *arguments, model="fusionnet")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "learns from synthetic flats" not in outcome.out
+    assert "learns from synthetic scenes" not in outcome.out
     inside = deux.load(run).scaffnet.state_dict()
     assert all(torch.equal(inside[name], value) for name, value in scaffnet.state_dict().items())
 

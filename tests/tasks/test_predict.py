@@ -14,6 +14,9 @@ from deux.io.images import quantise_depth, read_depth, write_depth
 from deux.tasks.predict import write_prediction
 
 HEIGHT, WIDTH = 45, 61
+SECTION = dict.fromkeys(("image", "sparse", "sparse_scale", "intrinsics", "ground_truth", "checkpoint"), "predict.")
+"""What the names of the task's own options begin with on the command line."""
+
 FILES = {"depth.png", "depth.npy", "depth_colored.png"}
 
 
@@ -61,7 +64,7 @@ def predict(deux, frame, model_file, monkeypatch):
             "hydra.run.dir": frame.folder / "run",
         }
         chosen = {key: value for key, value in (given | options).items() if value is not None}
-        return deux("task=predict", *(f"{key}={value}" for key, value in chosen.items()))
+        return deux("task=predict", *(f"{SECTION.get(key, '')}{key}={value}" for key, value in chosen.items()))
 
     return run
 
@@ -109,7 +112,9 @@ def test_a_repeated_command_finds_its_folder_and_overwrites_its_files(predict, f
 
 def checkpoint(folder: Path) -> str:
     """The checkpoint that a run's configuration names."""
-    found = re.search("^checkpoint: (.*)$", (folder / ".hydra" / "config.yaml").read_text(), re.MULTILINE)
+    found = re.search(
+        "^predict:\n(?:  .*\n)*?  checkpoint: (.*)$", (folder / ".hydra" / "config.yaml").read_text(), re.MULTILINE
+    )
     assert found
     return found[1]
 
@@ -118,8 +123,8 @@ def test_a_sweep_completes_several_frames(deux, predict, frame, model_file):
     frame.save("other.png", 255 - frame.rgb)
     folder = {"hydra.run.dir": None, "hydra.sweep.dir": frame.folder / "sweep"}
     given = {"image": "image.png,other.png", "sparse": "sparse.png", "intrinsics": "K.txt"} | folder
-    options = [f"{key}={value}" for key, value in given.items() if value is not None]
-    outcome = deux("task=predict", f"checkpoint={model_file('kbnet')}", *options, "-m")
+    options = [f"{SECTION.get(key, '')}{key}={value}" for key, value in given.items() if value is not None]
+    outcome = deux("task=predict", f"predict.checkpoint={model_file('kbnet')}", *options, "-m")
     assert (outcome.code, outcome.err) == (0, "")
     assert len(list(frame.folder.glob("sweep/predict-*/depth.png"))) == 2
 
@@ -281,7 +286,10 @@ def test_depth_beyond_what_a_png_holds_is_said(tmp_path, caplog):
     ("kind", "sentence"),
     [
         ("all far points", r"all \d+ points of sparse.png lie outside the 0.1 to 10 m that the model predicts"),
-        ("too small a scale", r"all \d+ points of sparse.png .* holds sparse_scale=1 values per metre; it is 1000 for"),
+        (
+            "too small a scale",
+            r"all \d+ points of sparse.png .* holds predict.sparse_scale=1 values per metre; it is 1000 for",
+        ),
         ("other sizes", "image has 60 x 45 pixels and sparse 61 x 45: they must be of one size."),
         ("other size of the truth", "image has 61 x 45 pixels and ground_truth 61 x 44: they must be of one size."),
         ("no truth", "ground_truth has no pixel between 0.1 and 10 m apart from the sparse points: name another file"),
@@ -297,13 +305,13 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
     [
         (
             {"image": None},
-            "task=predict needs the files of one frame, image=, sparse= and intrinsics=: image is not gi",
+            "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=: ",
         ),
         (
             {"sparse": None, "intrinsics": None},
             "task=predict needs the files .*: sparse and intrinsics are not given.$",
         ),
-        ({"checkpoint": None}, "task=predict needs a trained model: name a run folder, .* checkpoint by checkpoint=.$"),
+        ({"checkpoint": None}, "a trained model is needed: name a run folder, .* checkpoint by predict.checkpoint=.$"),
         ({"checkpoint": "."}, "there is no model .*/model.safetensors: name a file of weights or a run folder"),
         ({"image": "nothing.png"}, ".*/nothing.png is missing.$"),
         ({"image": "K.txt"}, ".*/K.txt cannot be read as an image, .*: it has no format that Pillow knows.$"),
@@ -314,9 +322,12 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
         ({"intrinsics": "nothing.npy"}, ".*/nothing.npy is missing.$"),
         ({"intrinsics": "image.png"}, ".*/image.png is not a text file of numbers.$"),
         ({"ground_truth": "nothing.png"}, ".*/nothing.png is missing.$"),
-        ({"sparse_scale": "0"}, "sparse_scale is 0.0: it must be above 0.$"),
-        ({"sparse_scale": "inch"}, "sparse_scale must be a number, but is 'inch'.$"),
-        ({"sparse.density": "0.1"}, "there is no option sparse.density: sparse is a single value.$"),
+        ({"sparse_scale": "0"}, "predict.sparse_scale is 0.0: it must be above 0.$"),
+        ({"sparse_scale": "inch"}, "predict.sparse_scale must be a number, but is 'inch'.$"),
+        (
+            {"predict.sparse.density": "0.1"},
+            "there is no option predict.sparse.density: predict.sparse is a single value",
+        ),
     ],
 )
 def test_an_option_that_cannot_be(predict, frame, options, sentence):

@@ -26,7 +26,7 @@ def test_the_presets_sweep_over_what_there_is_in_the_papers_order(name):
     assert params["model"].split(",") == list(report.models)
     assert set(report.models) <= set(registry().names("depth_models"))
     assert set(explorers) - {"oracle"} <= set(registry().names("explorers"))
-    assert len(params["random_seed"].split(",")) >= 3
+    assert len(params["seed"].split(",")) >= 3
 
 
 def test_a_scale_gives_way_to_the_scenes_and_the_command_line_to_nothing():
@@ -62,7 +62,7 @@ def test_three_sweeps_become_three_tables(tiny, deux, tmp_path):
         assert (outcome.code, outcome.err) == (0, "")
         return tmp_path / "report", outcome.out
 
-    first = ("table1", "explore=random,frontier", "random_seed=0,1")
+    first = ("table1", "explore=random,frontier", "seed=0,1")
     assert sweep(*first).code == 0
     whole = results(tmp_path)
     assert len(whole) == 4
@@ -80,17 +80,15 @@ def test_three_sweeps_become_three_tables(tiny, deux, tmp_path):
     assert results(tmp_path)[lost]["metrics"] == pytest.approx(whole[lost]["metrics"], rel=1e-6)
 
     # another dataset, and the models of the first one on it
-    assert sweep("table2", "explore=random", "random_seed=0").code == 0
-    third = ("table3", "explore=random,frontier", "random_seed=0,1", f"evaluation.checkpoint={tmp_path}/sweeps")
+    assert sweep("table2", "explore=random", "seed=0").code == 0
+    third = ("table3", "explore=random,frontier", "seed=0,1", f"evaluation.checkpoint={tmp_path}/sweeps")
     assert sweep(*third).code == 0
     transferred = [found for found in results(tmp_path).values() if found.get("trained")]
     assert len(transferred) == 4
     for found in transferred:
         trained = found["trained"]["settings"]
         (own,) = (
-            r
-            for r in whole.values()
-            if (r["explore"], r["seed"]) == (trained["explore"]["name"], trained["random_seed"])
+            r for r in whole.values() if (r["explore"], r["seed"]) == (trained["explore"]["name"], trained["seed"])
         )
         assert found["metrics"] != own["metrics"]
         assert "camera_height" not in trained["robot"]
@@ -130,7 +128,7 @@ def test_several_models_that_fit_are_not_chosen_between(tiny, trained, tmp_path)
         "has 2 trained runs of kbnet on random frames with seed 0 and this budget below it: name the folder" in sentence
     )
     shutil.rmtree(tmp_path / "runs" / "b")
-    sentence = tiny(tmp_path, *arguments, "random_seed=3").sentence
+    sentence = tiny(tmp_path, *arguments, "seed=3").sentence
     assert sentence.endswith(
         "has no trained run of kbnet on random frames with seed 3 and this budget below it: train it first."
     )

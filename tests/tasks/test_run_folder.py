@@ -3,37 +3,55 @@ import json
 import pytest
 
 from deux.errors import DeuxError
-from deux.tasks.run_folder import RunFolder, short_hash
+from deux.tasks.run_folder import open_run_folder, short_hash
 
 
 def test_the_same_settings_find_their_folder_again(tmp_path):
     settings = {"model": {"name": "kbnet", "pools": (1, 2)}, "seed": 0}
-    RunFolder(tmp_path / "run", settings)
-    RunFolder(tmp_path / "run", settings)
+    for _ in range(2):
+        with open_run_folder(tmp_path / "run", settings) as run:
+            assert run.path == tmp_path / "run"
     assert json.loads((tmp_path / "run" / "run.json").read_text())["model"]["pools"] == [1, 2]
 
 
 def test_other_settings_are_refused_by_name(tmp_path):
-    RunFolder(tmp_path, {"model": {"name": "kbnet"}, "seed": 0})
-    (tmp_path / "checkpoints").mkdir()
-    with pytest.raises(DeuxError, match=r"model\.name: kbnet there, voiced here, seed: 0 there, 1 here"):
-        RunFolder(tmp_path, {"model": {"name": "voiced"}, "seed": 1})
+    with open_run_folder(tmp_path, {"model": {"name": "kbnet"}, "seed": 0}):
+        (tmp_path / "checkpoints").mkdir()
+    with (
+        pytest.raises(DeuxError, match=r"model\.name: kbnet there, voiced here, seed: 0 there, 1 here"),
+        open_run_folder(tmp_path, {"model": {"name": "voiced"}, "seed": 1}),
+    ):
+        pass
 
 
 def test_a_run_that_came_to_nothing_makes_room_for_another(tmp_path):
-    RunFolder(tmp_path, {"seed": {"checkpoint": "nowhere"}})
-    RunFolder(tmp_path, {"seed": {"checkpoint": None}})
-    assert json.loads((tmp_path / "run.json").read_text()) == {"seed": {"checkpoint": None}}
+    for checkpoint in ("nowhere", None):
+        with open_run_folder(tmp_path, {"seed_model": {"checkpoint": checkpoint}}):
+            pass
+    assert json.loads((tmp_path / "run.json").read_text()) == {"seed_model": {"checkpoint": None}}
+
+
+def test_two_commands_do_not_work_in_one_folder_at_once(tmp_path):
+    with open_run_folder(tmp_path, {"seed": 0}):
+        with (
+            pytest.raises(DeuxError, match=f"^another command is at work in {tmp_path}: wait until it has ended, or"),
+            open_run_folder(tmp_path, {"seed": 0}),
+        ):
+            pass
+        assert (tmp_path / "run.json").exists()
+    with open_run_folder(tmp_path, {"seed": 0}):
+        pass
 
 
 def test_seconds_add_up_over_starts_and_survive_an_error(tmp_path, monkeypatch):
     now = iter([10.0, 12.5, 100.0, 101.0])
     monkeypatch.setattr("deux.tasks.run_folder.time.perf_counter", lambda: next(now))
-    with pytest.raises(RuntimeError), RunFolder(tmp_path, {}).stage("train"):
+    with pytest.raises(RuntimeError), open_run_folder(tmp_path, {}) as run, run.stage("train"):
         raise RuntimeError
-    with RunFolder(tmp_path, {}).stage("train"):
-        pass
-    assert RunFolder(tmp_path, {}).seconds == {"train": 3.5}
+    with open_run_folder(tmp_path, {}) as run:
+        with run.stage("train"):
+            pass
+        assert run.seconds == {"train": 3.5}
 
 
 def test_equal_content_has_an_equal_hash():

@@ -146,7 +146,7 @@ def test_the_other_renderer_sees_the_same(tiny, collected, tmp_path):
         EGLContext(8, 8)
     except DeuxError as error:
         pytest.skip(str(error))
-    outcome = tiny(tmp_path, "task=collect", "explore=random", "renderer=pyrender")
+    outcome = tiny(tmp_path, "task=collect", "explore=random", "simulator.renderer=pyrender")
     assert (outcome.code, outcome.err) == (0, "")
     embree, pyrender = (sequences(only(o, "datasets/random-*"))[0] for o in (collected, tmp_path))
     for frame in embree.frames():

@@ -9,7 +9,7 @@ from deux.policies.training_state import load_training_state
 SMALL = [
     "task=train_explorer",
     "explore=novelty",
-    "explorer_training.flats=1",
+    "explorer_training.scenes=1",
     "explorer_training.episode=20",
     "explorer_training.environments=2",
     "explorer_training.rollout=16",
@@ -29,7 +29,7 @@ def trained(tiny, tmp_path_factory):
 def test_the_policy_says_what_made_it(trained):
     folder, said = trained
     made_by = load_policy(folder / "policy.safetensors").made_by
-    assert (made_by["reward"], made_by["random_seed"]) == ("novelty", 0)
+    assert (made_by["reward"], made_by["seed"]) == ("novelty", 0)
     assert made_by["scenes"] == ["apartment:1:300000"], "the policy must not learn in the experiment's own flats"
     assert made_by["settings"]["steps"] == 96
     assert made_by["curve"]["steps"][-1] == 96

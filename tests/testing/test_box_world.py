@@ -1,9 +1,16 @@
 import numpy as np
 import pytest
 
-from deux.contracts import Action
+from deux.contracts import COLOR, Action, Channel, Simulator
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.testing.box_world import Box, BoxWorld
+from deux.testing.simulators import SimulatorSuite
+
+
+class TestBoxWorld(SimulatorSuite):
+    def make_simulator(self, camera: Camera) -> Simulator:
+        return BoxWorld(6.0, 5.0, (Box(4.0, 1.0, 5.0, 2.0, 0.9), Box(1.0, 3.5, 2.0, 4.0)), camera)
 
 
 def test_depth_of_an_empty_room_is_the_distance_to_its_planes():
@@ -22,7 +29,7 @@ def test_points_of_the_depth_image_lie_on_the_surfaces_that_are_labelled():
     box = Box(2.0, 0.5, 3.0, 1.5, 0.9)
     world = BoxWorld(5.0, 4.0, (box,))
     world.reset(2.3, 3.0, 0.2)
-    frame = world.observe(labels=True)
+    frame = world.observe(COLOR | {Channel.LABELS, Channel.OBJECTS})
     points = (world.camera.rays() * frame.depth[..., None]) @ frame.pose[:3, :3].T + frame.pose[:3, 3]
     room = np.minimum.reduce(
         [np.abs(points[..., i] - side) for i, high in ((0, 5.0), (1, 2.5), (2, 4.0)) for side in (0.0, high)]
@@ -36,6 +43,7 @@ def test_points_of_the_depth_image_lie_on_the_surfaces_that_are_labelled():
         ]
     )
     assert (frame.labels == 1).sum() > 100
+    np.testing.assert_array_equal(frame.objects, frame.labels - 1)
     assert faces[frame.labels == 1].max() < 1e-5
 
 
@@ -56,9 +64,15 @@ def test_free_space_is_what_the_robot_can_reach():
     assert not space.free[:, 40:].any()
 
 
-def test_depth_alone_is_that_of_the_frame():
-    world = BoxWorld(5.0, 4.0, (Box(2.0, 0.5, 3.0, 1.5, 0.9),))
-    world.reset(2.3, 3.0, 0.2)
-    seen = world.observe(labels=True)
-    np.testing.assert_array_equal(world.depth(), seen.depth)
-    np.testing.assert_array_equal(world.labelled_depth(), (seen.depth, seen.labels))
+def test_there_is_no_place_within_a_radius_of_what_blocks_the_robot():
+    world = BoxWorld(4.0, 4.0, (Box(1.0, 1.0, 2.0, 2.0, 0.5), Box(3.0, 3.0, 3.5, 3.5, 0.1)))
+    for x, z in ((1.5, 1.5), (0.95, 1.5), (0.05, 2.0), (-1.0, 2.0)):
+        with pytest.raises(DeuxError, match="cannot stand"):
+            world.reset(x, z, 0.0)
+    world.reset(3.2, 3.2, 0.0)  # it rolls over what is low
+
+
+def test_different_rooms_have_different_identities():
+    rooms = [BoxWorld(4.0, 4.0), BoxWorld(4.0, 4.5), BoxWorld(4.0, 4.0, (Box(1.0, 1.0, 2.0, 2.0),))]
+    assert len({room.scene.identity for room in rooms}) == 3
+    assert rooms[0].another().scene == rooms[0].scene

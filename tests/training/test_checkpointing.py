@@ -5,7 +5,7 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
-from deux.metrics.depth_errors import DepthMetrics
+from deux.metrics.depth_errors import DepthErrors
 from deux.testing.losses import perfect_sample
 from deux.training.checkpointing import resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
@@ -47,7 +47,7 @@ def train(small_model, fit):
             model,
             make_objective(model),
             schedule=Schedule(3e-3, boundaries=(3,), factors=(0.5,), unit="epoch", warmup_steps=3),
-            metrics=DepthMetrics(),
+            metrics=DepthErrors(),
         )
         recorder = LossRecorder()
         callbacks = [recorder, HealthCheck(), *([resume_checkpoints(folder)] if folder else [])]

@@ -3,7 +3,7 @@ import io
 import pytest
 import torch
 
-from deux.metrics.depth_errors import DepthMetrics
+from deux.metrics.depth_errors import DepthErrors
 from deux.testing.losses import perfect_sample
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
@@ -53,7 +53,7 @@ def test_learned_poses_train_with_the_model(make_module, fit):
 
 
 def test_what_is_logged(make_module, fit):
-    metrics = DepthMetrics()
+    metrics = DepthErrors()
     module = make_module(metrics=metrics)
     trainer = fit(module, perfect_sample().batch, copies=2, max_epochs=1, limit_val_batches=1.0)
     terms = ["loss", "photometric_error", *type(module.model).objective]
@@ -67,7 +67,7 @@ def test_what_is_logged(make_module, fit):
 def test_frames_without_ground_truth_validate_without_metrics(make_module, fit):
     batch = perfect_sample().batch
     batch.ground_truth = None
-    trainer = fit(make_module(metrics=DepthMetrics()), batch, copies=1, max_epochs=1, limit_val_batches=1.0)
+    trainer = fit(make_module(metrics=DepthErrors()), batch, copies=1, max_epochs=1, limit_val_batches=1.0)
     assert "validation/loss" in trainer.callback_metrics
     assert "validation/mae" not in trainer.callback_metrics
 
@@ -141,6 +141,6 @@ def test_frozen_parameters_are_not_optimised(make_module, fit):
 
 def test_state_is_plain_tensors(make_module):
     buffer = io.BytesIO()
-    torch.save(make_module(metrics=DepthMetrics()).state_dict(), buffer)
+    torch.save(make_module(metrics=DepthErrors()).state_dict(), buffer)
     buffer.seek(0)
     assert all(name.startswith("model.") for name in torch.load(buffer, weights_only=True))

@@ -1,4 +1,5 @@
 import json
+import os
 import struct
 from pathlib import Path
 
@@ -7,13 +8,35 @@ import pytest
 import trimesh
 from PIL import Image
 
+from deux.contracts import SceneSource
 from deux.errors import DeuxError
-from deux_plugins.scenes.files import check_scene_file, file_identity, load_scene
+from deux.options import construct, full_settings
+from deux.testing.scenes import SceneSourceSuite
+from deux_plugins.scenes.files import FileReference, Files, check_scene_file, file_identity, load_scene
 
 SQUARE = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 4], [0, 0, 4]], np.float32)
 TWO_TRIANGLES = np.array([0, 1, 2, 0, 2, 3], np.uint16)
 GLTF_UV = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)  # origin at the image's top left
 CORNER_COLORS = np.array([[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [9, 8, 7, 255]], np.uint8)
+
+
+@pytest.fixture
+def boxes(tmp_path):
+    """Three different scene files, a.ply, b.ply and c.ply, and the path of each."""
+    paths = []
+    for size, name in enumerate("abc", start=3):
+        paths.append(str(tmp_path / f"{name}.ply"))
+        trimesh.creation.box([size] * 3).export(paths[-1])
+    return paths
+
+
+class TestFiles(SceneSourceSuite):
+    @pytest.fixture(autouse=True)
+    def _files(self, boxes):
+        self.boxes = boxes
+
+    def make_source(self) -> SceneSource:
+        return Files(*self.boxes)
 
 
 @pytest.fixture
@@ -225,10 +248,97 @@ def test_textures_that_trimesh_would_skip_are_an_error(tmp_path, picture):
         load_scene(path)
 
 
-def test_a_misspelt_file_name_gets_its_neighbour(tmp_path):
+def test_a_missing_file_is_answered_by_what_lies_beside_it(tmp_path):
+    with pytest.raises(DeuxError, match=r"no scene file .*house\.glb: There is: none\.$"):
+        check_scene_file(tmp_path / "house.glb")
     (tmp_path / "small_house.glb").touch()
-    with pytest.raises(DeuxError, match=r"did you mean small_house\.glb"):
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(DeuxError, match=r"did you mean small_house\.glb\? There is: small_house\.glb\.$"):
         check_scene_file(tmp_path / "smal_house.glb")
+    with pytest.raises(DeuxError, match=r"there is no folder .*/nowhere\.$"):
+        check_scene_file(tmp_path / "nowhere" / "house.glb")
+
+
+def test_files_load_from_anywhere_under_one_identity(boxes, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    splits = Files(train=["a.ply", "b.ply"], test="c.ply").splits()
+    monkeypatch.chdir("/")
+    assert [scene.name for scene in (*splits.train, *splits.test)] == ["a", "b", "c"]
+    scene = splits.train[0].load()
+    assert (scene.name, scene.identity) == ("a", splits.train[0].identity)
+    other = tmp_path / "elsewhere.ply"
+    other.write_bytes((tmp_path / "a.ply").read_bytes())
+    assert FileReference("other", other).identity == scene.identity
+    assert splits.train[1].identity != scene.identity
+
+
+def test_a_tilde_is_the_home_folder(boxes, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir("/")
+    assert Files("~/a.ply").splits().train[0].file == tmp_path / "a.ply"
+
+
+def test_a_changed_file_gets_a_new_identity(boxes, tmp_path):
+    reference = FileReference("a", tmp_path / "a.ply")
+    before = reference.identity
+    trimesh.creation.box([9, 9, 9]).export(reference.path)
+    os.utime(reference.path, (1, 1))
+    assert reference.identity != before
+
+
+def test_up_reaches_the_scene(boxes):
+    trimesh.creation.box([4, 2, 9]).export(boxes[0])
+    (lying,) = Files(boxes[0], up="z").splits().train
+    assert lying.load().mesh.bounds[1].tolist() == [2.0, 4.5, 1.0]
+    assert lying.identity != Files(boxes[0]).splits().train[0].identity
+
+
+def test_equal_stems_are_told_apart_by_their_folders(tmp_path):
+    for folder in ("office", "hotel"):
+        (tmp_path / folder).mkdir()
+        trimesh.creation.box([4, 4, 4]).export(tmp_path / folder / "mesh.ply")
+    train, test = (str(tmp_path / folder / "mesh.ply") for folder in ("office", "hotel"))
+    splits = Files(train, test=test).splits()
+    assert (splits.train[0].name, splits.test[0].name) == ("office_mesh", "hotel_mesh")
+    assert splits.train[0].load().name == "office_mesh"
+
+
+def test_a_file_in_two_splits_must_be_allowed_as_the_error_says(boxes):
+    settings = {"train": boxes, "test": boxes[:1]}
+    with pytest.raises(DeuxError, match=r"a\.ply is in scenes\.train and scenes\.test") as error:
+        construct(Files, settings, "scenes")
+    assert str(error.value).endswith("set scenes.allow_overlap=true.")
+    splits = construct(Files, {**settings, "allow_overlap": True}, "scenes").splits()
+    assert splits.test[0] == splits.train[0]
+
+
+def test_options_have_defaults_that_json_holds():
+    assert full_settings(Files, {"train": "a.ply"}) == {
+        "train": "a.ply",
+        "validation": None,
+        "test": None,
+        "up": "y",
+        "allow_overlap": False,
+    }
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"train": 3}, r"scenes\.train must be text or a list \(each text\)"),
+        ({"train": [3]}, r"scenes\.train must be"),
+        ({"train": "nowhere.ply"}, "no scene file"),
+        ({"train": ["a.ply", "a.ply"]}, "once is enough"),
+        ({"train": "a.ply", "up": "x"}, r"scenes\.up cannot be 'x': There is: y, z"),
+        ({"train": "a.ply", "upp": "z"}, "did you mean up"),
+        ({"train": "a.ply", "allow_overlap": 1}, r"scenes\.allow_overlap must be true or false"),
+    ],
+)
+def test_mistaken_options_are_one_sentence(boxes, tmp_path, monkeypatch, settings, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DeuxError, match=message) as error:
+        construct(Files, settings, "scenes").splits()
+    assert "\n" not in str(error.value)
 
 
 def test_small_house_has_the_colours_that_trimesh_samples(shared_data, small_house):

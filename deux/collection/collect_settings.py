@@ -1,0 +1,49 @@
+"""The section `collect` of the configuration: how much is explored, and how."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from deux.errors import check_range
+from deux.registry import PluginChoice, registry
+
+FRAMES_OF_A_TRIPLET = 3
+
+
+@dataclass(frozen=True)
+class CollectSettings:
+    """How much is explored.
+
+    Args:
+        steps: actions in an episode.
+        episodes: episodes in each training scene.
+        uncertainty: the measure by which the depth model's predictions are judged (Eq. 8).
+        uncertainty_options: options of its constructor.
+        together: robots that explore in lock-step.
+        processes: processes that collect, for explorers that need no depth model.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    steps: int
+    episodes: int
+    uncertainty: str
+    together: int
+    processes: int
+    uncertainty_options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_range("collect.steps", self.steps, FRAMES_OF_A_TRIPLET)
+        check_range("collect.episodes", self.episodes, 1)
+        check_range("collect.together", self.together, 1)
+        check_range("collect.processes", self.processes, 1)
+
+    @property
+    def measure(self) -> PluginChoice:
+        """The measure of uncertainty with its options.
+
+        Raises:
+            DeuxError: there is no such measure, or an option that it does not have.
+        """
+        return registry().choose("uncertainties", {"name": self.uncertainty, **self.uncertainty_options})

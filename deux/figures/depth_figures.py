@@ -1,0 +1,182 @@
+"""Figures of predicted depth: one depth map, or several frames with their errors and uncertainty."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from lightning.fabric.utilities import move_data_to_device
+from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.loggers import TensorBoardLogger
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deux.contracts import Batch, DepthModel
+from deux.figures.drawing import DEPTH_COLORS, ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
+from deux.geometry.photometric_residual import photometric_residual
+from deux.geometry.reprojection import reproject
+from deux.training.module import DepthCompletion
+
+_COLUMNS = ("image", "sparse depth", "prediction", "ground truth", "error", "uncertainty")
+
+_LONGER_SIDE = 7.0
+"""Of the picture of one depth map without its scale, in inches."""
+
+_MOST_ELONGATED = 4.0
+"""Ratio of the sides from which on a depth map stands in an area that is wider or higher than itself."""
+
+
+@dataclass(frozen=True)
+class DepthSample:
+    """One row of the figure of depth panels.
+
+    Args:
+        rgb: H x W x 3 uint8.
+        sparse_depth: H x W metres, 0 = none.
+        predicted_depth: H x W metres.
+        ground_truth: H x W metres, 0 = none.
+        residual: H x W photometric error in [0, 1], NaN where no source frame sees the pixel.
+    """
+
+    rgb: np.ndarray
+    sparse_depth: np.ndarray
+    predicted_depth: np.ndarray
+    ground_truth: np.ndarray
+    residual: np.ndarray
+
+
+@torch.no_grad()
+def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
+    """Predict every frame of a batch that carries ground truth, and rebuild it from its source frames.
+
+    Without poses of the frames there is no residual: it is NaN everywhere.
+    """
+    batch = move_data_to_device(batch, next(model.parameters()).device)
+    assert batch.ground_truth is not None
+    predicted = model.predict(batch.image, batch.sparse_depth, batch.intrinsics)
+    residual = torch.full_like(predicted[:, 0], torch.nan)
+    if batch.source_from_target is not None:
+        images, visible = reproject(batch.sources, predicted, batch.intrinsics, batch.source_from_target)
+        residual = photometric_residual(batch.image, images, visible)
+    return [
+        DepthSample(
+            rgb=(batch.image[i].permute(1, 2, 0) * 255.0).round().byte().cpu().numpy(),
+            sparse_depth=batch.sparse_depth[i, 0].cpu().numpy(),
+            predicted_depth=predicted[i, 0].cpu().numpy(),
+            ground_truth=batch.ground_truth[i, 0].cpu().numpy(),
+            residual=residual[i].cpu().numpy(),
+        )
+        for i in range(len(batch.image))
+    ]
+
+
+def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
+    """Draw one row for each sample; depth, error and uncertainty share one colour scale each over all rows.
+
+    Depth runs from 0 to the 98th percentile of the ground truth. The error is absolute, in metres; the uncertainty is
+    the per-pixel photometric residual whose mean enters Eq. 8.
+    """
+    deepest = _percentile([sample.ground_truth for sample in samples], 98, least=1.0)
+    errors = [np.abs(_known(s.ground_truth) - s.predicted_depth) for s in samples]
+    worst = _percentile(errors, 95, least=0.05)
+    residual = _percentile([sample.residual for sample in samples], 98, least=0.02)
+    height, width = samples[0].rgb.shape[:2]
+    figure = new_figure(1.9 * len(_COLUMNS), 1.95 * len(samples) * height / width + 0.9)
+    grid = figure.add_gridspec(len(samples) + 1, len(_COLUMNS), height_ratios=[1.0] * len(samples) + [0.06])
+    for row, (sample, error) in enumerate(zip(samples, errors, strict=True)):
+        panels = [figure.add_subplot(grid[row, column]) for column in range(len(_COLUMNS))]
+        panels[0].imshow(sample.rgb)
+        _draw_sparse(panels[1], sample.sparse_depth, deepest)
+        panels[2].imshow(sample.predicted_depth, cmap=DEPTH_COLORS, vmin=0.0, vmax=deepest)
+        depth = panels[3].imshow(_known(sample.ground_truth), cmap=DEPTH_COLORS, vmin=0.0, vmax=deepest)
+        wrong = panels[4].imshow(error, cmap=ERROR_COLORS, vmin=0.0, vmax=worst)
+        unsure = panels[5].imshow(sample.residual, cmap=UNCERTAINTY_COLORS, vmin=0.0, vmax=residual)
+        for panel, title in zip(panels, _COLUMNS, strict=True):
+            panel.set_facecolor("0.85")
+            hide_ticks(panel)
+            panel.set_title(title if row == 0 else "", fontsize=10)
+    bars = ((slice(1, 4), depth, "depth [m]"), (4, wrong, "|error| [m]"), (5, unsure, "photometric residual"))
+    for columns, image, label in bars:
+        bar = figure.colorbar(image, cax=figure.add_subplot(grid[-1, columns]), orientation="horizontal")
+        bar.set_label(label, fontsize=9)
+        bar.ax.tick_params(labelsize=8)
+    return figure
+
+
+def draw_depth(depth: np.ndarray) -> Figure:
+    """Draw a depth map with a scale in metres.
+
+    The colours run from the 1st to the 99th percentile, so that a few far pixels do not flatten all others.
+
+    Args:
+        depth: H x W metres, 0 = none.
+    """
+    known = np.where(depth > 0, depth, np.nan)
+    nearest, farthest = np.nanpercentile(known, (1, 99)) if (depth > 0).any() else (0.0, 1.0)
+    height, width = depth.shape
+    ratio = min(max(height / width, 1 / _MOST_ELONGATED), _MOST_ELONGATED)
+    size = _LONGER_SIDE * np.array([1.0, ratio]) / max(1.0, ratio)
+    figure = new_figure(size[0] + 1.0, size[1])
+    axes = figure.add_subplot()
+    picture = axes.imshow(known, cmap=DEPTH_COLORS, vmin=nearest, vmax=farthest)
+    axes.set_facecolor("0.85")
+    hide_ticks(axes)
+    bar = figure.colorbar(picture, ax=axes, extend="both", pad=0.02)
+    bar.set_label("depth [m]", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+    return figure
+
+
+class PanelLogger(Callback):
+    """A callback that draws the first frames of each validation into the TensorBoard log.
+
+    Args:
+        frames: number of frames, at most one batch of them.
+    """
+
+    def __init__(self, frames: int = 3) -> None:
+        self.frames = frames
+
+    def on_validation_batch_end(
+        self,
+        trainer: Trainer,
+        pl_module: LightningModule,
+        outputs: Any,
+        batch: Batch,
+        batch_idx: int,
+        dataloader_idx: int = 0,
+    ) -> None:
+        """Draw the first batch."""
+        if batch_idx > 0 or batch.ground_truth is None or not isinstance(pl_module, DepthCompletion):
+            return
+        figure = draw_depth_panels(depth_samples(pl_module.model, batch)[: self.frames])
+        for logger in trainer.loggers:
+            if isinstance(logger, TensorBoardLogger):
+                logger.experiment.add_figure("validation/frames", figure, trainer.global_step)
+
+
+def _draw_sparse(panel: Axes, sparse_depth: np.ndarray, deepest: float) -> None:
+    """Points as discs: at 1 % density single pixels would vanish in print."""
+    rows, columns = np.nonzero(sparse_depth)
+    panel.imshow(np.full(sparse_depth.shape, np.nan))  # fixes limits and aspect as the neighbours have them
+    panel.scatter(
+        columns,
+        rows,
+        c=sparse_depth[rows, columns],
+        s=3.0,
+        cmap=DEPTH_COLORS,
+        vmin=0.0,
+        vmax=deepest,
+        linewidths=0,
+    )
+
+
+def _known(depth: np.ndarray) -> np.ndarray:
+    """Depth with NaN instead of 0, so that "none" is drawn as the background."""
+    return np.where(depth > 0, depth, np.nan)
+
+
+def _percentile(maps: Sequence[np.ndarray], percent: float, least: float) -> float:
+    values = np.concatenate([values[np.isfinite(values) & (values > 0)] for values in maps])
+    return max(least, float(np.percentile(values, percent))) if values.size else least

@@ -1,0 +1,109 @@
+"""Curves against training steps: a depth model's losses and errors, its rounds, and a learned explorer's reward."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from deux.figures.drawing import new_figure
+from deux.metrics.depth_errors import METRICS
+from deux.training.rounds import Round
+
+_ROUND_PANELS = {
+    "frames": "frames of the round",
+    "area": "area seen [m²]",
+    "uncertainty": "mean uncertainty",
+    "mae": f"validation {METRICS['mae'].heading}",
+}
+"""The numbers of a round that are drawn, by their names, and the titles of their panels."""
+
+
+def read_log(folder: Path) -> dict[str, tuple[list[int], list[float]]]:
+    """Each logged quantity: the steps at which it was logged, and its values.
+
+    Args:
+        folder: holds `version_<n>/metrics.csv`, one for each start of the training. What a killed start logged
+            beyond the checkpoint from which the next one went on is left out.
+    """
+    logs = sorted(folder.glob("version_*/metrics.csv"), key=lambda path: int(path.parent.name.split("_")[1]))
+    series: dict[str, dict[int, float]] = {}
+    for log in logs:
+        with log.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        first = min((int(row["step"]) for row in rows), default=0)
+        for name, known in series.items():
+            series[name] = {step: value for step, value in known.items() if step < first}
+        for row in rows:
+            for name, value in row.items():
+                if value and name not in ("step", "epoch"):
+                    series.setdefault(name, {})[int(row["step"])] = float(value)
+    return {name: (list(known), list(known.values())) for name, known in series.items()}
+
+
+def draw_training_curve(folder: Path) -> Figure:
+    """Draw the training loss with its terms, and the validation MAE, from the logs that `fit` leaves in a folder."""
+    series = read_log(folder)
+    figure = new_figure(10.0, 3.6)
+    terms, error = figure.subplots(1, 2)
+    for name in sorted(series):
+        if name.startswith("train/") and name not in ("train/learning_rate", "train/photometric_error"):
+            terms.plot(*series[name], label=name.removeprefix("train/"), linewidth=1.2)
+    _label(terms, "training loss (terms unweighted)", logarithmic=True)
+    if "validation/mae" in series:
+        error.plot(*series["validation/mae"], marker="o", markersize=3, label="held-out frames")
+    _label(error, f"validation {METRICS['mae'].heading}", logarithmic=False)
+    return figure
+
+
+def draw_rounds(rounds: Sequence[Round], logs: Path) -> Figure:
+    """Draw the rounds of active collection: frames, area, uncertainty and validation error of each.
+
+    Args:
+        rounds: the rounds so far.
+        logs: folder of the training's CSV logs; the validation error between the rounds is drawn from it.
+    """
+    figure = new_figure(13.0, 3.2)
+    panels: dict[str, Axes] = dict(zip(_ROUND_PANELS, figure.subplots(1, len(_ROUND_PANELS)), strict=True))
+    for name, axes in panels.items():
+        known = [(one.step, getattr(one, name)) for one in rounds if getattr(one, name) is not None]
+        if name == "mae":
+            axes.plot(*read_log(logs).get("validation/mae", ([], [])), linewidth=1.0, color="0.6", label="training")
+        axes.plot(*zip(*known, strict=True) if known else ([], []), "o-", linewidth=1.4, label="exploring model")
+        axes.set_title(_ROUND_PANELS[name], fontsize=10)
+        axes.set_xlabel("step")
+        axes.set_ylim(0, 1.1 * axes.dataLim.y1 if axes.dataLim.y1 > 0 else 1)
+        axes.grid(alpha=0.3)
+    panels["mae"].legend(fontsize=8)
+    return figure
+
+
+def draw_learning_curve(steps: Sequence[int], reward: Sequence[float], area: Sequence[float], title: str) -> Figure:
+    """Draw a learned explorer's reward and the area that it sees.
+
+    Args:
+        steps: training steps of all environments.
+        reward: sum of an episode's rewards, a mean over the latest episodes.
+        area: square metres of the map that an episode knew at its end, likewise.
+        title: of the reward's panel.
+    """
+    figure = new_figure(9.0, 3.4)
+    panels = figure.subplots(1, 2)
+    for axes, values, name in zip(
+        panels, (reward, area), (f"{title}, sum of an episode", "area seen [m²]"), strict=True
+    ):
+        axes.plot(steps, values, linewidth=1.4)
+        axes.set_title(name, fontsize=10)
+        axes.set_xlabel("step")
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def _label(axes: Axes, title: str, logarithmic: bool) -> None:
+    axes.set_title(title, fontsize=10)
+    axes.set_xlabel("step")
+    axes.grid(alpha=0.3)
+    if axes.lines:
+        axes.legend(fontsize=8)
+        axes.set_yscale("log" if logarithmic else "linear")

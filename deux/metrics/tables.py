@@ -1,0 +1,328 @@
+"""A table of results: means with their intervals, for the console and as Markdown, LaTeX and CSV."""
+
+import csv
+import io
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from rich.markup import escape
+from rich.table import Table
+
+from deux.metrics.depth_errors import METRICS
+from deux.metrics.intervals import Estimate
+
+NO_VALUE = "–"
+"""What stands in a cell without a number."""
+
+Mark = Literal["best", "second", "highlighted"]
+"""How a number stands out: the best and what a caption speaks of are bold, the second best is underlined."""
+
+_MARKDOWN: dict[Mark | None, str] = {"best": "**{}**", "highlighted": "**{}**", "second": "<u>{}</u>", None: "{}"}
+_LATEX: dict[Mark | None, str] = {
+    "best": "\\textbf{{{}}}",
+    "highlighted": "\\textbf{{{}}}",
+    "second": "\\underline{{{}}}",
+    None: "{}",
+}
+_RICH: dict[Mark | None, str] = {
+    "best": "[bold]{}[/]",
+    "highlighted": "[bold]{}[/]",
+    "second": "[underline]{}[/]",
+    None: "{}",
+}
+
+_LATEX_CHARACTERS = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "±": r"$\pm$",
+    "–": "--",
+    "²": r"\textsuperscript{2}",
+    "ρ": r"$\rho$",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    **{character: f"\\{character}" for character in "&%$#_{}"},
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of numbers.
+
+    Args:
+        title: what the numbers are.
+        unit: of the numbers as they are shown; empty for none.
+        digits: behind the decimal point.
+        factor: what the numbers are multiplied by to be shown, such as 100 for a fraction in per cent.
+        best: which end `ResultTable.ranked` looks for; None leaves the column without marks.
+    """
+
+    title: str
+    unit: str = ""
+    digits: int = 1
+    factor: float = 1.0
+    best: Literal["lowest", "highest"] | None = None
+
+    @property
+    def heading(self) -> str:
+        """The title with the unit: "MAE [mm]"."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A number of a table.
+
+    Args:
+        estimate: the mean and its interval; None where there is no number.
+        mark: how it stands out.
+        seeds: the random seeds that the mean is over; empty for a number that no seed changes.
+    """
+
+    estimate: Estimate | None = None
+    mark: Mark | None = None
+    seeds: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of a table.
+
+    Args:
+        labels: its first cells, one for each of the table's label columns.
+        cells: its numbers: the table's columns, once for each of its groups.
+        ranked: whether it takes part in the ranking.
+    """
+
+    labels: tuple[str, ...]
+    cells: tuple[Cell, ...]
+    ranked: bool = True
+
+
+@dataclass(frozen=True)
+class ResultTable:
+    """A table of means with their 95 % intervals. Printing it with rich shows it on the console.
+
+    Args:
+        caption: what it shows, without a full stop.
+        label_columns: what the labels of a row are.
+        columns: the columns of numbers.
+        parts: the rows, in parts with a line between them.
+        groups: the headings above the columns, which come once for each of them; ("",) for no heading.
+        name: of its files and its LaTeX label, such as "table1".
+        notes: what a reader has to know, a sentence each.
+        units_in_headings: whether the columns' headings say the units; the notes do otherwise.
+    """
+
+    caption: str
+    label_columns: tuple[str, ...]
+    columns: tuple[Column, ...]
+    parts: tuple[tuple[Row, ...], ...]
+    groups: tuple[str, ...] = ("",)
+    name: str = "table"
+    notes: tuple[str, ...] = ()
+    units_in_headings: bool = True
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The rows of all parts."""
+        return tuple(row for part in self.parts for row in part)
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """The headings of one group's columns."""
+        return tuple(column.heading if self.units_in_headings else column.title for column in self.columns)
+
+    @property
+    def usual_seeds(self) -> tuple[int, ...]:
+        """The seeds that most numbers are over; a number over another number of seeds says so."""
+        found = Counter(cell.seeds for row in self.rows for cell in row.cells if cell.seeds)
+        return max(found, key=lambda seeds: (found[seeds], len(seeds))) if found else ()
+
+    def ranked(self, by_part: bool = False, second: bool = True) -> "ResultTable":
+        """The table with its best and second best numbers marked, column by column; equal numbers share a rank.
+
+        Args:
+            by_part: whether each part is ranked by itself.
+            second: whether the second best is marked.
+        """
+        if not by_part:
+            ranked = iter(self._ranked(self.rows, second))
+            return replace(self, parts=tuple(tuple(next(ranked) for _ in part) for part in self.parts))
+        return replace(self, parts=tuple(self._ranked(part, second) for part in self.parts))
+
+    def cell_text(self, index: int, cell: Cell) -> tuple[str, str]:
+        """A number as text: its mean, and what stands behind it: " ± 0.5 (n=2)", or nothing.
+
+        Args:
+            index: the number's place among the row's cells.
+            cell: the number.
+        """
+        if cell.estimate is None:
+            return NO_VALUE, ""
+        column = self.columns[index % len(self.columns)]
+        mean, half_width = (f"{number * column.factor:z.{column.digits}f}" for number in cell.estimate)  # z: no "-0.0"
+        behind = "" if math.isnan(cell.estimate.half_width) else f" ± {half_width}"
+        if cell.seeds and len(cell.seeds) != len(self.usual_seeds):
+            behind += f" (n={len(cell.seeds)})"
+        return mean, behind
+
+    def rich(self) -> Table:
+        """For the console."""
+        table = Table(title=escape(self.caption), caption=escape("\n".join(self.notes)) or None)
+        for label in self.label_columns:
+            table.add_column(escape(label))
+        for heading in self._full_headings():
+            table.add_column(escape(heading), justify="right")
+        for part in self.parts:
+            for row in part:
+                table.add_row(*map(escape, row.labels), *self._cells(row, _RICH, escape))
+            table.add_section()
+        return table
+
+    def __rich__(self) -> Table:
+        return self.rich()
+
+    def markdown(self) -> str:
+        """The caption in bold, the table, and the notes."""
+        headings = [*map(_markdown, self.label_columns), *map(_markdown, self._full_headings())]
+        rule = [":--"] * len(self.label_columns) + ["--:"] * (len(self.columns) * len(self.groups))
+        rows = [[*map(_markdown, row.labels), *self._cells(row, _MARKDOWN, _markdown)] for row in self.rows]
+        lines = [f"| {' | '.join(cells)} |" for cells in (headings, rule, *rows)]
+        notes = ["", *(f"{_markdown(note)}  " for note in self.notes)]
+        return "\n".join([f"**{_markdown(self.caption)}**", "", *lines, *notes]).rstrip() + "\n"
+
+    def latex(self) -> str:
+        """A table environment; it needs the packages booktabs and graphicx."""
+        wide = "*" if len(self.groups) > 1 else ""
+        columns = "l" * len(self.label_columns) + "r" * (len(self.columns) * len(self.groups))
+        lines = [
+            "% needs \\usepackage{booktabs,graphicx}",
+            f"\\begin{{table{wide}}}[t]",
+            "    \\centering",
+            f"    \\caption{{{latex_text(self.caption)}}}",
+            f"    \\label{{{self.name}}}",
+            f"    \\resizebox{{\\{'text' if wide else 'column'}width}}{{!}}{{%",
+            f"    \\begin{{tabular}}{{{columns}}}",
+            "    \\toprule",
+            *self._latex_headings(),
+        ]
+        for part in self.parts:
+            lines.append("    \\midrule")
+            for row in part:
+                cells = [*map(latex_text, row.labels), *self._cells(row, _LATEX, latex_text, "{{\\scriptsize{}}}")]
+                lines.append(f"    {' & '.join(cells)} \\\\")
+        lines += ["    \\bottomrule", "    \\end{tabular}}"]
+        if self.notes:
+            lines.append(f"    \\\\[2pt]{{\\footnotesize {' '.join(map(latex_text, self.notes))}}}")
+        return "\n".join([*lines, f"\\end{{table{wide}}}", ""])
+
+    def csv(self) -> str:
+        """A line for each row and group, with unrounded means, half widths of the intervals, and marks."""
+        grouped, seeded = any(self.groups), bool(self.usual_seeds)
+        labels = [*(label.lower() for label in self.label_columns), *(["columns"] if grouped else [])]
+        labels += ["n", "seeds"] if seeded else []
+        numbers = [f"{c.title.lower()}{f' [{c.unit}]' if c.unit else ''}" for c in self.columns]
+        header = [*labels, *(f"{number} {what}" for number in numbers for what in ("mean", "interval", "mark"))]
+        lines = []
+        for row in self.rows:
+            for group, cells in zip(self.groups, self._by_group(row), strict=True):
+                if all(cell.estimate is None for cell in cells):
+                    continue
+                seeds = cells[0].seeds
+                line: list[Any] = [*row.labels, *([group] if grouped else [])]
+                line += [len(seeds) or None, " ".join(map(str, seeds))] if seeded else []
+                for column, cell in zip(self.columns, cells, strict=True):
+                    line += [*_scaled(cell.estimate, column.factor), cell.mark]
+                lines.append(line)
+        return csv_text(header, lines)
+
+    def _ranked(self, rows: Sequence[Row], second: bool) -> tuple[Row, ...]:
+        cells = [list(row.cells) for row in rows]
+        for index in range(len(self.columns) * len(self.groups)):
+            best = self.columns[index % len(self.columns)].best
+            means = {
+                number: row.cells[index].estimate.mean  # type: ignore[union-attr]
+                for number, row in enumerate(rows)
+                if best and row.ranked and row.cells[index].estimate is not None
+            }
+            means = {number: mean for number, mean in means.items() if not math.isnan(mean)}
+            if len(means) < 2:  # nothing to be better than
+                continue
+            marks: tuple[Mark, ...] = ("best", "second") if second else ("best",)
+            order = dict(zip(sorted(set(means.values()), reverse=best == "highest"), marks, strict=False))
+            for number, mean in means.items():
+                cells[number][index] = replace(cells[number][index], mark=order.get(mean))
+        return tuple(replace(row, cells=tuple(new)) for row, new in zip(rows, cells, strict=True))
+
+    def _by_group(self, row: Row) -> Iterator[tuple[Cell, ...]]:
+        for start in range(0, len(row.cells), len(self.columns)):
+            yield row.cells[start : start + len(self.columns)]
+
+    def _full_headings(self) -> list[str]:
+        return [f"{group} {heading}".strip() for group in self.groups for heading in self.headings]
+
+    def _cells(
+        self, row: Row, marks: Mapping[Mark | None, str], escaped: Callable[[str], str], small: str = "{}"
+    ) -> Iterator[str]:
+        """A row's numbers as text of one format."""
+        for index, cell in enumerate(row.cells):
+            mean, behind = self.cell_text(index, cell)
+            number = marks[cell.mark].format(escaped(mean))
+            yield number + (small.format(escaped(behind)) if behind else "")
+
+    def _latex_headings(self) -> list[str]:
+        labels, width = len(self.label_columns), len(self.columns)
+        lines = []
+        if any(self.groups):
+            starts = [labels + 1 + width * index for index in range(len(self.groups))]
+            titles = [f"\\multicolumn{{{width}}}{{c}}{{{latex_text(group)}}}" for group in self.groups]
+            lines.append(f"    {' & '.join([*[''] * labels, *titles])} \\\\")
+            lines.append("    " + " ".join(f"\\cmidrule(rl){{{start}-{start + width - 1}}}" for start in starts))
+        headings = map(latex_text, [*self.label_columns, *self.headings * len(self.groups)])
+        return [*lines, f"    {' & '.join(headings)} \\\\"]
+
+
+def error_columns() -> tuple[Column, ...]:
+    """The columns of the four depth errors."""
+    return tuple(Column(metric.title, metric.unit, best="lowest") for metric in METRICS.values())
+
+
+def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Values as CSV; None becomes an empty field.
+
+    Example:
+        >>> csv_text(["scene", "area"], [["a", 1.5], ["b", None]])
+        'scene,area\\na,1.5\\nb,\\n'
+    """
+    content = io.StringIO()
+    writer = csv.writer(content, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return content.getvalue()
+
+
+def latex_text(text: str) -> str:
+    """Text as LaTeX shows it.
+
+    Example:
+        >>> latex_text("sem_rec 100%")
+        'sem\\\\_rec 100\\\\%'
+    """
+    return "".join(_LATEX_CHARACTERS.get(character, character) for character in text)
+
+
+def _scaled(estimate: Estimate | None, factor: float) -> tuple[float | None, float | None]:
+    """Mean and half width of the interval, None where there is none."""
+    if estimate is None:
+        return None, None
+    return estimate.mean * factor, None if math.isnan(estimate.half_width) else estimate.half_width * factor
+
+
+def _markdown(text: str) -> str:
+    """Text that ends no cell of a Markdown table and begins no emphasis."""
+    return re.sub(r"[|*]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", text)

@@ -1,0 +1,215 @@
+"""Runs that may stand in one table, their errors over the seeds, and which runs are missing among them."""
+
+import itertools
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from deux.metrics.depth_errors import METRICS
+from deux.metrics.intervals import Estimate, estimate
+from deux.report.conditions import Conditions, FlatOptions, variant_labels
+from deux.report.display_names import Variant
+from deux.report.results import RESULTS_FILE
+from deux.report.runs import FoundRuns, Run
+from deux.report.sweeps import Sweep
+
+_SAME_FRAMES = 1e-3
+"""Relative difference of the baselines from which on the test frames are not the same."""
+
+_AMOUNT = ("scenes.train", "collect.steps", "collect.episodes")
+"""What decides on the number of training frames."""
+
+
+@dataclass(frozen=True)
+class SeedErrors:
+    """The errors of an explorer and a depth model over the seeds.
+
+    Args:
+        seeds: that the means are over; empty for errors that no seed changes.
+        estimates: mean and interval of each of `deux.metrics.depth_errors.METRICS`, by its name.
+    """
+
+    seeds: tuple[int, ...]
+    estimates: Mapping[str, Estimate]
+
+    @classmethod
+    def over(cls, errors: Mapping[int, Mapping[str, float]]) -> "SeedErrors":
+        """The means of each metric over the seeds, given the errors of each seed."""
+        seeds = tuple(sorted(errors))
+        return cls(seeds, {name: estimate([errors[seed][name] for seed in seeds]) for name in METRICS})
+
+
+@dataclass(frozen=True)
+class MissingRun:
+    """A run that is not finished.
+
+    Args:
+        explorer: its explorer.
+        model: its depth model.
+        seed: its seed.
+        begun: whether it was begun.
+    """
+
+    explorer: Variant
+    model: Variant
+    seed: int
+    begun: bool
+
+
+@dataclass(frozen=True)
+class ComparableRuns:
+    """Runs with equal training frames and budgets but for the explorer, and with the same test frames.
+
+    Args:
+        finished: the runs with results; of runs that were done twice, the newest.
+        begun: the runs without.
+        sweeps: the sweeps that any of them belongs to.
+        repeated: number of runs that were done twice.
+    """
+
+    finished: tuple[Run, ...]
+    begun: tuple[Run, ...]
+    sweeps: tuple[Sweep, ...]
+    repeated: int = 0
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """All of them."""
+        return (*self.finished, *self.begun)
+
+    @property
+    def training(self) -> FlatOptions:
+        """What made the training frames, and the budget."""
+        return self.runs[0].conditions.training
+
+    @property
+    def testing(self) -> FlatOptions:
+        """What made the test frames."""
+        return self.runs[0].conditions.testing
+
+    @property
+    def own_testing(self) -> FlatOptions:
+        """What makes the test frames of the dataset that the models were trained on."""
+        return self.runs[0].own_testing
+
+    @property
+    def budget(self) -> FlatOptions:
+        """The part of the training that does not depend on the scenes."""
+        return self.runs[0].conditions.budget
+
+    @property
+    def without_amount(self) -> tuple[FlatOptions, FlatOptions]:
+        """Training and test frames without how much was explored: equal along a line of errors against frames."""
+        return tuple(option for option in self.training if option[0] not in _AMOUNT), self.testing
+
+    @property
+    def transferred(self) -> bool:
+        """Whether the models were tested on another dataset than they were trained on."""
+        return self.testing != self.own_testing
+
+    @cached_property
+    def cells(self) -> dict[tuple[Variant, Variant], dict[int, Run]]:
+        """The finished runs by explorer and model, then by seed."""
+        found: dict[tuple[Variant, Variant], dict[int, Run]] = defaultdict(dict)
+        for run in self.finished:
+            found[self.explorer(run), self.model(run)][run.conditions.seed] = run
+        return dict(found)
+
+    @property
+    def explorers(self) -> set[Variant]:
+        """The explorers of the finished runs."""
+        return {explorer for explorer, _ in self.cells}
+
+    @property
+    def models(self) -> set[Variant]:
+        """The depth models of the finished runs."""
+        return {model for _, model in self.cells}
+
+    def errors(self, explorer: Variant, model: Variant) -> SeedErrors | None:
+        """The errors of an explorer and a model over the seeds; None without a finished run."""
+        runs = self.cells.get((explorer, model))
+        return SeedErrors.over({seed: run.errors for seed, run in runs.items()}) if runs else None
+
+    def paired_difference(self, explorer: Variant, other: Variant, model: Variant) -> Estimate | None:
+        """How much higher an explorer's MAE is than another's with the same seed; None with fewer than two such seeds.
+
+        What a seed does to all of them, such as the first weights, cancels out.
+        """
+        mine, theirs = (self.cells.get((one, model), {}) for one in (explorer, other))
+        shared = [run.errors["mae"] - theirs[seed].errors["mae"] for seed, run in mine.items() if seed in theirs]
+        return estimate(shared) if len(shared) > 1 else None
+
+    @property
+    def baseline(self) -> SeedErrors:
+        """The errors of interpolation on the test frames, which no seed changes: their mean, without an interval."""
+        results = [run.results for run in self.finished if run.results]
+        return SeedErrors(
+            (), {name: Estimate(sum(r.baseline[name] for r in results) / len(results)) for name in METRICS}
+        )
+
+    @property
+    def same_frames(self) -> bool:
+        """Whether interpolation errs alike in all runs, as it must where the test frames are the same."""
+        errors = [run.results.baseline["mae"] for run in self.finished if run.results]
+        return max(errors) - min(errors) <= _SAME_FRAMES * max(errors)
+
+    def explorer(self, run: Run) -> Variant:
+        """The explorer of one of the runs."""
+        name = str(run.conditions.explorer)
+        return Variant(name, self._variant_labels[0][name][run.conditions.explorer_options])
+
+    def model(self, run: Run) -> Variant:
+        """The depth model of one of the runs."""
+        name = run.conditions.model
+        return Variant(name, self._variant_labels[1][name][run.conditions.model_options])
+
+    @cached_property
+    def _variant_labels(self) -> tuple[dict[str, dict[FlatOptions, str]], dict[str, dict[FlatOptions, str]]]:
+        """The labels of explorers and of models, by name and options."""
+        explorers, models = defaultdict(list), defaultdict(list)
+        for run in self.runs:
+            explorers[str(run.conditions.explorer)].append(run.conditions.explorer_options)
+            models[run.conditions.model].append(run.conditions.model_options)
+        return (
+            {name: variant_labels(choices) for name, choices in explorers.items()},
+            {name: variant_labels(choices) for name, choices in models.items()},
+        )
+
+    @cached_property
+    def missing(self) -> tuple[MissingRun, ...]:
+        """What the sweeps asked for, or the explorers, models and seeds that occur call for, and is not finished."""
+        begun = {(self.explorer(run), self.model(run), run.conditions.seed) for run in self.begun}
+        seeds = {run.conditions.seed for run in self.runs}
+        expected = set(itertools.product(map(self.explorer, self.runs), map(self.model, self.runs), seeds))
+        occurring = {(explorer.name, model.name, seed) for explorer, model, seed in expected}
+        for sweep in self.sweeps:
+            asked = set(sweep.grid) - occurring
+            expected |= {(Variant(explorer), Variant(model), seed) for explorer, model, seed in asked}
+        expected -= {(*cell, seed) for cell, runs in self.cells.items() for seed in runs}
+        return tuple(MissingRun(*wanted, begun=wanted in begun) for wanted in sorted(expected))
+
+
+def group_comparable(found: FoundRuns, sweeps: Sequence[Sweep]) -> list[ComparableRuns]:
+    """All groups of comparable runs with a finished one among them, the largest first."""
+    groups: dict[tuple[FlatOptions, FlatOptions, FlatOptions], list[Run]] = defaultdict(list)
+    for run in (*found.finished, *found.begun):
+        groups[run.conditions.training, run.own_testing, run.conditions.testing].append(run)
+    made = [_without_repetitions(runs, sweeps) for runs in groups.values() if any(run.results for run in runs)]
+    return sorted(made, key=lambda group: (-len(group.explorers), -len(group.finished), group.training, group.testing))
+
+
+def _without_repetitions(runs: Sequence[Run], sweeps: Sequence[Sweep]) -> ComparableRuns:
+    newest: dict[Conditions, Run] = {}
+    for run in sorted(runs, key=lambda run: (_finished_at(run), run.path)):
+        newest[run.conditions] = run
+    finished = tuple(run for run in newest.values() if run.results)
+    begun = tuple(run for run in newest.values() if not run.results)
+    folders = {run.path.parent for run in runs}
+    own_sweeps = tuple(sweep for sweep in sweeps if sweep.folder in folders)
+    return ComparableRuns(finished, begun, own_sweeps, sum(bool(run.results) for run in runs) - len(finished))
+
+
+def _finished_at(run: Run) -> float:
+    """When the results were written, in seconds; before all others where there are none."""
+    return (run.path / RESULTS_FILE).stat().st_mtime if run.results else 0.0

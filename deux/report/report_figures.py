@@ -1,0 +1,180 @@
+"""The report's figures: pictures of the runs side by side, and error against the number of frames."""
+
+import io
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from PIL import Image
+
+from deux.figures.drawing import hide_ticks, new_figure, save_figure
+from deux.io.atomic import make_folder, write_atomically
+from deux.metrics.depth_errors import METRICS
+from deux.metrics.intervals import estimate
+from deux.report.comparable_runs import ComparableRuns
+from deux.report.display_names import DisplayNames, Variant
+from deux.report.runs import Run
+
+_WIDEST = 1400
+"""Pixels of a run's picture in the report."""
+
+_WIDEST_ROW = 4.4
+"""Of pictures side by side, in heights of one."""
+
+_MARKERS = "osD^vP*Xhd"
+
+
+@dataclass(frozen=True)
+class CaptionedFigure:
+    """A figure of the report.
+
+    Args:
+        file: the picture.
+        caption: what it shows.
+    """
+
+    file: Path
+    caption: str
+
+
+def draw_runs(runs: ComparableRuns, names: DisplayNames, folder: Path, name: str) -> list[CaptionedFigure]:
+    """Test frames and trajectories of every explorer, with one depth model and one seed; what the runs still have.
+
+    Args:
+        runs: their folders have the pictures.
+        names: of explorers and models.
+        folder: takes the figures.
+        name: begins the figures' names.
+    """
+    model = _most_explored(runs, names)
+    explorers = names.ordered_explorers(explorer for explorer, other in runs.cells if other == model)
+    shown = {explorer: _first_seed(runs.cells[explorer, model]) for explorer in explorers}
+    figures = []
+    for explorer, run in shown.items():
+        if image := _read(run.path / "figures" / "test_frames.png"):
+            file = folder / f"{name}_frames_{explorer.name}{'_' * bool(explorer.label)}{_file_part(explorer.label)}.jpg"
+            _save_jpeg(image, file)
+            trained = f"trained on {names.explorer(explorer)} frames (seed {run.conditions.seed})"
+            what = "image, sparse depth, prediction, ground truth, error, uncertainty"
+            figures.append(CaptionedFigure(file, f"{names.model(model)} on test frames, {trained}: {what}."))
+    paths = {names.explorer(e): image for e, run in shown.items() if (image := _trajectory(run, shown.values()))}
+    if paths:
+        file = save_figure(_side_by_side(paths), folder / f"{name}_trajectories.png")
+        caption = "From above: trajectories coloured by time; black unexplored, green explored"
+        guided = f"({names.model(model)} where an explorer is guided by a model)"
+        figures.append(CaptionedFigure(file, f"{caption} {guided}."))
+    return figures
+
+
+def draw_error_against_frames(groups: Sequence[ComparableRuns], names: DisplayNames, dataset: str) -> Figure:
+    """The MAE on the same test frames against the number of training frames, a panel for each model.
+
+    Args:
+        groups: of runs; they differ in how much was explored alone.
+        names: of explorers and models.
+        dataset: what the test frames are called.
+    """
+    models = names.ordered_models(set().union(*(group.models for group in groups)))
+    explorers = names.ordered_explorers(set().union(*(group.explorers for group in groups)))
+    figure = new_figure(max(5.0, 3.6 * len(models)), 3.8)
+    panels = figure.subplots(1, len(models), squeeze=False, sharey=True)[0]
+    for panel, model in zip(panels, models, strict=True):
+        for index, explorer in enumerate(explorers):
+            points = _points(groups, explorer, model)
+            if points:
+                frames, mae, interval = np.array(points).T
+                style = {"marker": _MARKERS[index % len(_MARKERS)], "markersize": 5, "linewidth": 1.2, "capsize": 3}
+                panel.errorbar(frames, mae, interval, color=f"C{index % 10}", label=names.explorer(explorer), **style)
+        interpolation = groups[0].baseline.estimates["mae"].mean
+        panel.axhline(interpolation, color="0.4", linestyle="--", linewidth=1, label="Interpolation")
+        panel.set_title(names.model(model), fontsize=10)
+        panel.set_xlabel("training frames")
+        panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+        panel.grid(alpha=0.3)
+    panels[0].set_ylim(bottom=max(0.0, panels[0].get_ylim()[0]))
+    panels[0].set_ylabel(f"{METRICS['mae'].title} on the {dataset} test set [{METRICS['mae'].unit}]")
+    panels[-1].legend(fontsize=7)
+    return figure
+
+
+def _points(groups: Iterable[ComparableRuns], explorer: Variant, model: Variant) -> list[tuple[float, float, float]]:
+    """Mean number of frames, mean MAE and its interval (0 if there is none) for each budget, by frames."""
+    points = []
+    for group in groups:
+        runs = group.cells.get((explorer, model), {})
+        frames = {seed: run.results.frames for seed, run in runs.items() if run.results and run.results.frames}
+        if frames:
+            mae = estimate([runs[seed].errors["mae"] for seed in frames])
+            interval = 0.0 if math.isnan(mae.half_width) else mae.half_width
+            points.append((float(np.mean(list(frames.values()))), mae.mean, interval))
+    return sorted(points)
+
+
+def _most_explored(runs: ComparableRuns, names: DisplayNames) -> Variant:
+    """The first of the models that most explorers were run with."""
+    count = Counter(model for _, model in runs.cells)
+    return max(names.ordered_models(count), key=lambda model: count[model])
+
+
+def _first_seed(runs: Mapping[int, Run]) -> Run:
+    return runs[min(runs)]
+
+
+def _trajectory(run: Run, others: Iterable[Run]) -> Image.Image | None:
+    """A run's trajectory, in a scene that all runs drew if there is one."""
+    drawn = [{path.name for path in other.path.glob("figures/trajectory_*.png")} for other in others]
+    own = {path.name for path in run.path.glob("figures/trajectory_*.png")}
+    shared = set.intersection(*(names for names in drawn if names)) if any(drawn) else set()
+    return _read(run.path / "figures" / min(shared or own)) if own else None
+
+
+def _read(path: Path) -> Image.Image | None:
+    """A picture of a run; None if it is gone or damaged."""
+    try:
+        with Image.open(path) as image:
+            return image.convert("RGB")
+    except (OSError, SyntaxError, ValueError):
+        return None
+
+
+def _side_by_side(images: Mapping[str, Image.Image]) -> Figure:
+    """The pictures in rows, all equally high."""
+    rows: list[list[str]] = [[]]
+    widths = {title: image.width / image.height for title, image in images.items()}
+    for title, width in widths.items():
+        if rows[-1] and sum(widths[other] for other in rows[-1]) + width > _WIDEST_ROW:
+            rows.append([])
+        rows[-1].append(title)
+    full = max(sum(widths[title] for title in row) for row in rows)
+    height = min(3.2, 13.0 / full)
+    figure = new_figure(full * height, len(rows) * (height + 0.3))
+    for row, band in zip(rows, figure.subfigures(len(rows), 1, squeeze=False)[:, 0], strict=True):
+        ratios = [widths[title] for title in row]
+        rest = full - sum(ratios)
+        panels = band.subplots(1, len(row) + (rest > 0.01), width_ratios=ratios + [rest] * (rest > 0.01), squeeze=False)
+        for panel, title in zip_longest(panels[0], row):
+            hide_ticks(panel)
+            panel.set_frame_on(False)
+            if title is not None:
+                panel.imshow(np.asarray(images[title]))
+                panel.set_title(title, fontsize=10)
+    return figure
+
+
+def _save_jpeg(image: Image.Image, path: Path) -> None:
+    if image.width > _WIDEST:
+        image = image.resize((_WIDEST, round(image.height * _WIDEST / image.width)), Image.Resampling.LANCZOS)
+    content = io.BytesIO()
+    image.save(content, "JPEG", quality=88)
+    make_folder(path.parent)
+    write_atomically(path, content.getvalue())
+
+
+def _file_part(text: str) -> str:
+    return "".join(character if character.isalnum() else "_" for character in text)

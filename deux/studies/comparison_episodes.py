@@ -1,0 +1,144 @@
+"""The episodes of a comparison: every explorer in every scene, from the same places, each kept when it is over."""
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from deux.collection.perception import MODEL_NEEDS, Perception
+from deux.collection.specification import episode_seed
+from deux.collection.walk import Walk, run_walks
+from deux.contracts import SceneReference, Simulator
+from deux.errors import DeuxError
+from deux.geometry.poses import yaw_of
+from deux.io.atomic import make_folder, read_bytes, write_json
+from deux.io.processes import in_processes
+from deux.io.progress import Progress, ignore_progress
+from deux.registry import PluginChoice
+from deux.simulator.simulation import Simulation
+from deux.studies.exploration_meter import Exploration, Track, measure_exploration
+from deux.studies.explorer_comparison import ExplorationEpisode
+from deux.studies.participants import RewardStates, make_rewards
+
+
+def compare_explorers(
+    folder: Path,
+    simulation: Simulation,
+    scenes: Sequence[SceneReference],
+    explorers: Sequence[PluginChoice],
+    rewards: RewardStates,
+    seed: int,
+    steps: int,
+    episodes: int = 1,
+    perception: Perception | None = None,
+    processes: int = 1,
+    progress: Progress = ignore_progress,
+) -> list[ExplorationEpisode]:
+    """Run the episodes that are not in the folder yet, and return all: by explorer, then by scene.
+
+    Args:
+        folder: where each episode is kept in a file of its own when it is over.
+        simulation: makes the simulators.
+        scenes: where the episodes take place; each is loaded once in a process.
+        explorers: who takes part.
+        rewards: the rewards that judge all of them.
+        seed: the run's; the seed of an episode is `episode_seed`, the same for all explorers.
+        steps: actions in an episode.
+        episodes: episodes of each explorer in each scene.
+        perception: the depth model, for the explorers that need one; they run in this process.
+        processes: that the other explorers run in, each scene in one of them.
+        progress: told the number of episodes.
+
+    Raises:
+        DeuxError: a scene cannot be read, an explorer needs a model and there is none, the disk is full, or the file
+            of an episode is damaged.
+    """
+    make_folder(folder)
+    plan = _Plan(folder, simulation, rewards, seed, steps, episodes)
+    records = [plan.record(e, s, number) for e in explorers for s in scenes for number in range(episodes)]
+
+    def report(_: object = None) -> None:
+        progress("episodes", sum(record.exists() for record in records), len(records))
+
+    report()
+    unguided = [choice for choice in explorers if not choice.create().needs & MODEL_NEEDS]
+    if processes > 1:
+        unfinished = [scene for scene in scenes if plan.unfinished(scene, unguided)]
+        in_processes(partial(_explore_scene, plan=plan, explorers=unguided), unfinished, processes, report)
+    for scene in scenes:
+        _explore_scene(scene, plan, explorers, perception, report)
+    return [_read(record) for record in records]
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What the episodes have in common, as `compare_explorers` says; it travels to other processes."""
+
+    folder: Path
+    simulation: Simulation
+    rewards: RewardStates
+    seed: int
+    steps: int
+    episodes: int
+
+    def record(self, explorer: PluginChoice, scene: SceneReference, number: int) -> Path:
+        """The file of an episode; it is there when the episode is over."""
+        return self.folder / f"{explorer.name}-{scene.name}-{number:02d}.json"
+
+    def unfinished(self, scene: SceneReference, explorers: Sequence[PluginChoice]) -> list[tuple[PluginChoice, int]]:
+        """The episodes of a scene, by explorer and number, that are not over."""
+        episodes = [(choice, number) for choice in explorers for number in range(self.episodes)]
+        return [(choice, number) for choice, number in episodes if not self.record(choice, scene, number).exists()]
+
+
+def _explore_scene(
+    scene: SceneReference,
+    plan: _Plan,
+    explorers: Sequence[PluginChoice],
+    perception: Perception | None = None,
+    report: Callable[[], Any] = lambda: None,
+) -> None:
+    """Run the unfinished episodes of some explorers in one scene, which is loaded once."""
+    unfinished = plan.unfinished(scene, explorers)
+    if not unfinished:
+        return
+    simulator = plan.simulation.make(scene)
+    for choice, number in unfinished:
+        episode = _explore(plan, choice, simulator.another(), scene, number, perception)
+        write_json(plan.record(choice, scene, number), asdict(episode))
+        report()
+
+
+def _explore(
+    plan: _Plan,
+    choice: PluginChoice,
+    simulator: Simulator,
+    scene: SceneReference,
+    number: int,
+    perception: Perception | None,
+) -> ExplorationEpisode:
+    """Run one episode and measure it."""
+    began = time.perf_counter()
+    seed = episode_seed(plan.seed, scene, number)
+    explorer = choice.create()
+    walk = Walk(simulator, explorer, seed, plan.steps)
+    track = Track()
+    for (step,) in run_walks([walk], perception if explorer.needs & MODEL_NEEDS else None):
+        track.add(step.frame.pose, step.collided, step.action)
+    exploration = measure_exploration(simulator, track, make_rewards(plan.rewards), seed, plan.steps)
+    trajectory = [(float(pose[0, 3]), float(pose[2, 3]), yaw_of(pose)) for pose in track.poses]
+    seconds = round(time.perf_counter() - began, 2)
+    return ExplorationEpisode(choice.name, scene.name, number, seed, exploration, trajectory, seconds)
+
+
+def _read(record: Path) -> ExplorationEpisode:
+    try:
+        content = json.loads(read_bytes(record))
+        content["exploration"] = Exploration(**content["exploration"])
+        content["trajectory"] = [(x, z, yaw) for x, z, yaw in content["trajectory"]]
+        return ExplorationEpisode(**content)
+    except (ValueError, TypeError, KeyError) as error:
+        raise DeuxError(f"{record} is damaged, it holds no episode ({error}): delete it.") from error

@@ -1,0 +1,157 @@
+"""The walks of a study of uncertainty: one in each scene, every frame of them judged, each scene kept when done."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deux.collection.perception import MODEL_NEEDS, SOURCES, Perception
+from deux.collection.sparse import SparseSettings
+from deux.collection.specification import episode_seed
+from deux.collection.walk import Step, Walk, run_walks
+from deux.contracts import DepthPredictor, SceneReference, Uncertainty
+from deux.errors import DeuxError
+from deux.geometry.poses import motion
+from deux.io.atomic import make_folder, read_bytes, write_json
+from deux.io.progress import Progress, ignore_progress
+from deux.registry import PluginChoice, registry
+from deux.simulator.simulation import Simulation
+from deux.studies.judged_scene import JudgedSample, JudgedScene, SceneJudge
+from deux.studies.uncertainty_study import UncertaintyStudy
+
+SAMPLES = 5
+"""Frames of the first scene that are shown in figures."""
+
+ShowSamples = Callable[[Sequence[JudgedSample]], None]
+"""Told some frames of the first scene, at least one."""
+
+
+def installed_measures() -> tuple[list[PluginChoice], dict[str, str]]:
+    """All installed measures of uncertainty with their default options.
+
+    Returns:
+        The measures by name, and why those that cannot be made are left out.
+    """
+    measures: list[PluginChoice] = []
+    left_out: dict[str, str] = {}
+    for name in registry().names("uncertainties"):
+        try:
+            choice = registry().choose("uncertainties", {"name": name})
+            choice.create()
+            measures.append(choice)
+        except DeuxError as error:
+            left_out[name] = str(error)
+    return measures, left_out
+
+
+def study_uncertainty(
+    folder: Path,
+    simulation: Simulation,
+    scenes: Sequence[SceneReference],
+    explorer: PluginChoice,
+    predict_depth: DepthPredictor,
+    sparse: SparseSettings,
+    measures: Sequence[PluginChoice],
+    seed: int,
+    steps: int,
+    guidance: PluginChoice | None = None,
+    show: ShowSamples = lambda samples: None,
+    progress: Progress = ignore_progress,
+) -> UncertaintyStudy:
+    """Hold measures of uncertainty against the true error of a depth model, along an explorer's walks.
+
+    Args:
+        folder: where each scene's numbers are kept in a file of their own; those that are there are not made again.
+        simulation: makes the simulators.
+        scenes: where the explorer walks, once in each; at least one.
+        explorer: who walks.
+        predict_depth: the depth model; asked once for each frame, and again by some measures.
+        sparse: how its sparse points are taken.
+        measures: the measures that are judged, each name once; `installed_measures` lists all.
+        seed: the run's; the seed of a walk is `episode_seed`.
+        steps: actions in a walk.
+        guidance: the measure that the explorer is shown, if it needs one; where it is judged as well, it is computed
+            once.
+        show: is given some frames of the first scene, before that scene is kept.
+        progress: told the number of scenes.
+
+    Raises:
+        DeuxError: a scene cannot be read, the explorer needs a measure that was not given, the file of a scene is
+            damaged, or no frame could be judged.
+    """
+    made: dict[str, Uncertainty] = {choice.name: choice.create() for choice in measures}
+    guide: Uncertainty | None = None
+    if guidance is not None and explorer.create().needs & MODEL_NEEDS:
+        guide = made[guidance.name] if guidance in measures else guidance.create()
+    walks = _Walks(simulation, explorer, Perception(predict_depth, sparse, guide), made, seed, steps)
+    make_folder(folder)
+    judged = []
+    for number, scene in enumerate(scenes):
+        record = folder / f"{scene.name}.json"
+        if not record.exists():
+            found, samples = walks.judge(scene)
+            if number == 0 and samples:
+                show(samples)
+            write_json(record, asdict(found))
+        judged.append(_read(record))
+        progress("scenes", number + 1, len(scenes))
+    study = UncertaintyStudy(judged, list(made))
+    if study.count() == 0:
+        raise DeuxError(
+            f"No frame of the {len(scenes)} scenes could be judged: the walks show nothing within the camera's range, "
+            "or their steps are too few."
+        )
+    return study
+
+
+@dataclass(frozen=True)
+class _Walks:
+    """What the walks have in common, as `study_uncertainty` says."""
+
+    simulation: Simulation
+    explorer: PluginChoice
+    perception: Perception
+    measures: Mapping[str, Uncertainty]
+    seed: int
+    steps: int
+
+    def judge(self, scene: SceneReference) -> tuple[JudgedScene, list[JudgedSample]]:
+        """Let the explorer walk through a scene, and judge every frame that has all its source frames."""
+        seed = episode_seed(self.seed, scene, 0)
+        walk = Walk(self.simulation.make(scene), self.explorer.create(), seed, self.steps)
+        judge = SceneJudge(scene.name, self.simulation.camera, self.measures, seed)
+        shown = np.linspace(SOURCES, self.steps - 1, SAMPLES, dtype=int)
+        samples: list[JudgedSample] = []
+        for (step,) in run_walks([walk], self.perception):
+            if len(step.frames) > SOURCES:
+                maps = self._see(judge, step)
+                if maps and step.number in shown:
+                    samples.append(_sample(step, maps))
+        return judge.result(), samples
+
+    def _see(self, judge: SceneJudge, step: Step) -> dict[str, np.ndarray]:
+        assert step.percept is not None
+        moved, turned = motion(step.frames[SOURCES].pose, step.frame.pose)
+        residual = step.percept.residual
+        computed = {
+            name: residual
+            for name, measure in self.measures.items()
+            if residual is not None and measure is self.perception.uncertainty
+        }
+        return judge.see(step.number, step.percept.view, step.frame.depth, step.frame.pose, moved, turned, computed)
+
+
+def _sample(step: Step, maps: Mapping[str, np.ndarray]) -> JudgedSample:
+    assert step.percept is not None
+    depth = step.percept.predicted_depth.cpu().numpy()
+    error = np.abs(depth - np.where(step.frame.depth > 0, step.frame.depth, np.nan))
+    return JudgedSample(step.frame.rgb, error, maps)
+
+
+def _read(record: Path) -> JudgedScene:
+    try:
+        return JudgedScene.from_json(json.loads(read_bytes(record)))
+    except (ValueError, TypeError, KeyError) as error:
+        raise DeuxError(f"{record} is damaged, it holds no judged scene ({error}): delete it.") from error

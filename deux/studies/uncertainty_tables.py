@@ -1,0 +1,63 @@
+"""The tables of a study of uncertainty."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+from deux.metrics.intervals import Estimate
+from deux.metrics.tables import Cell, Column, ResultTable, Row
+from deux.studies.judged_scene import CONTROLS
+from deux.studies.uncertainty_study import CAUSES, MOVED, Kept, UncertaintyStudy
+
+_MEAN = "mean ± half the 95 % t interval over the scenes"
+_KEPT: dict[Kept, str] = {"all": "all {count} frames", "moved": f"the {{count}} frames whose camera moved {MOVED} m"}
+_CAUSES = {
+    "error": "true error",
+    "moved": "metres moved",
+    "distance": "distance",
+    "texture": "texture",
+}
+
+
+def agreement_table(study: UncertaintyStudy, kept: Kept = "all") -> ResultTable:
+    """How well each measure follows the true error; the best measure of each column in bold.
+
+    Args:
+        study: the judged scenes.
+        kept: which frames count.
+    """
+    names = study.names
+    numbers = {
+        Column("judged", "%", digits=0, factor=100.0): [study.coverage(name, kept) for name in names],
+        Column("ρ pixels", digits=2, best="highest"): [study.pixels(name, kept) for name in names],
+        Column("AUSE", digits=3, best="lowest"): [study.ause(name, kept) for name in names],
+        Column("ρ frames", digits=2, best="highest"): [study.frames(name, kept=kept) for name in names],
+    }
+    if kept == "all":
+        numbers[Column("ρ places", digits=2, best="highest")] = [study.places(name) for name in names]
+    frames = _KEPT[kept].format(count=study.count(kept))
+    caption = f"Uncertainty against the true error (ρ: rank correlation), {frames}, {_MEAN}"
+    return _table(caption, study, numbers).ranked(second=False)
+
+
+def causes_table(study: UncertaintyStudy) -> ResultTable:
+    """Rank correlation of a frame's uncertainty with its true error and with what else may cause it."""
+    numbers = {
+        Column(_CAUSES[cause], digits=2): [study.frames(name, cause) for name in study.names] for cause in CAUSES
+    }
+    return _table(f"Rank correlation of a frame's uncertainty with other numbers of the frame, {_MEAN}", study, numbers)
+
+
+def _table(caption: str, study: UncertaintyStudy, numbers: Mapping[Column, Sequence[Estimate]]) -> ResultTable:
+    """A table with a row for each measure and each control; controls stand in brackets and are not ranked.
+
+    Args:
+        caption: what the table shows.
+        study: names the rows.
+        numbers: one for each row, by column.
+    """
+    rows = []
+    for name, *values in zip(study.names, *numbers.values(), strict=True):
+        control = name in CONTROLS
+        cells = tuple(Cell(None if math.isnan(value.mean) else value) for value in values)
+        rows.append(Row((f"({name})" if control else name,), cells, ranked=not control))
+    return ResultTable(caption, ("measure",), tuple(numbers), (tuple(rows),))

@@ -1,0 +1,164 @@
+"""The tasks, the sections of the configuration that each of them names, and how a task reads them.
+
+A section is a node at the top of the configuration. It belongs to the package that uses it, whose dataclass or plugin
+says which options it has; a task reads and checks the sections that it names and no others.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from omegaconf import DictConfig
+
+from deux.errors import DeuxError, near_matches
+from deux.options import construct, plain
+from deux.registry import KINDS, PluginChoice, registry
+
+T = TypeVar("T")
+
+
+class Task(NamedTuple):
+    """What `task=` can be.
+
+    Args:
+        purpose: what it does, for the help page.
+        sections: the sections that it reads; they also decide which run folder the command has.
+    """
+
+    purpose: str
+    sections: tuple[str, ...]
+
+
+_SCENES = ("simulator", "camera", "robot", "scenes")
+_COLLECTION = (*_SCENES, "explore", "collect", "sampling", "verification")
+_TRAINING = ("model", "objective", "pose", "training", "trainer", "foundation")
+_MODEL_GUIDED = (*_COLLECTION, *_TRAINING, "seed_model", "evaluation", "seed")
+"""Validation frames, of which `evaluation` says how many, are part of every training."""
+
+TASKS = {
+    "experiment": Task(
+        "collect, train the seed model, explore with it, train the final model, evaluate",
+        (*_MODEL_GUIDED, "callbacks"),
+    ),
+    "collect": Task("explore the training scenes and write the dataset", _MODEL_GUIDED),
+    "train": Task(
+        "train the depth model on the dataset, which is collected first if it is not there",
+        (*_MODEL_GUIDED, "callbacks", "data", "training_data"),
+    ),
+    "evaluate": Task("evaluate a trained model on the held-out scenes", (*_MODEL_GUIDED, "callbacks", "data")),
+    "predict": Task("complete the depth of one frame, from files and to files", ("predict", "model", "camera")),
+    "train_explorer": Task(
+        "train the policy of a learned explorer with PPO", (*_SCENES, "explore", "explorer_training", "seed")
+    ),
+    "compare_explorers": Task(
+        "measure what the explorers see, in scenes that none of them knows",
+        (*_SCENES, "explore", "collect", "sampling", "compare", "seed_model", "model", "trainer", "seed"),
+    ),
+    "study_uncertainty": Task(
+        "measure which uncertainty points at the depth model's errors, in scenes that it never saw", _MODEL_GUIDED
+    ),
+    "export": Task("write a trained model as model.onnx", ("export", "model", "camera")),
+    "report": Task("turn finished runs into the paper's tables and figures", ("report",)),
+}
+"""The tasks by name; each is the module of that name in `deux.tasks`."""
+
+PLUGIN_SECTIONS = {
+    "model": "depth_models",
+    "explore": "explorers",
+    "simulator": "simulators",
+    "scenes": "scenes",
+    "data": "readers",
+}
+"""The sections that choose a plugin, and of which kind."""
+
+
+class Sections:
+    """The sections of a composed configuration that its task names.
+
+    Args:
+        cfg: what Hydra composed.
+        outputs: the folder of runs, datasets and shared models.
+    """
+
+    def __init__(self, cfg: DictConfig, outputs: Path) -> None:
+        self._cfg = cfg
+        self.task = str(cfg.task)
+        self.outputs = outputs
+        self.names = TASKS[self.task].sections
+
+    def read(self, name: str, target: type[T]) -> T:
+        """A section as an object of the class whose constructor says which options it has.
+
+        Raises:
+            DeuxError: an option is unknown, of another type or out of its range.
+        """
+        return construct(target, self._node(name), name)
+
+    def plugin(self, name: str) -> PluginChoice:
+        """The plugin that a section chooses, with all its options.
+
+        Raises:
+            DeuxError: there is no such plugin, or an option that it does not have.
+        """
+        return registry().choose(PLUGIN_SECTIONS[name], self._node(name), name)
+
+    def plain(self, name: str) -> Any:
+        """A section as plain dictionaries, lists and values."""
+        return plain(self._node(name), name)
+
+    @property
+    def seed(self) -> int:
+        """The random seed.
+
+        Raises:
+            DeuxError: it is no whole number that torch and numpy take.
+        """
+        seed = self._node("seed")
+        if type(seed) is not int or not 0 <= seed < 2**32:
+            raise DeuxError(f"seed is {seed!r}: the random seed is a whole number from 0 to {2**32 - 1}.")
+        return seed
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """All that the task depends on, defaults of plugins included, as JSON values: what a run folder belongs to."""
+        content = {name: self.plain(name) for name in self.names}
+        content |= {name: self.plugin(name).description for name in self.names if name in PLUGIN_SECTIONS}
+        return {"task": self.task, **content}
+
+    def _node(self, name: str) -> Any:
+        assert name in self.names, f"task={self.task} does not name the section {name!r}"
+        return self._cfg[name]
+
+
+def check_plugins(cfg: DictConfig) -> None:
+    """Raise DeuxError if a section of the task names a plugin that is not installed, or is installed twice.
+
+    Nothing is imported, so a run with a misspelt loss term ends before any work is done.
+    """
+    if cfg.task not in TASKS:
+        raise DeuxError(f"there is no task called {cfg.task!r}: {near_matches(str(cfg.task), TASKS)}")
+    for kind, name in _named_plugins(cfg):
+        registry().find(kind, name)
+
+
+def _named_plugins(cfg: DictConfig) -> list[tuple[str, str]]:
+    """The plugins that the task's sections name: kind and name."""
+    sections = TASKS[cfg.task].sections
+    found = [(kind, cfg[name].get("name")) for name, kind in PLUGIN_SECTIONS.items() if name in sections]
+    if "seed_model" in sections:
+        found += [("explorers", cfg.seed_model.explore), ("depth_models", cfg.seed_model.name)]
+    if "compare" in sections:
+        explorers = cfg.compare.explorers
+        found += [("explorers", name) for name in ([] if isinstance(explorers, str) else explorers or [])]
+        found += [("explorers", cfg.compare.baseline)]
+    if "collect" in sections:
+        found += [("uncertainties", cfg.collect.uncertainty)]
+    if "foundation" in sections:
+        found += [("scenes", cfg.foundation.source)]
+    if "explorer_training" in sections:
+        found += [("scenes", cfg.explorer_training.source)]
+    if "objective" in sections:
+        found += [("losses", term) for term in cfg.objective]
+    assert all(kind in KINDS for kind, _ in found)
+    return [(kind, str(name)) for kind, name in found if name is not None]

@@ -1,0 +1,110 @@
+"""Trained models that the user names by a path, and where they come from."""
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from deux.configuration import user_path
+from deux.contracts import DepthModel
+from deux.deployment.model_files import MODEL_FILE, load_model, model_name, weights_file
+from deux.deployment.published_checkpoints import load_published
+from deux.errors import DeuxError
+from deux.registry import PluginChoice
+from deux.report.conditions import Conditions, conditions
+from deux.report.runs import read_identity, run_folders
+from deux.task_sections import Sections
+
+PUBLISHED_SUFFIX = ".pth"
+"""Of the checkpoint files that the models' authors published."""
+
+RESUME_SUFFIX = ".ckpt"
+"""Of the files that a killed training goes on from; they hold no model that could be made without its run."""
+
+
+def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthModel]:
+    """A trained model's registered name, and the model in eval mode.
+
+    Args:
+        published: the model, with its options, whose authors published the file, if it is such a file.
+        path: a run folder, a model file of ours or a published checkpoint, as the user wrote it.
+
+    Raises:
+        DeuxError: there is no model there, or none that fits.
+    """
+    file = user_path(path)
+    if file.suffix == PUBLISHED_SUFFIX:
+        return published.name, load_published(published.name, file, settings=published.settings)
+    if file.suffix == RESUME_SUFFIX:
+        raise DeuxError(f"{file} is for resuming a training: name the {MODEL_FILE} of a run folder, or the folder.")
+    return model_name(file), load_model(file)
+
+
+def load_needed_model(published: PluginChoice, path: str | None, option: str) -> tuple[str, DepthModel]:
+    """As `load_named_model`, for a task that cannot do without a model; `option` is the key that names it."""
+    if not path:
+        raise DeuxError(
+            f"a trained model is needed: name a run folder, a model file or a published checkpoint by {option}=."
+        )
+    return load_named_model(published, path)
+
+
+def weights_identity(path: str | Path) -> str:
+    """Sixteen hexadecimal digits that any change of a model file, or of a run folder's model file, changes."""
+    return hashlib.sha256(weights_file(user_path(path)).read_bytes()).hexdigest()[:16]
+
+
+def provenance(path: str) -> dict[str, Any]:
+    """Where a named model comes from, as `Results.trained` holds it."""
+    file = weights_file(user_path(path))
+    identity = read_identity(file.parent) if file.name == MODEL_FILE else None
+    return {"weights": weights_identity(path), "settings": identity}
+
+
+def find_trained_run(sections: Sections, path: str) -> str:
+    """The run folder that a folder of runs holds for this command; any other path as it is.
+
+    It is the run with this command's model, explorer, seed and budget, trained on another dataset if there is one.
+
+    Raises:
+        DeuxError: the folder has trained runs, but none of these, or several.
+    """
+    folder = user_path(path)
+    if not folder.is_dir() or (folder / MODEL_FILE).exists():
+        return path
+    trained = {
+        run: made_of for run in run_folders(folder) if (run / MODEL_FILE).exists() if (made_of := _trained_on(run))
+    }
+    if not trained:
+        return path
+    mine = conditions(sections.identity)
+    fitting = {run: made_of for run, made_of in trained.items() if _same(made_of, mine)}
+    elsewhere = [run for run, made_of in fitting.items() if made_of.testing != mine.testing]
+    candidates = elsewhere or list(fitting)
+    if len(candidates) == 1:
+        return str(candidates[0])
+    wanted = f"{mine.model} on {mine.explorer} frames with seed {mine.seed} and this budget"
+    if not candidates:
+        raise DeuxError(f"evaluation.checkpoint={path} has no trained run of {wanted} below it: train it first.")
+    raise DeuxError(
+        f"evaluation.checkpoint={path} has {len(candidates)} trained runs of {wanted} below it: name the folder of "
+        f"one of them, such as {candidates[0]} or {candidates[1]}."
+    )
+
+
+def _trained_on(run: Path) -> Conditions | None:
+    """What a run that trained a model on explored frames was made of."""
+    identity = read_identity(run)
+    if identity is None or identity.get("task") not in ("experiment", "train") or identity.get("training_data"):
+        return None
+    return conditions(identity)
+
+
+def _same(one: Conditions, other: Conditions) -> bool:
+    return (one.model, one.model_options, one.explorer, one.explorer_options, one.seed, one.budget) == (
+        other.model,
+        other.model_options,
+        other.explorer,
+        other.explorer_options,
+        other.seed,
+        other.budget,
+    )

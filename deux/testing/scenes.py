@@ -1,0 +1,156 @@
+"""The conformance suite of scene sources: what every `deux.contracts.SceneSource` must do.
+
+A plugin's test file subclasses it, and pytest runs the whole suite:
+
+    class TestMyScenes(SceneSourceSuite):
+        def make_source(self) -> SceneSource:
+            return MyScenes(train=2, validation=1, test=1)
+
+The options should ask for few scenes, one for training and one for testing at least: one of each split is loaded.
+"""
+
+import pickle
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from deux.contracts import Scene, SceneMesh, SceneReference, SceneSource, SceneSplits
+from deux.errors import DeuxError
+
+
+def references(splits: SceneSplits) -> list[SceneReference]:
+    """All scenes of all splits."""
+    return [*splits.train, *splits.validation, *splits.test]
+
+
+class SceneSourceSuite:
+    """Tests of one source of scenes. Subclass it and give `make_source`; see this module's docstring."""
+
+    def make_source(self) -> SceneSource:
+        """A new source, as a user would make it, with a few scenes in it."""
+        raise NotImplementedError
+
+    def test_splits_hold_references(self) -> None:
+        """Tuples of references; there is something to train and to test on."""
+        splits = self.make_source().splits()
+        for scenes in (splits.train, splits.validation, splits.test):
+            assert isinstance(scenes, tuple)
+            assert all(isinstance(scene, SceneReference) for scene in scenes)
+        assert splits.train, "there is no scene to explore"
+        assert splits.test, "there is no scene to test on"
+
+    def test_no_scene_is_there_twice(self) -> None:
+        """Names and identities are unique, within a split and across them."""
+        scenes = references(self.make_source().splits())
+        for noun, values in (("name", [s.name for s in scenes]), ("identity", [s.identity for s in scenes])):
+            value, count = Counter(values).most_common(1)[0]
+            assert count == 1, f"{count} scenes have the {noun} {value}"
+
+    def test_equal_options_give_equal_splits(self) -> None:
+        """Made twice: the same references, with the same identities."""
+        first, second = self.make_source().splits(), self.make_source().splits()
+        assert first == second
+        assert [s.identity for s in references(first)] == [s.identity for s in references(second)]
+
+    def test_references_are_values(self) -> None:
+        """They can be hashed, compared and pickled, and come back equal with the same identity."""
+        for scene in references(self.make_source().splits()):
+            copy = pickle.loads(pickle.dumps(scene))
+            assert copy == scene, f"{scene.name} is another one after pickling"
+            assert {scene: True}[copy], f"{scene.name} has another hash after pickling"
+            assert copy.identity == scene.identity
+
+    def test_references_are_small(self) -> None:
+        """No more than 10 kB each when pickled: a locator, not the scene."""
+        for scene in references(self.make_source().splits()):
+            assert len(pickle.dumps(scene)) < 10_000, f"{scene.name} takes its mesh along"
+
+    def test_identities_tell_no_place(self) -> None:
+        """Where a scene lies on one machine says nothing on another: no path of its file is in the identity."""
+        for scene in references(self.make_source().splits()):
+            assert scene.identity
+            assert not scene.identity.startswith("/")
+            if scene.file is not None:
+                assert str(scene.file.parent) not in scene.identity, f"the identity of {scene.name} holds its path"
+
+    def test_scenes_can_be_had(self) -> None:
+        """The first scene of each split is a file that is there, or a mesh with floors, or both."""
+        splits = self.make_source().splits()
+        for reference in (scenes[0] for scenes in (splits.train, splits.validation, splits.test) if scenes):
+            if reference.file is not None:
+                assert reference.file.is_absolute()
+                assert reference.file.is_file(), f"the file of {reference.name} is not there"
+            try:
+                scene = reference.load()
+            except DeuxError:
+                assert reference.file is not None, f"{reference.name} is in no file, and cannot be loaded"
+                continue
+            assert (scene.name, scene.identity) == (reference.name, reference.identity)
+            _check_mesh(scene.mesh)
+            _check_floors(scene)
+
+    def test_a_scene_is_the_same_each_time(self) -> None:
+        """Loading the first scene again gives equal arrays."""
+        reference = self.make_source().splits().train[0]
+        try:
+            first, second = reference.load(), reference.load()
+        except DeuxError:
+            pytest.skip("there is no mesh of the scene")
+        assert first.floors == second.floors
+        for name in ("vertices", "faces", "uv", "face_material", "face_label", "vertex_colors"):
+            np.testing.assert_array_equal(getattr(first.mesh, name), getattr(second.mesh, name), err_msg=name)
+        for one, other in zip(first.mesh.materials, second.mesh.materials, strict=True):
+            assert (one.name, one.color) == (other.name, other.color)
+            np.testing.assert_array_equal(one.texture, other.texture, err_msg=f"texture of {one.name}")
+
+    def test_further_scenes_are_others(self) -> None:
+        """As many as asked for, none of those that are to be avoided, or DeuxError where there are none."""
+        source = self.make_source()
+        without = {scene.identity for scene in references(source.splits())}
+        try:
+            first = source.further(2, without)
+        except DeuxError:
+            return
+        second = source.further(3, without | {scene.identity for scene in first})
+        assert (len(first), len(second), source.further(0, without)) == (2, 3, ())
+        identities = [scene.identity for scene in (*first, *second)]
+        assert len(set(identities)) == 5, f"a further scene is there twice: {identities}"
+        assert len({scene.name for scene in (*first, *second)}) == 5
+        assert not without & set(identities), "a further scene was to be avoided"
+
+
+def _check_mesh(mesh: SceneMesh) -> None:
+    """Shapes, types and indices as `SceneMesh` says."""
+    vertices, faces = len(mesh.vertices), len(mesh.faces)
+    assert (mesh.vertices.shape, mesh.vertices.dtype) == ((vertices, 3), np.float32)
+    assert np.isfinite(mesh.vertices).all()
+    assert (mesh.faces.shape, mesh.faces.dtype) == ((faces, 3), np.int32)
+    assert faces > 0
+    assert mesh.faces.min() >= 0
+    assert mesh.faces.max() < vertices
+    assert (mesh.uv.shape, mesh.uv.dtype) == ((faces, 3, 2), np.float32)
+    for values, least, count in (
+        (mesh.face_material, 0, len(mesh.materials)),
+        (mesh.face_label, -1, len(mesh.label_names)),
+    ):
+        assert (values.shape, values.dtype) == ((faces,), np.int32)
+        assert least <= values.min()
+        assert values.max() < count
+    if mesh.vertex_colors is not None:
+        assert (mesh.vertex_colors.shape, mesh.vertex_colors.dtype) == ((vertices, 3), np.uint8)
+    for material in mesh.materials:
+        if material.texture is not None:
+            assert material.texture.ndim == 3
+            assert material.texture.shape[2] == 3
+            assert material.texture.dtype == np.uint8
+
+
+def _check_floors(scene: Scene) -> None:
+    """There is a floor at least, each of them within the mesh."""
+    low, high = scene.mesh.bounds[:, 1]
+    heights = [floor.height for floor in scene.floors]
+    assert heights, f"{scene.name} has no floor"
+    assert len(set(heights)) == len(heights), f"{scene.name} lists a floor twice: {heights}"
+    assert all(low - 0.05 <= height <= high for height in heights), f"a floor of {scene.name} is not in its mesh"
+    assert all(floor.area > 0.0 for floor in scene.floors)

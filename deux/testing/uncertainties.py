@@ -1,0 +1,230 @@
+"""The conformance suite of measures of uncertainty: what every `deux.contracts.Uncertainty` must do.
+
+A plugin's test file subclasses it, and pytest runs the whole suite:
+
+    class TestMyMeasure(UncertaintySuite):
+        def make_uncertainty(self) -> Uncertainty:
+            return MyMeasure()
+
+The views are those of a textured wall that faces the camera at `WALL` metres (`wall_view`): exact images, so that a
+perfect prediction has next to no photometric error.
+"""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from deux.contracts import DepthPredictor, Uncertainty, View
+from deux.uncertainty import frame_of, make_view
+
+HEIGHT, WIDTH = 48, 64
+FOCAL = 40.0
+WALL = 2.0
+"""Metres from the camera to the wall."""
+
+INTRINSICS = torch.tensor([[FOCAL, 0.0, (WIDTH - 1) / 2], [0.0, FOCAL, (HEIGHT - 1) / 2], [0.0, 0.0, 1.0]])
+
+MOVES = ((0.0, 0.0, -0.25), (0.1, 0.0, -0.4))
+"""Where the source cameras stand, in metres from the frame's camera: behind it, as a robot that walks forward."""
+
+
+def wall_view(
+    depth: Tensor | None = None,
+    moves: Sequence[tuple[float, float, float]] = MOVES,
+    turn: float = 0.0,
+    points: Tensor | None = None,
+    predict_depth: DepthPredictor | None = None,
+) -> View:
+    """A view of the wall.
+
+    Args:
+        depth: N x 1 x H x W metres, the prediction; None for the true depth, in a batch of one.
+        moves: where the source cameras stood, metres along the frame's camera axes.
+        turn: by how many radians they were turned about the vertical axis.
+        points: N x 1 x H x W bool (or 1 for N), where the sparse points are, of true depth; None for no points.
+        predict_depth: the depth model that a measure may ask; it does not change `depth`. None for one that always
+            predicts the first frame's depth.
+    """
+    true = torch.full((1, 1, HEIGHT, WIDTH), WALL)
+    predicted = true if depth is None else depth
+    count = len(predicted)
+    source_from_target = torch.eye(4).repeat(count, len(moves), 1, 1)
+    for i, move in enumerate(moves):
+        source_from_target[:, i, :3, :3] = _rotation(turn).T
+        source_from_target[:, i, :3, 3] = -_rotation(turn).T @ torch.tensor(move)
+    view = make_view(
+        image=_picture(torch.zeros(3), 0.0).repeat(count, 1, 1, 1),
+        sparse_depth=torch.zeros_like(predicted) if points is None else WALL * points.expand_as(predicted),
+        intrinsics=INTRINSICS.repeat(count, 1, 1),
+        sources=torch.stack([_picture(torch.tensor(move), turn) for move in moves]).repeat(count, 1, 1, 1, 1),
+        source_from_target=source_from_target,
+        predict_depth=lambda image, sparse_depth, intrinsics: predicted,
+    )
+    again = predict_depth or (lambda image, sparse_depth, intrinsics: predicted[:1].repeat(len(image), 1, 1, 1))
+    return replace(view, predict_depth=again)
+
+
+def point_grid(spacing: int = 8) -> Tensor:
+    """Sparse points on a grid, 1 x 1 x H x W bool.
+
+    Args:
+        spacing: pixels from one point to the next.
+    """
+    points = torch.zeros(1, 1, HEIGHT, WIDTH, dtype=torch.bool)
+    points[..., spacing // 2 :: spacing, spacing // 2 :: spacing] = True
+    return points
+
+
+def _wall(x: Tensor, y: Tensor) -> Tensor:
+    """Colours 3 x ... of the wall at metres x, y: smooth, so that bilinear sampling hardly errs."""
+    waves = [torch.sin(5.0 * x + phase) * torch.cos(4.0 * y + phase) for phase in (0.0, 1.0, 2.0)]
+    return 0.5 + 0.25 * torch.stack(waves)
+
+
+def _picture(position: Tensor, turn: float) -> Tensor:
+    """What a camera at a position in metres, turned about the vertical axis, sees of the wall: 3 x H x W."""
+    v, u = torch.meshgrid(torch.arange(HEIGHT), torch.arange(WIDTH), indexing="ij")
+    rays = torch.stack(
+        [(u - INTRINSICS[0, 2]) / FOCAL, (v - INTRINSICS[1, 2]) / FOCAL, torch.ones_like(u, dtype=torch.float32)]
+    )
+    rays = torch.einsum("ij,jhw->ihw", _rotation(turn), rays)
+    points = position[:, None, None] + rays * ((WALL - position[2]) / rays[2])
+    return _wall(points[0], points[1])
+
+
+def _rotation(turn: float) -> Tensor:
+    angle = torch.tensor(turn)
+    c, s = angle.cos(), angle.sin()
+    return torch.tensor([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+class CheckedPredictor:
+    """A depth model that checks how it is asked; its depth is 2 m and more where the image is darker.
+
+    Args:
+        device: of all that it is given.
+    """
+
+    def __init__(self, device: torch.device | None = None) -> None:
+        self.device = device or torch.device("cpu")
+
+    def __call__(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
+        """N x 1 x H x W metres."""
+        count = len(image)
+        assert image.shape == (count, 3, HEIGHT, WIDTH), f"predict_depth got an image of shape {tuple(image.shape)}"
+        assert sparse_depth.shape == (count, 1, HEIGHT, WIDTH), "one channel of sparse depth, as large as the image"
+        assert intrinsics.shape == (count, 3, 3), "predict_depth takes one camera matrix for each image"
+        for name, value in (("image", image), ("sparse_depth", sparse_depth), ("intrinsics", intrinsics)):
+            assert value.dtype == torch.float32, f"predict_depth got {name} as {value.dtype}"
+            assert value.device.type == self.device.type, f"predict_depth got {name} on {value.device}"
+            assert value.isfinite().all(), f"predict_depth got {name} that is not finite"
+        assert 0.0 <= image.min() <= image.max() <= 1.0, "predict_depth takes images in [0, 1]"
+        assert sparse_depth.min() >= 0.0, "predict_depth takes sparse depth in metres, 0 = none"
+        assert (intrinsics[:, 0, 0] > 0).all(), "predict_depth takes focal lengths above 0"
+        nearby = sparse_depth.sum((1, 2, 3), keepdim=True) / HEIGHT / WIDTH
+        return 3.0 - image.mean(1, keepdim=True) + nearby
+
+
+class UncertaintySuite:
+    """Tests of one measure. Subclass it and define `make_uncertainty`; see this module's docstring."""
+
+    @abstractmethod
+    def make_uncertainty(self) -> Uncertainty:
+        """A new measure, with the options that are to be tested."""
+
+    def measure(self, view: View) -> Tensor:
+        """What a new measure makes of a view; its values are checked for what all must have."""
+        with torch.inference_mode():
+            uncertainty = self.make_uncertainty()(view)
+        assert uncertainty.shape == view.depth[:, 0].shape, f"not N x H x W: {tuple(uncertainty.shape)}"
+        assert uncertainty.dtype == torch.float32, f"not float32: {uncertainty.dtype}"
+        assert uncertainty.device == view.depth.device, f"not on the view's device: {uncertainty.device}"
+        assert not uncertainty.isinf().any(), "an uncertainty is finite, or NaN where the measure has no value"
+        assert not (uncertainty < 0.0).any(), "an uncertainty is not negative"
+        return uncertainty
+
+    def test_has_values_where_there_is_all_to_judge_by(self) -> None:
+        """With motion, texture, points and a wrong depth, some pixels have a value."""
+        assert self.measure(_views()).isfinite().any(), "no pixel has a value, although there is all to judge by"
+
+    def test_same_view_same_values(self) -> None:
+        """Nothing is remembered between calls, and nothing is drawn at random."""
+        measure, view = self.make_uncertainty(), _views()
+        with torch.inference_mode():
+            first = measure(view)
+            measure(wall_view(points=point_grid(4), predict_depth=CheckedPredictor()))
+            second = measure(view)
+        assert torch.equal(first.nan_to_num(-1.0), second.nan_to_num(-1.0)), "the same view was judged differently"
+
+    def test_frames_of_a_batch_do_not_touch_each_other(self) -> None:
+        """A frame gets the same values alone as among others, which have other points and another depth."""
+        view = _views()
+        batched = self.measure(view)
+        for i in range(len(view.image)):
+            alone = self.measure(frame_of(view, i))
+            torch.testing.assert_close(
+                batched[i], alone[0], rtol=1e-4, atol=1e-5, equal_nan=True, msg=f"frame {i} depends on the batch"
+            )
+
+    def test_leaves_the_view_alone(self) -> None:
+        """The tensors of a view are shared: a measure must not write to them."""
+        view = _views()
+        before = {name: value.clone() for name, value in _tensors(view).items()}
+        self.measure(view)
+        for name, value in _tensors(view).items():
+            assert torch.equal(value, before[name]), f"the measure changed {name}"
+
+    def test_survives_points_that_nothing_shows(self) -> None:
+        """Without sparse points, without visible pixels, and without both: NaN or finite, and no error."""
+        seen = wall_view(torch.full((1, 1, HEIGHT, WIDTH), 2.2), predict_depth=CheckedPredictor())
+        away = torch.zeros_like(seen.visible)
+        for view in (
+            seen,
+            replace(seen, visible=away),
+            replace(seen, visible=away, sparse_depth=torch.where(point_grid(), WALL, 0.0)),
+        ):
+            self.measure(view)
+
+    def test_survives_a_camera_that_only_turned(self) -> None:
+        """Without parallax."""
+        standing = ((0.0, 0.0, 0.0),) * 2
+        self.measure(wall_view(moves=standing, turn=0.17, points=point_grid(), predict_depth=CheckedPredictor()))
+
+    def test_survives_an_image_of_one_colour(self) -> None:
+        """Without texture, in the frame and in its source frames."""
+        view = _views()
+        grey = {name: torch.full_like(getattr(view, name), 0.5) for name in ("image", "sources", "rebuilt")}
+        self.measure(replace(view, **grey))  # type: ignore[arg-type]
+
+    def test_takes_any_number_of_source_frames(self) -> None:
+        """One source frame, and four."""
+        for moves in (MOVES[:1], MOVES * 2):
+            self.measure(wall_view(moves=moves, points=point_grid(), predict_depth=CheckedPredictor()))
+
+    def test_stays_on_a_graphics_card(self) -> None:
+        """All is computed where the view is, and agrees with the CPU; skipped without a card."""
+        if not torch.cuda.is_available():
+            pytest.skip("needs a GPU")
+        card = torch.device("cuda")
+        view = _views()
+        moved = {name: value.to(card) for name, value in _tensors(view).items()}
+        there = self.measure(replace(view, predict_depth=CheckedPredictor(card), **moved))
+        torch.testing.assert_close(there.cpu(), self.measure(view), rtol=1e-2, atol=1e-3, equal_nan=True)
+
+
+def _views() -> View:
+    """Three frames of the wall with different predictions and points, one of them without points."""
+    column = torch.linspace(-0.3, 0.3, WIDTH).expand(1, 1, HEIGHT, WIDTH)
+    depth = torch.cat([torch.full_like(column, 1.9), WALL + column, torch.full_like(column, 2.2)])
+    points = torch.cat([point_grid(8), point_grid(5), torch.zeros_like(point_grid())])
+    return wall_view(depth, points=points, predict_depth=CheckedPredictor())
+
+
+def _tensors(view: View) -> dict[str, Tensor]:
+    """All tensors of a view, by name."""
+    parts = {field.name: getattr(view, field.name) for field in fields(view)}
+    return {name: part for name, part in parts.items() if isinstance(part, Tensor)}

@@ -1,0 +1,134 @@
+import json
+
+import pytest
+from scipy import stats
+
+from deux.report.comparable_runs import group_comparable
+from deux.report.display_names import Variant
+from deux.report.runs import find_runs
+from deux.report.sweeps import find_sweeps
+
+DEUX, RANDOM, KBNET, VOICED = Variant("deux"), Variant("random"), Variant("kbnet"), Variant("voiced")
+
+
+def compare(outputs):
+    return group_comparable(find_runs(outputs), find_sweeps(outputs))
+
+
+def test_only_equal_budgets_and_frames_stand_together(write_run, outputs, here, there):
+    for seed in range(2):
+        write_run("deux", "kbnet", seed, 10.0)
+        write_run("random", "kbnet", seed, 10.0)
+    write_run("deux", "kbnet", 0, 99.0, folder="long", training__steps=20)
+    write_run("deux", "kbnet", 0, 99.0, folder="far", collect__steps=40)
+    write_run("deux", "kbnet", 0, 99.0, folder="wide", camera__width=128)
+    write_run("deux", "kbnet", 0, 99.0, folder="other", place=there)
+    write_run("deux", "kbnet", 0, 99.0, folder="away", place=there, trained_in=here)
+    found = compare(outputs)
+    assert [len(runs.finished) for runs in found] == [4, 1, 1, 1, 1, 1]
+    assert [runs.transferred for runs in found].count(True) == 1
+
+
+def test_seeds_are_summed_up_cell_by_cell(write_run, outputs):
+    values = {0: 10.0, 1: 14.0, 2: 11.0}
+    for seed, mae in values.items():
+        write_run("deux", "kbnet", seed, mae)
+    (runs,) = compare(outputs)
+    errors = runs.errors(DEUX, KBNET)
+    half = stats.t.ppf(0.975, 2) * stats.sem(list(values.values()))
+    assert errors.seeds == (0, 1, 2)
+    assert errors.estimates["mae"] == (pytest.approx(35 / 3), pytest.approx(half))
+    assert errors.estimates["rmse"].mean == pytest.approx(70 / 3)
+    assert errors.estimates["imae"].mean == pytest.approx(35.0)
+    assert errors.estimates["irmse"].mean == pytest.approx(1000 - 35 / 3)
+    assert runs.errors(RANDOM, KBNET) is None
+    assert [one.mean for one in runs.baseline.estimates.values()] == [80.0, 180.0, 70.0, 150.0]
+    assert runs.baseline.seeds == ()
+
+
+def test_the_difference_of_two_explorers_is_taken_seed_by_seed(write_run, outputs):
+    """What a seed does to both, here 20 mm to and fro, is in neither the difference nor its interval."""
+    gains = [5.0, 4.0, 6.0]
+    for seed, (common, gain) in enumerate(zip((30.0, 50.0, 40.0), gains, strict=True)):
+        write_run("random", "kbnet", seed, common)
+        write_run("deux", "kbnet", seed, common - gain)
+    write_run("novelty", "kbnet", 0, 10.0)
+    (runs,) = compare(outputs)
+    reference = stats.ttest_1samp([-gain for gain in gains], 0.0).confidence_interval(0.95)
+    found = runs.paired_difference(DEUX, RANDOM, KBNET)
+    assert (found.mean - found.half_width, found.mean + found.half_width) == pytest.approx(tuple(reference))
+    assert runs.paired_difference(Variant("novelty"), RANDOM, KBNET) is None
+    assert runs.paired_difference(DEUX, RANDOM, VOICED) is None
+
+
+def test_variants_of_an_explorer_are_rows_of_their_own(write_run, outputs):
+    write_run("deux", "kbnet", 0, 10.0)
+    write_run("deux", "kbnet", 0, 20.0, folder="other", explore__residual_pose="surface")
+    (runs,) = compare(outputs)
+    assert runs.explorers == {Variant("deux", "residual_pose not set"), Variant("deux", "residual_pose=surface")}
+
+
+def test_a_run_done_twice_counts_once_and_the_newest(write_run, outputs):
+    write_run("deux", "kbnet", 0, 10.0)
+    second = write_run("deux", "kbnet", 0, 20.0, folder="again")
+    (second / "results.json").touch()
+    (runs,) = compare(outputs)
+    assert (runs.repeated, runs.errors(DEUX, KBNET).estimates["mae"].mean) == (1, 20.0)
+
+
+def test_a_begun_run_that_was_finished_elsewhere_is_not_missing(write_run, outputs):
+    write_run("deux", "kbnet", 0, None, folder="stopped")
+    write_run("deux", "kbnet", 0, 20.0)
+    (runs,) = compare(outputs)
+    assert (runs.missing, len(runs.finished)) == ((), 1)
+
+
+def test_missing_is_what_the_occurring_values_call_for(write_run, outputs):
+    write_run("deux", "kbnet", 0, 10.0)
+    write_run("random", "voiced", 1, 10.0)
+    write_run("random", "kbnet", 0, None)
+    (runs,) = compare(outputs)
+    assert {(m.explorer, m.model, m.seed): m.begun for m in runs.missing} == {
+        (DEUX, KBNET, 1): False,
+        (DEUX, VOICED, 0): False,
+        (DEUX, VOICED, 1): False,
+        (RANDOM, KBNET, 0): True,
+        (RANDOM, KBNET, 1): False,
+        (RANDOM, VOICED, 0): False,
+    }
+
+
+def test_missing_is_also_what_the_sweep_was_asked_for(write_run, write_sweep, outputs):
+    write_sweep(["experiment=table1"], {"seed": "0,1", "model": "kbnet", "explore": "random,deux"})
+    write_run("random", "kbnet", 0, 10.0)
+    (runs,) = compare(outputs)
+    assert [(m.explorer.name, m.seed) for m in runs.missing] == [("deux", 0), ("deux", 1), ("random", 1)]
+
+
+def test_a_finished_grid_misses_nothing(write_run, write_sweep, outputs):
+    write_sweep(["explore=random,deux", "seed=0,1"])
+    for seed in range(2):
+        write_run("random", "kbnet", seed, 10.0)
+        write_run("deux", "kbnet", seed, 10.0)
+    (runs,) = compare(outputs)
+    assert runs.missing == ()
+
+
+def test_other_test_frames_are_noticed_by_the_baseline(write_run, outputs):
+    write_run("random", "kbnet", 0, 10.0)
+    path = write_run("deux", "kbnet", 0, 10.0) / "results.json"
+    assert compare(outputs)[0].same_frames
+    path.write_text(path.read_text().replace('"mae": 80.0', '"mae": 81.0'))
+    assert not compare(outputs)[0].same_frames
+
+
+def test_runs_of_an_older_version_stand_beside_those_of_this_one(write_run, outputs):
+    write_run("deux", "kbnet", 0, 10.0)
+    path = write_run("deux", "kbnet", 1, 14.0) / "run.json"
+    configuration = json.loads(path.read_text())
+    configuration["random_seed"] = configuration.pop("seed")
+    configuration["scenes"]["source"] = configuration["scenes"].pop("name")
+    configuration["image"] = configuration["checkpoint"] = None
+    path.write_text(json.dumps(configuration))
+    (runs,) = compare(outputs)
+    assert runs.errors(DEUX, KBNET).seeds == (0, 1)

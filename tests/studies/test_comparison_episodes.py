@@ -1,0 +1,94 @@
+import json
+
+import numpy as np
+import pytest
+from box_scenes import CAMERA, SCENES, BoxRoomSimulator, FarModel, box_simulation, explorer, measure
+
+from deux.collection.perception import Perception
+from deux.collection.specification import episode_seed
+from deux.collection.walk import Walk, run_walks
+from deux.contracts import Robot
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.registry import registry
+from deux.simulator.simulation import Simulation
+from deux.studies.comparison_episodes import compare_explorers
+
+EXPLORERS = [explorer("random"), explorer("frontier")]
+
+
+@pytest.fixture
+def compare():
+    """compare(folder, **changes): both explorers in both scenes, eight steps, one reward."""
+    with box_simulation() as simulation:
+
+        def run(folder, **changes):
+            given = {"scenes": SCENES, "explorers": EXPLORERS, "rewards": {"coverage": {}}, "seed": 3, "steps": 8}
+            return compare_explorers(folder, simulation, **(given | changes))
+
+        yield run
+
+
+def numbers(episodes):
+    """The episodes without the time that they took."""
+    return [{name: value for name, value in vars(episode).items() if name != "seconds"} for episode in episodes]
+
+
+def test_every_explorer_in_every_scene_from_the_same_places(compare, tmp_path):
+    episodes = compare(tmp_path, episodes=2)
+    assert [(e.explorer, e.scene, e.episode) for e in episodes] == [
+        (name, scene, number) for name in ("random", "frontier") for scene in ("short", "long") for number in (0, 1)
+    ]
+    assert len({(e.scene, e.episode, e.seed, e.trajectory[0]) for e in episodes}) == 4
+    assert {e.seed for e in episodes} == {episode_seed(3, scene, number) for scene in SCENES for number in (0, 1)}
+    assert all(len(e.trajectory) == 8 for e in episodes)
+    assert BoxRoomSimulator.loaded == ["short", "long"]  # once, whoever walks there
+
+
+def test_a_trajectory_is_where_the_explorer_walks(compare, tmp_path):
+    episode = compare(tmp_path, explorers=EXPLORERS[1:])[1]
+    with_frames = Walk(BoxRoomSimulator(SCENES[1], CAMERA, Robot(), True), EXPLORERS[1].create(), episode.seed, 8)
+    poses = np.array([step.frame.pose for (step,) in run_walks([with_frames])])
+    np.testing.assert_array_equal(np.array(episode.trajectory)[:, :2], poses[:, [0, 2], 3])
+    moved = np.hypot(*np.diff(poses[:, [0, 2], 3], axis=0).T).sum()
+    assert episode.exploration.path_length == pytest.approx(moved)
+
+
+def test_only_what_is_missing_is_run(compare, tmp_path):
+    told = []
+    whole = compare(tmp_path, progress=lambda stage, done, total: told.append((stage, done, total)))
+    assert (told[0], told[-1]) == (("episodes", 0, 4), ("episodes", 4, 4))
+    (tmp_path / "frontier-long-00.json").unlink()
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    BoxRoomSimulator.loaded.clear()
+    assert numbers(compare(tmp_path)) == numbers(whole)
+    assert BoxRoomSimulator.loaded == ["long"]
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+def test_a_guided_explorer_sees_each_frame_once(compare, tmp_path):
+    model = FarModel()
+    perception = Perception(model, uncertainty=measure("l1").create())
+    compare(tmp_path, explorers=[explorer("deux"), explorer("random")], perception=perception)
+    assert len(model.frames) == 2 * 8  # and none of the random explorer's
+    with pytest.raises(DeuxError, match="there is no depth model"):
+        compare(tmp_path / "without", explorers=[explorer("deux")])
+
+
+def test_a_damaged_episode_is_named(compare, tmp_path):
+    compare(tmp_path)
+    (tmp_path / "random-short-00.json").write_text(json.dumps({"explorer": "random"}))
+    with pytest.raises(DeuxError, match=r"random-short-00\.json is damaged, it holds no episode"):
+        compare(tmp_path)
+
+
+def test_processes_change_nothing(tmp_path):
+    simulation = Simulation(Camera(32, 32), Robot(), registry().choose("simulators", {"name": "mesh"}))
+    scenes = registry().create("scenes", "apartments", {"test": 1}).splits().test
+    alone, several = (
+        compare_explorers(
+            tmp_path / str(processes), simulation, scenes, EXPLORERS[:1], {"novelty": {}}, 1, 4, processes=processes
+        )
+        for processes in (1, 2)
+    )
+    assert numbers(alone) == numbers(several)

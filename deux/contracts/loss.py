@@ -10,11 +10,10 @@ from deux.contracts.depth_model import Prediction
 
 
 class LossNeed(StrEnum):
-    """What a loss term may ask for."""
+    """What a loss term may ask the objective for."""
 
     RECONSTRUCTIONS = "reconstructions"
     BACKWARD_POSES = "backward_poses"
-    PRIOR = "prior"
     GROUND_TRUTH = "ground_truth"
 
 
@@ -63,12 +62,32 @@ class Reconstructions:
     target_from_source: Tensor | None = None
 
 
+@dataclass(frozen=True)
+class LossInputs:
+    """What a loss term computes its value from.
+
+    Args:
+        batch: the samples; without ground truth unless the model is supervised.
+        prediction: the depth model's output for them, float32; it holds the extras that the term declared.
+        reconstructions: the rebuilt target frames; None if no term of the objective declared that it needs them.
+        depth_range: (nearest, farthest) depth in metres that the model predicts.
+    """
+
+    batch: Batch
+    prediction: Prediction
+    reconstructions: Reconstructions | None
+    depth_range: tuple[float, float]
+
+
 class LossTerm(ABC):
     """One term of the objective, unweighted. All options are in the constructor."""
 
     needs: frozenset[LossNeed] = frozenset()
-    """What must be computed for the term; `reconstructions` is None unless some term declares it."""
+    """What must be computed or loaded for the term."""
+
+    extras: frozenset[str] = frozenset()
+    """Names in `Prediction.extras` that the term reads; a model that does not predict them cannot train with it."""
 
     @abstractmethod
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value, a float32 scalar, finite for every batch."""

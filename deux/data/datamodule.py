@@ -12,15 +12,34 @@ from deux.errors import DeuxError
 
 
 class TripletLoader(DataLoader[Batch]):
-    """A loader whose errors read the same from a worker process as from this one."""
+    """A loader whose errors read the same from a worker process as from this one.
+
+    Where `ShuffledDraws` gives the order it can go on within an epoch: a checkpoint keeps `state_dict`.
+    """
+
+    _given = 0  # batches of this epoch
 
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
+        self._given = 0
         try:
-            yield from super().__iter__()
+            for batch in super().__iter__():
+                self._given += 1
+                yield batch
         except DeuxError as error:
             # A worker's error arrives as its stack trace in text, of which the last line is the sentence.
             sentence = str(error).strip().splitlines()[-1].removeprefix("deux.errors.DeuxError: ")
             raise DeuxError(sentence) from None
+
+    def state_dict(self) -> dict[str, int]:
+        """The epoch, and how many of its items have been given out."""
+        if not isinstance(self.sampler, ShuffledDraws):
+            return {}
+        return {"epoch": self.sampler.epoch, "items": self.sampler.skipped + self._given * (self.batch_size or 1)}
+
+    def load_state_dict(self, state: dict[str, int]) -> None:
+        """Leave out the items of the epoch that have been given out; before its first batch is asked for."""
+        if state and isinstance(self.sampler, ShuffledDraws):
+            self.sampler.skip(state["epoch"], state["items"])
 
 
 class TripletDataModule(LightningDataModule):

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -155,6 +156,7 @@ class ShuffledDraws(Sampler[tuple[int, int]]):
     def __init__(self, size: int, seed: int, epoch: int = 0, share: int = 0, shares: int = 1) -> None:
         self._size, self._seed, self._epoch = size, seed, epoch
         self._share, self._shares = share, shares
+        self._skipped: dict[int, int] = {}
 
     def __len__(self) -> int:
         return self._size // self._shares
@@ -163,11 +165,25 @@ class ShuffledDraws(Sampler[tuple[int, int]]):
         rng = np.random.default_rng([self._seed, self._epoch])
         order, seeds = rng.permutation(self._size), rng.integers(2**62, size=self._size)
         mine = slice(self._share, len(self) * self._shares, self._shares)
-        return zip(order[mine].tolist(), seeds[mine].tolist(), strict=True)
+        return islice(zip(order[mine].tolist(), seeds[mine].tolist(), strict=True), self.skipped, None)
 
     def set_epoch(self, epoch: int) -> None:
         """Draw the given epoch's order and seeds from the next iteration on."""
         self._epoch = epoch
+
+    @property
+    def epoch(self) -> int:
+        """The epoch that is drawn."""
+        return self._epoch
+
+    @property
+    def skipped(self) -> int:
+        """Number of items that are left out at the beginning of this epoch."""
+        return self._skipped.get(self._epoch, 0)
+
+    def skip(self, epoch: int, items: int) -> None:
+        """Leave out the first items of one epoch, which a training has seen before it was killed."""
+        self._skipped = {epoch: items}
 
 
 class LoadedBatch(Batch):

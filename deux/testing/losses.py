@@ -5,21 +5,26 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
     class TestMyTerm(LossTermSuite):
         def make_term(self) -> LossTerm:
             return MyTerm()
+
+A term that reads an extra which is not a depth map (`LossTerm.extras`) overrides `make_extra` as well.
 """
 
 from copy import deepcopy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar
 
 import pytest
 import torch
 from torch import Tensor
 
-from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+from deux.contracts import Batch, LossInputs, LossNeed, LossTerm, Prediction, Reconstructions
 from deux.geometry.reprojection import reproject
 
 FOCAL_LENGTH = 32.0
 PLANE_DEPTH = 2.0
+DEPTH_RANGE = (0.1, 10.0)
+"""Nearest and farthest depth in metres of the model whose predictions the terms judge."""
+
 SHIFTS = ((2, 0), (-1, 1))
 """Where the target's pixels lie in each source image, in whole pixels, so that sampling them is exact."""
 
@@ -31,14 +36,14 @@ class LossSample:
     Args:
         batch: the samples, with ground truth.
         depth: N x 1 x H x W, the predicted depth.
-        prior: N x 1 x H x W, the model's prior.
         target_from_source: N x S x 4 x 4, the backward poses.
+        extras: what else the model predicts, by name.
     """
 
     batch: Batch
     depth: Tensor
-    prior: Tensor
     target_from_source: Tensor
+    extras: dict[str, Tensor] = field(default_factory=dict)
 
 
 def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
@@ -55,7 +60,7 @@ def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> Lo
     sparse_depth[..., ::4, ::4] = PLANE_DEPTH
     validity = (sparse_depth > 0).float()
     batch = Batch(image, sources, sparse_depth, validity, sparse_depth.clone(), intrinsics, poses, depth.clone())
-    return LossSample(batch, depth, depth.clone(), torch.linalg.inv(poses))
+    return LossSample(batch, depth, torch.linalg.inv(poses))
 
 
 def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
@@ -68,17 +73,18 @@ def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> 
 
 
 def evaluate(term: LossTerm, sample: LossSample) -> Tensor:
-    """The term's value when it is given exactly what it declares in `needs`, and None for the rest."""
+    """The term's value when it is given exactly what it declares in `needs` and `extras`."""
     batch, reconstructions = sample.batch, None
     if LossNeed.GROUND_TRUTH not in term.needs:
         batch = replace(batch, ground_truth=None)
     if {LossNeed.RECONSTRUCTIONS, LossNeed.BACKWARD_POSES} & term.needs:
         backward = sample.target_from_source if LossNeed.BACKWARD_POSES in term.needs else None
         poses = batch.source_from_target
+        assert poses is not None
         images, visible = reproject(batch.sources, sample.depth, batch.intrinsics.float(), poses)
         reconstructions = Reconstructions(images.to(batch.image.dtype), visible, poses, backward)
-    extras = {"prior": sample.prior} if LossNeed.PRIOR in term.needs else {}
-    return term(batch, Prediction(sample.depth, extras), reconstructions)
+    extras = {name: sample.extras[name] for name in term.extras}
+    return term(LossInputs(batch, Prediction(sample.depth, extras), reconstructions, DEPTH_RANGE))
 
 
 class LossTermSuite:
@@ -94,54 +100,80 @@ class LossTermSuite:
         """A new term, as a user would make it."""
         raise NotImplementedError
 
+    def make_extra(self, name: str, sample: LossSample) -> Tensor:
+        """One of the extras that the term declares; override it for a term that reads more than depth maps.
+
+        Args:
+            name: as in `LossTerm.extras`.
+            sample: the samples that the prediction belongs to.
+
+        Returns:
+            N x C x H x W float32; by default the true depth in metres.
+        """
+        assert sample.batch.ground_truth is not None
+        return sample.batch.ground_truth.clone()
+
     def test_declares_known_needs(self) -> None:
-        """`needs` holds members of `LossNeed` only."""
-        needs = self.make_term().needs
-        assert all(isinstance(need, LossNeed) for need in needs), f"not all of {set(needs)} are LossNeeds"
+        """`needs` holds members of `LossNeed` and `extras` names."""
+        term = self.make_term()
+        assert all(isinstance(need, LossNeed) for need in term.needs), f"not all of {set(term.needs)} are LossNeeds"
+        assert not isinstance(term.extras, str), f"extras is the text {term.extras!r}, not a set of names"
+        assert all(isinstance(name, str) for name in term.extras), f"not all of {set(term.extras)} are names"
 
     def test_is_a_finite_float32_scalar(self) -> None:
         """The value of an ordinary batch."""
-        _check_value(evaluate(self.make_term(), imperfect_sample()))
+        term = self.make_term()
+        _check_value(evaluate(term, self._imperfect(term)))
 
     def test_is_zero_at_perfection_only(self) -> None:
         """The exact depth costs nothing, a wrong one something."""
         if not self.perfect_is_zero:
             pytest.skip("the term says that it is not zero at perfection")
-        assert abs(float(evaluate(self.make_term(), perfect_sample()))) < 1e-4, "not zero for the exact depth"
-        assert float(evaluate(self.make_term(), imperfect_sample())) > 1e-4, "zero for a wrong depth"
+        term = self.make_term()
+        perfect = self._with_extras(term, perfect_sample())
+        assert abs(float(evaluate(term, perfect))) < 1e-4, "not zero for the exact depth"
+        assert float(evaluate(term, self._imperfect(term))) > 1e-4, "zero for a wrong depth"
 
     def test_is_differentiable(self) -> None:
-        """Gradients reach the depth or the poses; all are finite and some are not zero."""
-        gradients = _gradients(self.make_term(), imperfect_sample())
-        assert any(gradient.abs().max() > 0 for gradient in gradients), "no gradient reaches depth or poses"
+        """Gradients reach the depth, the poses or an extra; all are finite and some are not zero."""
+        term = self.make_term()
+        gradients = _gradients(term, self._imperfect(term))
+        assert any(gradient.abs().max() > 0 for gradient in gradients), "no gradient reaches depth, poses or extras"
 
     def test_frames_without_points(self) -> None:
         """No sparse point in any frame: value and gradients stay finite."""
-        sample = imperfect_sample()
+        term = self.make_term()
+        sample = self._imperfect(term)
         sample.batch.sparse_depth.zero_()
         sample.batch.validity.zero_()
-        _check_value(evaluate(self.make_term(), sample))
-        _gradients(self.make_term(), sample)
+        _check_value(evaluate(term, sample))
+        _gradients(term, sample)
 
     def test_frames_with_nothing_visible(self) -> None:
         """Every point lies behind the source cameras: value and gradients stay finite."""
-        sample = imperfect_sample()
+        term = self.make_term()
+        sample = self._imperfect(term)
+        assert sample.batch.source_from_target is not None
         sample.batch.source_from_target[..., 2, 3] = -10.0
-        _check_value(evaluate(self.make_term(), sample))
-        _gradients(self.make_term(), sample)
+        _check_value(evaluate(term, sample))
+        _gradients(term, sample)
 
     def test_is_a_mean_over_the_batch(self) -> None:
         """A sample costs the same alone as together with its copy."""
-        alone, doubled = (float(evaluate(self.make_term(), imperfect_sample(size))) for size in (1, 2))
+        term = self.make_term()
+        alone, doubled = (float(evaluate(term, self._imperfect(term, size))) for size in (1, 2))
         assert alone == pytest.approx(doubled, rel=1e-4), "the value depends on the batch's size"
 
     def test_leaves_its_inputs_alone(self) -> None:
         """No tensor that the term is given changes."""
-        sample = imperfect_sample()
+        term = self.make_term()
+        sample = self._imperfect(term)
         before = deepcopy(sample)
-        evaluate(self.make_term(), sample)
-        for name in ("depth", "prior", "target_from_source"):
+        evaluate(term, sample)
+        for name in ("depth", "target_from_source"):
             assert torch.equal(getattr(sample, name), getattr(before, name)), f"the term changed {name}"
+        for name, extra in sample.extras.items():
+            assert torch.equal(extra, before.extras[name]), f"the term changed the extra {name!r}"
         for item in fields(Batch):
             value = getattr(sample.batch, item.name)
             if isinstance(value, Tensor):
@@ -149,17 +181,23 @@ class LossTermSuite:
 
     def test_bfloat16_inputs_give_float32(self) -> None:
         """Inputs of a network in mixed precision are converted before anything is computed from them."""
-        exact = imperfect_sample()
-        rounded = imperfect_sample()
-        rounded.depth, rounded.prior = rounded.depth.bfloat16(), rounded.prior.bfloat16()
-        rounded.batch.image, rounded.batch.sources = (
-            rounded.batch.image.bfloat16(),
-            rounded.batch.sources.bfloat16(),
-        )
-        value = evaluate(self.make_term(), rounded)
+        term = self.make_term()
+        rounded = self._imperfect(term)
+        rounded.depth = rounded.depth.bfloat16()
+        rounded.extras = {name: extra.bfloat16() for name, extra in rounded.extras.items()}
+        rounded.batch.image = rounded.batch.image.bfloat16()
+        rounded.batch.sources = rounded.batch.sources.bfloat16()
+        value = evaluate(term, rounded)
         _check_value(value)
-        expected = float(evaluate(self.make_term(), exact))
+        expected = float(evaluate(term, self._imperfect(term)))
         assert float(value) == pytest.approx(expected, rel=0.1), "bfloat16 inputs change the value by more than 10 %"
+
+    def _imperfect(self, term: LossTerm, batch_size: int = 2) -> LossSample:
+        return self._with_extras(term, imperfect_sample(batch_size))
+
+    def _with_extras(self, term: LossTerm, sample: LossSample) -> LossSample:
+        """The sample with the extras that the term declares."""
+        return replace(sample, extras={name: self.make_extra(name, sample) for name in sorted(term.extras)})
 
 
 def _texture(shift: tuple[int, int], height: int, width: int) -> Tensor:
@@ -176,12 +214,13 @@ def _check_value(value: Tensor) -> None:
 
 
 def _gradients(term: LossTerm, sample: LossSample) -> list[Tensor]:
-    """Gradients of the term's value with respect to depth and poses, where they take part in it."""
-    inputs = [sample.depth, sample.batch.source_from_target, sample.target_from_source]
+    """Gradients of the term's value with respect to depth, poses and extras, where they take part in it."""
+    assert sample.batch.source_from_target is not None
+    inputs = [sample.depth, sample.batch.source_from_target, sample.target_from_source, *sample.extras.values()]
     for tensor in inputs:
         tensor.requires_grad_()
     value = evaluate(term, sample)
-    assert value.requires_grad, "the value does not depend on depth or poses"
+    assert value.requires_grad, "the value does not depend on depth, poses or extras"
     gradients = [g for g in torch.autograd.grad(value, inputs, allow_unused=True) if g is not None]
     assert all(bool(torch.isfinite(gradient).all()) for gradient in gradients), "a gradient is not finite"
     return gradients

@@ -1,11 +1,12 @@
 """Checkpoints from which a killed training run goes on."""
 
 import io
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import torch
-from lightning.pytorch import LightningModule, Trainer
+from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.utilities import rank_zero_warn
@@ -13,36 +14,78 @@ from lightning.pytorch.utilities import rank_zero_warn
 from deux.io.atomic import make_folder, write_atomically
 
 
-def resume_checkpoints(folder: Path) -> ModelCheckpoint:
-    """A callback that keeps the state at the end of the last epoch in `folder`, to resume from.
+def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
+    """Callbacks that keep the state of the training in `folder`, to resume from after a kill.
 
-    Epochs are the grain because a data loader cannot go on within one: from an epoch's end, a run whose shuffling
-    follows from seed and epoch goes on exactly as if it had never stopped.
+    There is one checkpoint of the end of the last epoch and one of a step within an epoch, which is written when so
+    many minutes have passed since the last one.
+
+    Args:
+        folder: takes the checkpoints.
+        minutes: time between two checkpoints within an epoch.
     """
-    return EpochCheckpoints(
-        dirpath=folder,
-        filename="{epoch}-{step}",
-        every_n_epochs=1,
-        save_top_k=1,
-        save_on_train_epoch_end=True,
-    )
+    return [
+        EpochCheckpoints(
+            dirpath=folder,
+            filename="{epoch}-{step}",
+            every_n_epochs=1,
+            save_top_k=1,
+            save_on_train_epoch_end=True,
+        ),
+        TimedCheckpoints(
+            dirpath=folder,
+            filename="within-{epoch}-{step}",
+            train_time_interval=timedelta(minutes=minutes),
+            save_top_k=1,
+            save_on_train_epoch_end=False,
+        ),
+    ]
 
 
 class EpochCheckpoints(ModelCheckpoint):
-    """Checkpoints at the end of epochs, after which a resumed run begins the next epoch, whole.
+    """Checkpoints at the end of epochs, and the right place in the epochs for a run that resumes from any checkpoint.
 
-    Lightning does so itself where a run is measured in epochs. With `max_steps` it takes the finished epoch for one
-    that was cut short: it gives it one batch of the next epoch's, ends it for a second time and leaves out the rest.
+    Order and augmentation of the samples follow from seed and epoch (`deux.data.triplets.ShuffledDraws`), so a resumed
+    run goes on as if it had never stopped. Two things are mended that Lightning (2.6) does otherwise:
+
+    - From the end of an epoch, a run with `max_steps` takes the finished epoch for one that was cut short: it gives it
+      one batch of the next epoch's, ends it for a second time and leaves out the rest.
+    - Within the first epoch, the loader does not get its state where the number of batches was needed before, such as
+      for the learning rate's schedule, and begins the epoch anew.
     """
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Count the epoch from whose end the run goes on as done."""
+        """Go on after the epoch, or the batch, that the checkpoint was written after."""
         super().on_train_start(trainer, pl_module)
         loop = trainer.fit_loop
         if loop.restarted_on_epoch_end:
             loop.epoch_progress.increment_completed()
             loop.reset_restart_stage()
             loop.epoch_loop.restarting = False
+        loop._load_combined_loader_states()  # does nothing where they are loaded
+
+
+class TimedCheckpoints(ModelCheckpoint):
+    """Checkpoints by time, each after a whole step of the optimiser.
+
+    None is written between batches whose gradients are accumulated, since the sum is not part of it; nor after a batch
+    that a validation or the end of the epoch follows, which a resumed run would leave out. The next batch brings it.
+    """
+
+    @property
+    def state_key(self) -> str:
+        """The same for any interval, so that a run may be resumed with another one."""
+        return type(self).__name__
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """Write a checkpoint if it is time."""
+        loop = trainer.fit_loop
+        assert loop._data_fetcher is not None
+        validates = loop.epoch_loop._should_check_val_fx(loop._data_fetcher)
+        if not (trainer.is_last_batch or validates or (batch_idx + 1) % trainer.accumulate_grad_batches):
+            super().on_train_batch_end(trainer, pl_module, outputs, batch, batch_idx)
 
 
 class AtomicCheckpoints(TorchCheckpointIO):

@@ -8,17 +8,17 @@ from typing import Any
 
 from lightning import Callback, Trainer, seed_everything
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
-from lightning.pytorch.utilities.exceptions import MisconfigurationException
 from torchmetrics import Metric
 
 from deux.contracts import DepthModel, Reader
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError, check_range
 from deux.inference.precision import default_precision
-from deux.options import construct
+from deux.training.callbacks import lightning_object
 from deux.training.checkpointing import AtomicCheckpoints, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
+from deux.training.network_precision import network_precision
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.schedule import Schedule
@@ -36,6 +36,7 @@ class TrainingSettings(Schedule):
         num_workers: processes that load data; 0 is fastest while the frames fit in memory.
         validations: number of validations over the whole training.
         offsets: the source frames, in frames from the target, where the dataset does not list them.
+        checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -48,6 +49,7 @@ class TrainingSettings(Schedule):
     num_workers: int = 0
     validations: int = 10
     offsets: tuple[int, ...] = (-1, -2)
+    checkpoint_minutes: float = 10.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,6 +57,7 @@ class TrainingSettings(Schedule):
         check_range("training.epochs", self.epochs, 1)
         check_range("training.num_workers", self.num_workers, 0)
         check_range("training.validations", self.validations, 1)
+        check_range("training.checkpoint_minutes", self.checkpoint_minutes, 0)
         if self.steps is not None:
             check_range("training.steps", self.steps, 1)
         for size in self.crop or ():
@@ -114,7 +117,7 @@ def fit(
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
-            "callbacks": [resume_checkpoints(checkpoints), HealthCheck(), *callbacks],
+            "callbacks": [*resume_checkpoints(checkpoints, settings.checkpoint_minutes), HealthCheck(), *callbacks],
             **_budget(settings),
             **own,
         }
@@ -131,13 +134,12 @@ def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
     """Lightning's Trainer with these arguments.
 
     Raises:
-        DeuxError: an argument is unknown, or Lightning refuses its value.
+        DeuxError: an argument is unknown, or its value is refused.
     """
-    try:
-        return construct(Trainer, arguments, "trainer")
-    except (MisconfigurationException, TypeError, ValueError) as error:
-        sentence = " ".join(str(error).split()).removesuffix(".")
-        raise DeuxError(f"the settings under trainer make no lightning.Trainer: {sentence}.") from error
+    if (plugin := network_precision(arguments.get("precision"))) is not None:
+        others = {name: value for name, value in arguments.items() if name != "precision"}
+        arguments = {**others, "plugins": [*(arguments.get("plugins") or []), plugin]}
+    return lightning_object(Trainer, arguments, "trainer")
 
 
 def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[str, Any]:

@@ -18,7 +18,7 @@ class HealthCheck(Callback):
     is the usual cause.
 
     Args:
-        every: look at every so many steps; a look waits for the device.
+        every: look after every so many optimiser steps; a look waits for the device.
         patience: warn after so many looks in a row that found the predictions stuck.
         margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
 
@@ -36,8 +36,9 @@ class HealthCheck(Callback):
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Look at what `DepthCompletion.training_step` returned."""
-        if trainer.global_step % self.every == 0 and isinstance(pl_module, DepthCompletion):
+        """Look at what `DepthCompletion.training_step` returned, if the optimiser has made a step with it."""
+        stepped = (batch_idx + 1) % trainer.accumulate_grad_batches == 0 or trainer.is_last_batch
+        if stepped and trainer.global_step % self.every == 0 and isinstance(pl_module, DepthCompletion):
             self._look(trainer.global_step, pl_module, outputs)
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -51,7 +52,9 @@ class HealthCheck(Callback):
 
     def _look(self, step: int, module: DepthCompletion, outputs: Mapping[str, Any]) -> None:
         rate = module.trainer.optimizers[0].param_groups[0]["lr"]
-        loss, depth, model = float(outputs["loss"]), float(outputs["mean_depth"]), module.model
+        # Lightning has divided the loss by the number of batches whose gradients are accumulated.
+        loss = float(outputs["loss"]) * module.trainer.accumulate_grad_batches
+        depth, model = float(outputs["mean_depth"]), module.model
         if not (math.isfinite(loss) and math.isfinite(depth)):
             raise DeuxError(
                 f"the training loss is {loss} and the mean depth {depth} at step {step}, learning rate {rate:g}: lower "

@@ -47,6 +47,13 @@ class DepthCompletion(LightningModule):
         self.schedule = schedule or Schedule()
         self.metrics = metrics
 
+    def setup(self, stage: str) -> None:
+        """Convert the networks to the trainer's precision.
+
+        Lightning does so only after it has restored a checkpoint, which would round float64 weights.
+        """
+        self.trainer.precision_plugin.convert_module(self)
+
     def forward(self, batch: Batch) -> Prediction:
         """Predict the depth of a batch's target frames."""
         return self.model(
@@ -86,12 +93,15 @@ class DepthCompletion(LightningModule):
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """Adam over everything that trains, with the schedule applied at every step."""
         parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
-        optimizer = torch.optim.Adam(parameters, lr=self.schedule.learning_rate, fused=True)
+        # Lightning clips no gradients for a fused optimiser in mixed precision.
+        fused = not self.trainer.gradient_clip_val
+        optimizer = torch.optim.Adam(parameters, lr=self.schedule.learning_rate, fused=fused)
         total_steps = self.trainer.estimated_stepping_batches
 
         # A function and not an object: LambdaLR would put an object's state into the checkpoint.
         def factor(step: int) -> float:
-            return self.schedule.factor(step, total_steps, self.current_epoch)
+            # After the last batch of an epoch this is the factor of the next epoch's first step.
+            return self.schedule.factor(step, total_steps, self.current_epoch + self.trainer.is_last_batch)
 
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}

@@ -7,11 +7,20 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
-from deux.contracts import Batch, DepthModel, LossNeed, LossSettings, LossTerm, Prediction, Reconstructions
+from deux.contracts import (
+    Batch,
+    DepthModel,
+    LossInputs,
+    LossNeed,
+    LossSettings,
+    LossTerm,
+    Prediction,
+    Reconstructions,
+)
 from deux.errors import DeuxError
 from deux.geometry.reprojection import reproject
 from deux.registry import registry
-from deux.training.pose_source import RelativePoses
+from deux.training.pose_source import PoseSource, RelativePoses
 
 
 class Losses(NamedTuple):
@@ -36,19 +45,29 @@ class Objective(nn.Module):
 
     Args:
         terms: weight and term by name.
+        depth_range: (nearest, farthest) depth in metres that the model predicts.
         supervised: whether the terms may read ground truth.
+        model: what the depth model is called in messages.
 
     Raises:
         DeuxError: there is no term, or a term needs ground truth that it must not have.
     """
 
-    def __init__(self, terms: Mapping[str, tuple[float, LossTerm]], supervised: bool = False) -> None:
+    def __init__(
+        self,
+        terms: Mapping[str, tuple[float, LossTerm]],
+        depth_range: tuple[float, float],
+        supervised: bool = False,
+        model: str = "the depth model",
+    ) -> None:
         super().__init__()
         if not terms:
             raise DeuxError("the objective has no terms: give at least one loss term a weight above 0.")
         self.weights = {name: weight for name, (weight, _) in terms.items()}
         self.terms = {name: term for name, (_, term) in terms.items()}
+        self.depth_range = depth_range
         self.supervised = supervised
+        self.model = model
         # Terms with parameters or buffers of their own follow the objective to its device and into checkpoints.
         self.term_modules = nn.ModuleDict({n: t for n, t in self.terms.items() if isinstance(t, nn.Module)})
         for name in self._needing(LossNeed.GROUND_TRUTH):
@@ -77,7 +96,7 @@ class Objective(nn.Module):
             poses: the relative poses of the reconstructions; the batch's own if None.
 
         Raises:
-            DeuxError: a term needs a prior or ground truth and there is none.
+            DeuxError: the prediction lacks an extra that a term needs, or the batch ground truth or poses.
         """
         self._check(batch, prediction)
         with torch.autocast(prediction.depth.device.type, enabled=False):
@@ -85,9 +104,11 @@ class Objective(nn.Module):
             prediction = Prediction(prediction.depth.float(), extras)
             reconstructions = None
             if self.needs_reconstructions:
-                reconstructions = reconstruct(batch, prediction, poses or RelativePoses(batch.source_from_target))
+                poses = poses or PoseSource()(batch, backward=self.needs_backward_poses)
+                reconstructions = reconstruct(batch, prediction, poses)
             readable = batch if self.supervised else replace(batch, ground_truth=None)
-            values = {name: term(readable, prediction, reconstructions) for name, term in self.terms.items()}
+            inputs = LossInputs(readable, prediction, reconstructions, self.depth_range)
+            values = {name: term(inputs) for name, term in self.terms.items()}
             total = torch.stack([self.weights[name] * value for name, value in values.items()]).sum()
         return Losses(total, {name: value.detach() for name, value in values.items()}, reconstructions)
 
@@ -95,9 +116,13 @@ class Objective(nn.Module):
         return [name for name, term in self.terms.items() if need in term.needs]
 
     def _check(self, batch: Batch, prediction: Prediction) -> None:
-        for name in self._needing(LossNeed.PRIOR):
-            if "prior" not in prediction.extras:
-                raise DeuxError(f"objective.{name} needs a prior, and this depth model predicts none: remove the term.")
+        for name, term in self.terms.items():
+            for extra in sorted(term.extras - prediction.extras.keys()):
+                known = ", ".join(sorted(prediction.extras)) or "none"
+                raise DeuxError(
+                    f"objective.{name} needs the extra {extra!r} of the prediction, which {self.model} does not give "
+                    f"(its extras: {known}): remove the term with objective.{name}=null."
+                )
         for name in self._needing(LossNeed.GROUND_TRUTH):
             if batch.ground_truth is None:
                 raise DeuxError(f"objective.{name} needs ground truth, and the training frames come without it.")
@@ -123,7 +148,8 @@ def make_objective(model: DepthModel, overrides: Mapping[str, Any] | None = None
     for name, options in merge_settings(type(model).objective, overrides or {}).items():
         weight = options.pop("weight")
         terms[name] = (weight, registry().create("losses", name, options))
-    return Objective(terms, supervised=type(model).supervised)
+    depth_range = (model.min_depth, model.max_depth)
+    return Objective(terms, depth_range, supervised=type(model).supervised, model=type(model).__name__)
 
 
 def merge_settings(published: LossSettings, overrides: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -24,10 +24,19 @@ class RelativePoses(NamedTuple):
 
 
 class PoseSource(nn.Module):
-    """The poses that the robot recorded (`pose=simulator`)."""
+    """The recorded poses of the camera (`pose=simulator`)."""
 
     def forward(self, batch: Batch, backward: bool = False) -> RelativePoses:
-        """The poses of a batch, with those of the way back if `backward`."""
+        """Take the poses of a batch, and their inverses if `backward`.
+
+        Raises:
+            DeuxError: the frames have no poses.
+        """
+        if batch.source_from_target is None:
+            raise DeuxError(
+                "pose=simulator needs the poses of the frames, and these frames have none: use pose=learned, or "
+                "frames of a dataset with absolute_pose/."
+            )
         forward = batch.source_from_target.float()
         return RelativePoses(forward, _inverse(forward) if backward else None)
 

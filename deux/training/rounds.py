@@ -1,4 +1,4 @@
-"""The rounds of active collection: when they come, what is asked for and what comes of it."""
+"""The rounds of active collection: when they come, what each process is asked for and what they make together."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,10 +10,12 @@ from typing import Any, Literal
 from deux.contracts import DepthModel
 from deux.errors import DeuxError, check_range
 
+_WHERE = "callbacks.active_collection"
+
 
 @dataclass(frozen=True)
 class RoundSettings:
-    """When the model explores again, and what becomes of the frames.
+    """When the model that is being trained explores again, and what becomes of the frames.
 
     A round comes at the end of an epoch: until then every frame is shown once, the newest included, and from there a
     killed run goes on.
@@ -34,21 +36,21 @@ class RoundSettings:
     mode: Literal["add", "replace"] = "add"
 
     def __post_init__(self) -> None:
-        check_range("callbacks.every", self.every, 0, ends=False)
-        check_range("callbacks.rounds", self.rounds, 1)
+        check_range(f"{_WHERE}.every", self.every, 0, ends=False)
+        check_range(f"{_WHERE}.rounds", self.rounds, 1)
         if self.unit == "fraction" and self.every >= 1:
             raise DeuxError(
-                f"callbacks.every={self.every:g} never comes: with callbacks.unit=fraction it is a part of the "
-                "training, below 1; callbacks.unit=epoch counts epochs."
+                f"{_WHERE}.every={self.every:g} never comes: with {_WHERE}.unit=fraction it is a part of the training, "
+                f"below 1; {_WHERE}.unit=epoch counts epochs."
             )
 
     def due(self, number: int, epochs: int, fraction: float) -> bool:
-        """Whether a round's time has come.
+        """Whether it is time for a round.
 
         Args:
             number: of the round, from 1.
             epochs: epochs done so far.
-            fraction: part of the training that is done.
+            fraction: part of the training that is done, in [0, 1].
         """
         done = epochs if self.unit == "epoch" else fraction
         return number <= self.rounds and fraction < 1 and done >= number * self.every * (1 - 1e-9)
@@ -56,16 +58,16 @@ class RoundSettings:
 
 @dataclass(frozen=True)
 class RoundRequest:
-    """What is asked of whoever collects a round.
+    """What a process is asked to collect in a round.
 
     Args:
         number: of the round, from 1.
         step: optimiser steps done so far.
         model: the model as it is now, in eval mode on its device; it must not be changed.
-        precision: the arithmetic that the model trains in, by Lightning's name.
-        context: makes the context in which the model has to be called for that arithmetic.
-        share: the part of the scenes that this process explores, from 0.
-        shares: number of parts.
+        precision: the precision that the model trains in, by Lightning's name.
+        context: makes the context in which the model has to be called for that precision.
+        rank: number of this process among those that train together; it explores scenes[rank::world_size].
+        world_size: number of processes that train together.
     """
 
     number: int
@@ -73,12 +75,12 @@ class RoundRequest:
     model: DepthModel
     precision: str
     context: Callable[[], AbstractContextManager[Any]]
-    share: int = 0
-    shares: int = 1
+    rank: int = 0
+    world_size: int = 1
 
 
 @dataclass(frozen=True)
-class Share:
+class RankResult:
     """What one process has collected in a round.
 
     Args:
@@ -98,7 +100,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Round:
-    """What is known of a round.
+    """A round that is complete: the results of all processes in one.
 
     Args:
         round: its number, from 1.
@@ -119,26 +121,26 @@ class Round:
     datasets: Sequence[str]
 
     def summary(self) -> dict[str, Any]:
-        """What is reported of it: all but the folders."""
+        """Its values for reports: all but the folders."""
         return {name: value for name, value in asdict(self).items() if name != "datasets"}
 
 
-def together(request: RoundRequest, shares: Sequence[Share], folder: Path) -> Round:
-    """The round that the shares of all processes make, in the order of the processes.
+def merge_results(request: RoundRequest, results: Sequence[RankResult], folder: Path) -> Round:
+    """Merge the results of all processes to a round; the uncertainty is weighted by the number of frames.
 
     Args:
-        request: what was asked of any of them.
-        shares: what each has collected.
+        request: what was asked of any of the processes.
+        results: what they have collected, by rank.
         folder: of the datasets of all rounds.
     """
-    looks = [(share.uncertainty, share.frames) for share in shares if share.uncertainty is not None]
-    weight = sum(frames for _, frames in looks)
+    known = [(result.uncertainty, result.frames) for result in results if result.uncertainty is not None]
+    weight = sum(frames for _, frames in known)
     return Round(
         round=request.number,
         step=request.step,
-        frames=sum(share.frames for share in shares),
-        area=math.fsum(share.area for share in shares),
-        uncertainty=sum(value * frames for value, frames in looks) / weight if weight else None,
-        mae=next((share.mae for share in shares if share.mae is not None), None),
-        datasets=[str(share.dataset.relative_to(folder)) for share in shares if share.dataset is not None],
+        frames=sum(result.frames for result in results),
+        area=math.fsum(result.area for result in results),
+        uncertainty=sum(value * frames for value, frames in known) / weight if weight else None,
+        mae=next((result.mae for result in results if result.mae is not None), None),
+        datasets=[str(result.dataset.relative_to(folder)) for result in results if result.dataset is not None],
     )

@@ -4,7 +4,7 @@ from typing import Literal
 
 from torch import Tensor
 
-from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+from deux.contracts import LossInputs, LossNeed, LossTerm
 from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
 
 
@@ -34,8 +34,9 @@ class ColorConsistency(LossTerm):
         self.channels = channels
         self.average = PhotometricAverage(pixels, skip_points, divisor)
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value in [0, 3 S] for images in [0, 1] and S source frames."""
+        batch, reconstructions = inputs.batch, inputs.reconstructions
         assert reconstructions is not None
         difference = (reconstructions.images.float() - batch.image.float()[:, None]).abs()
         residual = difference.sum(dim=2) if self.channels == "sum" else difference.mean(dim=2)

@@ -2,7 +2,7 @@
 
 from torch import Tensor
 
-from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+from deux.contracts import LossInputs, LossTerm
 
 
 class LocalSmoothness(LossTerm):
@@ -12,9 +12,9 @@ class LocalSmoothness(LossTerm):
     follows; the image's gradient is the mean of its channels'. Depth enters in metres, not normalised.
     """
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value in metres per pixel."""
-        image, depth = batch.image.float(), prediction.depth.float()
+        image, depth = inputs.batch.image.float(), inputs.prediction.depth.float()
         return _weighted_variation(image, depth, axis=-1) + _weighted_variation(image, depth, axis=-2)
 
 

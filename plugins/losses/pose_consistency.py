@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+from deux.contracts import LossInputs, LossNeed, LossTerm
 
 
 class PoseConsistency(LossTerm):
@@ -16,8 +16,9 @@ class PoseConsistency(LossTerm):
 
     needs = frozenset({LossNeed.BACKWARD_POSES})
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value."""
+        reconstructions = inputs.reconstructions
         assert reconstructions is not None
         assert reconstructions.target_from_source is not None
         forward, backward = reconstructions.source_from_target.float(), reconstructions.target_from_source.float()

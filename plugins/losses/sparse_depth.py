@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+from deux.contracts import LossInputs, LossTerm
 
 
 class SparseDepth(LossTerm):
@@ -13,9 +13,10 @@ class SparseDepth(LossTerm):
     zero where the published code gives NaN.
     """
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value in metres."""
+        batch = inputs.batch
         valid = batch.validity > 0
-        difference = (prediction.depth.float() - batch.sparse_depth.float()).abs()
+        difference = (inputs.prediction.depth.float() - batch.sparse_depth.float()).abs()
         total = torch.where(valid, difference, 0.0).sum(dim=(1, 2, 3))
         return (total / valid.sum(dim=(1, 2, 3)).clamp(min=1)).mean()

@@ -5,7 +5,7 @@ from typing import Literal
 import torch.nn.functional as F
 from torch import Tensor
 
-from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+from deux.contracts import LossInputs, LossNeed, LossTerm
 from deux.geometry.ssim import Border, Window, ssim, wholly_visible
 from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
 
@@ -50,8 +50,9 @@ class StructuralConsistency(LossTerm):
         self.border = border
         self.average = PhotometricAverage(pixels, skip_points, divisor)
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value in [0, 2 S] (mean of channels) for S source frames."""
+        batch, reconstructions = inputs.batch, inputs.reconstructions
         assert reconstructions is not None
         image, rebuilt = batch.image.float()[:, None], reconstructions.images.float()
         border: Border = "reflect" if self.border == "reflect" else "valid"

@@ -3,8 +3,7 @@
 import torch
 from torch import Tensor
 
-from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
-from deux.errors import check_range
+from deux.contracts import LossInputs, LossNeed, LossTerm
 from deux_plugins.losses.photometric import Divisor
 
 EPSILON = 1e-8
@@ -13,25 +12,24 @@ EPSILON = 1e-8
 class SupervisedDepth(LossTerm):
     """Mean over the pixels of v |d - g| / (|g| + 1e-8), g being the ground truth and v 1 where there is any, else 0.
 
+    Ground truth beyond the farthest depth that the model predicts is set to that depth, as published.
+
     Args:
-        max_depth: metres; ground truth beyond is taken for this, the farthest that the model can predict.
         divisor: divide by the number of all pixels in the image (published), or of those with ground truth, frame by
             frame. A frame without any adds zero.
     """
 
     needs = frozenset({LossNeed.GROUND_TRUTH})
 
-    def __init__(self, max_depth: float = 10.0, divisor: Divisor = "image") -> None:
-        check_range("supervised_depth's max_depth", max_depth, 0.0, ends=False)
-        self.max_depth = max_depth
+    def __init__(self, divisor: Divisor = "image") -> None:
         self.divisor = divisor
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value, without unit."""
-        assert batch.ground_truth is not None
-        truth = batch.ground_truth.float().clamp(max=self.max_depth)
+        assert inputs.batch.ground_truth is not None
+        truth = inputs.batch.ground_truth.float().clamp(max=inputs.depth_range[1])
         valid = truth > 0
-        error = (prediction.depth.float() - truth).abs() / (truth.abs() + EPSILON)
+        error = (inputs.prediction.depth.float() - truth).abs() / (truth.abs() + EPSILON)
         total = torch.where(valid, error, 0.0).sum(dim=(1, 2, 3))
         if self.divisor == "image":
             return (total / truth[0].numel()).mean()

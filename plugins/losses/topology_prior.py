@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from deux.contracts import Batch, LossNeed, LossTerm, Prediction, Reconstructions
+from deux.contracts import Batch, LossInputs, LossNeed, LossTerm, Reconstructions
 from deux.errors import check_range
 from deux.geometry.reprojection import reproject
 from deux_plugins.losses.photometric import Pixels
@@ -14,8 +14,8 @@ class TopologyPrior(LossTerm):
 
     sum(w |d - prior|) / sum(w) in each frame, then the mean over the batch. w is 1 where the colour error of the frame
     rebuilt with the prior is no larger than with the prediction, else 0; a colour error is the L1 norm of the three
-    channels, and both are rebuilt from the first source frame (t-1) alone. Needs the prior in metres, N x 1 x H x W,
-    as `prediction.extras["prior"]`. Gradients reach the prediction only: neither w nor the prior passes any on.
+    channels, and both are rebuilt from the first source frame (t-1) alone. The prior is the extra "prior" of the
+    prediction, N x 1 x H x W metres. Gradients reach the prediction only: neither w nor the prior passes any on.
 
     A frame adds zero where it trusts no pixel, or where the prediction rebuilds it so badly that the pose may be to
     blame. Each frame is judged by itself. The published code (`pixels="all"`) does the same at batch size 1 but
@@ -26,19 +26,20 @@ class TopologyPrior(LossTerm):
         pixels: count the pixels that the source frame sees with both depths, or all.
     """
 
-    needs = frozenset({LossNeed.RECONSTRUCTIONS, LossNeed.PRIOR})
+    needs = frozenset({LossNeed.RECONSTRUCTIONS})
+    extras = frozenset({"prior"})
 
     def __init__(self, threshold: float = 0.30, pixels: Pixels = "visible") -> None:
         check_range("topology_prior's threshold", threshold, 0.0)
         self.threshold = threshold
         self.pixels = pixels
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value in metres."""
-        assert reconstructions is not None
-        prior = prediction.extras["prior"].detach().float()
-        trusted = self._trusted(batch, reconstructions, prior)
-        difference = (prediction.depth.float() - prior).abs()
+        assert inputs.reconstructions is not None
+        prior = inputs.prediction.extras["prior"].detach().float()
+        trusted = self._trusted(inputs.batch, inputs.reconstructions, prior)
+        difference = (inputs.prediction.depth.float() - prior).abs()
         total = torch.where(trusted, difference, 0.0).sum(dim=(1, 2, 3))
         return (total / trusted.sum(dim=(1, 2, 3)).clamp(min=1)).mean()
 

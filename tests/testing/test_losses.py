@@ -1,8 +1,9 @@
 """The suite must fail for terms that break the contract, each in the test that is meant for it."""
 
 import pytest
+import torch
 
-from deux.contracts import LossNeed, LossTerm
+from deux.contracts import LossInputs, LossNeed, LossTerm
 from deux.testing.losses import LossTermSuite
 
 
@@ -13,10 +14,13 @@ class BrokenTerm(LossTerm):
         self.fault = fault
         self.needs = frozenset({"points"} if fault == "unknown need" else set())
 
-    def __call__(self, batch, prediction, reconstructions):
+        self.extras = "prior" if self.fault == "extras as text" else frozenset()
+
+    def __call__(self, inputs: LossInputs) -> torch.Tensor:
+        batch = inputs.batch
         if self.fault == "changes its inputs":
             batch.sparse_depth.clamp_(max=1.0)
-        depth = prediction.depth if self.fault == "stays in bfloat16" else prediction.depth.float()
+        depth = inputs.prediction.depth if self.fault == "stays in bfloat16" else inputs.prediction.depth.float()
         difference = (depth - batch.sparse_depth.to(depth.dtype)).abs() * batch.validity.to(depth.dtype)
         if self.fault == "sums over the batch":
             return difference.sum() / 1000.0
@@ -49,6 +53,7 @@ def test_a_sound_term_passes(test):
     ("fault", "test"),
     [
         ("unknown need", "test_declares_known_needs"),
+        ("extras as text", "test_declares_known_needs"),
         ("no scalar", "test_is_a_finite_float32_scalar"),
         ("never zero", "test_is_zero_at_perfection_only"),
         ("no gradient", "test_is_differentiable"),
@@ -65,15 +70,63 @@ def test_a_broken_term_fails(fault, test):
 
 def test_a_term_gets_only_what_it_declares():
     class Curious(BrokenTerm):
-        def __call__(self, batch, prediction, reconstructions):
-            assert (batch.ground_truth is None) == (LossNeed.GROUND_TRUTH not in self.needs)
-            assert (reconstructions is None) == (LossNeed.RECONSTRUCTIONS not in self.needs)
-            assert ("prior" in prediction.extras) == (LossNeed.PRIOR in self.needs)
-            return super().__call__(batch, prediction, reconstructions)
+        def __call__(self, inputs):
+            assert (inputs.batch.ground_truth is None) == (LossNeed.GROUND_TRUTH not in self.needs)
+            assert (inputs.reconstructions is None) == (LossNeed.RECONSTRUCTIONS not in self.needs)
+            assert set(inputs.prediction.extras) == self.extras
+            assert inputs.depth_range == (0.1, 10.0)
+            return super().__call__(inputs)
 
-    for needs in (set(), {LossNeed.GROUND_TRUTH}, {LossNeed.RECONSTRUCTIONS}, {LossNeed.PRIOR}):
+    for needs, extras in (
+        (set(), set()),
+        ({LossNeed.GROUND_TRUTH}, set()),
+        ({LossNeed.RECONSTRUCTIONS}, {"prior"}),
+        (set(), {"variance", "normals"}),
+    ):
         term = Curious("none")
-        term.needs = frozenset(needs)
+        term.needs, term.extras = frozenset(needs), frozenset(extras)
         suite = LossTermSuite()
         suite.make_term = lambda term=term: term
         suite.test_is_a_finite_float32_scalar()
+
+
+class LogVariance(LossTerm):
+    """Laplace likelihood |d - g| exp(-s) + s at the points, with the logarithm s of the scale as an extra."""
+
+    needs = frozenset({LossNeed.GROUND_TRUTH})
+    extras = frozenset({"log_scale"})
+
+    def __call__(self, inputs: LossInputs) -> torch.Tensor:
+        scale = inputs.prediction.extras["log_scale"].float()
+        error = (inputs.prediction.depth.float() - inputs.batch.ground_truth).abs()
+        return (error * (-scale).exp() + scale).mean()
+
+
+class TestAnUnusualExtra(LossTermSuite):
+    """The suite with an extra that is no depth."""
+
+    def make_term(self):
+        return LogVariance()
+
+    def make_extra(self, name, sample):
+        assert name == "log_scale"
+        return torch.zeros_like(sample.depth)
+
+
+class DetachedDepth(LogVariance):
+    """Teaches the extra alone."""
+
+    def __call__(self, inputs):
+        return super().__call__(
+            LossInputs(
+                inputs.batch,
+                type(inputs.prediction)(inputs.prediction.depth.detach(), inputs.prediction.extras),
+                inputs.reconstructions,
+                inputs.depth_range,
+            )
+        )
+
+
+class TestATermForAnExtraAlone(TestAnUnusualExtra):
+    def make_term(self):
+        return DetachedDepth()

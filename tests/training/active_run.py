@@ -17,16 +17,17 @@ import torch
 from lightning.pytorch import Callback
 from torch import Tensor, nn
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "data"))
+sys.path.append(str(Path(__file__).resolve().parents[1] / "collection"))
 
 from toy_world import L1, ToySimulator, guided_explorer, specification
 
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.contracts import DepthModel, LossSettings, Prediction
+from deux.data.dataset_reader import DatasetReader
 from deux.io.layout import sequences
 from deux.training.active_collection import ActiveCollection, Collect
 from deux.training.fit import TrainingSettings, fit
-from deux.training.rounds import RoundRequest, RoundSettings, Share
+from deux.training.rounds import RankResult, RoundRequest, RoundSettings
 
 
 class Killed(BaseException):
@@ -83,14 +84,14 @@ def dataset(root: Path, name: str, model: nn.Module, **changes: Any) -> Path:
 def collect_in(root: Path, explorations: list[int]) -> Collect:
     """Collects the toy world's rounds, and counts them."""
 
-    def collect(request: RoundRequest) -> Share:
+    def collect(request: RoundRequest) -> RankResult:
         explorations.append(request.number)
-        scenes = specification().scenes[request.share :: request.shares]
+        scenes = specification().scenes[request.rank :: request.world_size]
         with request.context():
             changes = {"scenes": scenes, "seed": 100 + request.number}
             found = dataset(root, f"round{request.number}", request.model, **changes)
         count = read_manifest(found)["triplets"]
-        return Share(found, count, area=len(sequences(found)), uncertainty=0.1 * (1 + request.share), mae=None)
+        return RankResult(found, count, area=len(sequences(found)), uncertainty=0.1 * (1 + request.rank), mae=None)
 
     return collect
 
@@ -128,7 +129,7 @@ def train(
     fit(
         model,
         TrainingSettings(**{"batch_size": 4, "steps": 20, "learning_rate": 0.01} | (settings or {})),
-        [first],
+        [DatasetReader(first)],
         [],
         folder,
         trainer_arguments=quiet | (trainer or {}),

@@ -16,10 +16,9 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
-from deux.data.reader import read_split
+from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
-from deux.io.images import read_image
-from deux.training.rounds import RoundRequest, RoundSettings, Share, together
+from deux.training.rounds import RankResult, RoundRequest, RoundSettings, merge_results
 
 PROGRAM = Path(__file__).with_name("active_run.py")
 _spec = importlib.util.spec_from_file_location("active_run", PROGRAM)
@@ -53,8 +52,9 @@ def shown(folder: Path, rank: int = 0) -> dict[int, Counter[str]]:
 
 def frames(*datasets: Path) -> Counter[str]:
     """Each frame of some datasets once, by its image as it is on disk."""
-    triplets = [triplet for dataset in datasets for triplet in read_split(dataset, "train")]
-    return Counter(active_run.digest(read_image(one.paths.file("image", one.target))) for one in triplets)
+    readers = [DatasetReader(dataset) for dataset in datasets]
+    shown = [reader.image(one.target) for reader in readers for one in reader.triplets("train", ())]
+    return Counter(map(active_run.digest, shown))
 
 
 def collected(folder: Path, name: str) -> list[Path]:
@@ -231,7 +231,7 @@ def test_a_round_leaves_no_trace_in_the_model_and_in_what_is_random(tmp_path):
 
 
 def test_a_trainer_that_would_not_read_new_frames_is_refused(tmp_path):
-    with pytest.raises(DeuxError, match=r"reload_dataloaders_every_n_epochs=2 would pass over"):
+    with pytest.raises(DeuxError, match=r"reload_dataloaders_every_n_epochs=2 would leave out"):
         active_run.train(tmp_path, trainer={"reload_dataloaders_every_n_epochs": 2})
 
 
@@ -268,9 +268,12 @@ def test_later_rounds_are_as_far_apart_and_come_to_an_end():
 @pytest.mark.parametrize(
     ("settings", "sentence"),
     [
-        ({"every": 0}, r"callbacks\.every is 0: it must be above 0"),
-        ({"rounds": 0}, r"callbacks\.rounds is 0"),
-        ({"every": 2, "unit": "fraction"}, r"callbacks\.every=2 never comes.*callbacks\.unit=epoch"),
+        ({"every": 0}, r"callbacks\.active_collection\.every is 0: it must be above 0"),
+        ({"rounds": 0}, r"callbacks\.active_collection\.rounds is 0"),
+        (
+            {"every": 2, "unit": "fraction"},
+            r"active_collection\.every=2 never comes.*callbacks\.active_collection\.unit=epoch",
+        ),
     ],
 )
 def test_settings_that_make_no_rounds(settings, sentence):
@@ -278,16 +281,16 @@ def test_settings_that_make_no_rounds(settings, sentence):
         RoundSettings(**settings)
 
 
-def test_the_shares_of_a_round_are_weighted_by_their_frames():
+def test_the_results_of_the_processes_are_weighted_by_their_frames():
     request = RoundRequest(2, 40, None, "32-true", None)
-    shares = [
-        Share(Path("/r/a"), 30, 5.0, 0.1, 250.0),
-        Share(Path("/r/b"), 10, 2.0, 0.5),
-        Share(None),
-        Share(Path("/r/c"), 60, 1.0),
+    results = [
+        RankResult(Path("/r/a"), 30, 5.0, 0.1, 250.0),
+        RankResult(Path("/r/b"), 10, 2.0, 0.5),
+        RankResult(None),
+        RankResult(Path("/r/c"), 60, 1.0),
     ]
-    found = together(request, shares, Path("/r"))
+    found = merge_results(request, results, Path("/r"))
     assert (found.frames, found.area, found.mae) == (100, 8.0, 250.0)
     assert found.uncertainty == pytest.approx((30 * 0.1 + 10 * 0.5) / 40)
     assert found.datasets == ["a", "b", "c"]
-    assert together(request, [Share(Path("/r/a"), 3)], Path("/r")).uncertainty is None
+    assert merge_results(request, [RankResult(Path("/r/a"), 3)], Path("/r")).uncertainty is None

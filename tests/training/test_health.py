@@ -17,12 +17,12 @@ pytestmark = pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec
 def train(small_model, fit):
     """Trains a model that begins at a depth of `start` for ten steps under the check."""
 
-    def run(start=3.0, learning_rate=1e-4, batch=None):
+    def run(start=3.0, learning_rate=1e-4, batch=None, copies=10, **arguments):
         torch.manual_seed(0)
         model = small_model(start)
         module = DepthCompletion(model, make_objective(model), schedule=Schedule(learning_rate))
         check = HealthCheck(every=1, patience=4)
-        fit(module, batch or perfect_sample().batch, copies=10, max_steps=10, callbacks=[check])
+        fit(module, batch or perfect_sample().batch, copies, **{"max_steps": 10} | arguments, callbacks=[check])
 
     return run
 
@@ -32,6 +32,13 @@ def test_stuck_predictions_are_noticed_once(train, start, end):
     with pytest.warns(UserWarning, match=f"stuck to its {end}.*lower training.learning_rate") as caught:
         train(start)
     assert sum("stuck" in str(warning.message) for warning in caught) == 1
+
+
+@pytest.mark.parametrize("copies", [40, 6])  # the last two batches of an epoch of six make a step of their own
+def test_steps_count_and_not_the_batches_whose_gradients_are_accumulated(train, copies):
+    train(1e4, copies=copies, max_steps=3, accumulate_grad_batches=4)  # twelve or ten batches, and no warning
+    with pytest.warns(UserWarning, match=r"for 4 steps, at step 4,"):
+        train(1e4, copies=copies, max_steps=4, accumulate_grad_batches=4)
 
 
 def test_an_ordinary_run_is_left_in_peace(train):

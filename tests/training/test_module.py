@@ -72,18 +72,43 @@ def test_frames_without_ground_truth_validate_without_metrics(make_module, fit):
     assert "validation/mae" not in trainer.callback_metrics
 
 
-def test_the_learning_rate_follows_the_schedule(make_module, fit):
-    rates = []
-    module = make_module(schedule=Schedule(1e-3, boundaries=(0.5,), factors=(0.1,), warmup_steps=1))
-    step = module.training_step
+@pytest.fixture
+def rates(make_module, fit):
+    """The learning rate of each batch, as (epoch, rate), of a run in epochs of so many batches."""
 
-    def recorded_step(batch, batch_idx):
-        rates.append(module.trainer.optimizers[0].param_groups[0]["lr"])
-        return step(batch, batch_idx)
+    def run(schedule, copies, **arguments):
+        module, found = make_module(schedule=schedule), []
+        step = module.training_step
 
-    module.training_step = recorded_step
-    fit(module, perfect_sample().batch, copies=6, max_steps=6)
-    assert rates == pytest.approx([5e-4, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4])
+        def recorded_step(batch, batch_idx):
+            found.append((module.current_epoch, module.trainer.optimizers[0].param_groups[0]["lr"]))
+            return step(batch, batch_idx)
+
+        module.training_step = recorded_step
+        fit(module, perfect_sample(1, 16, 16).batch, copies, **arguments)
+        return found
+
+    return run
+
+
+def test_the_learning_rate_follows_the_schedule(rates):
+    found = rates(Schedule(1e-3, boundaries=(0.5,), factors=(0.1,), warmup_steps=1), 6, max_steps=6)
+    assert [rate for _, rate in found] == pytest.approx([5e-4, 1e-3, 1e-3, 1e-4, 1e-4, 1e-4])
+
+
+# Boundaries and rates as published: VOICED on KITTI to epochs 18, 24, 30; KBNet on VOID 1e-4 for 10 of 15 epochs.
+PUBLISHED = {
+    "voiced on kitti": (Schedule(1.2e-4, (18, 24), (0.5, 0.25), "epoch"), [1.2e-4] * 18 + [6e-5] * 6 + [3e-5] * 6),
+    "kbnet on void": (Schedule(1e-4, (10,), (0.5,), "epoch"), [1e-4] * 10 + [5e-5] * 5),
+}
+
+
+@pytest.mark.parametrize("accumulate", [1, 2])
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_an_epoch_that_reaches_a_boundary_has_the_new_rate_from_its_first_step(rates, name, accumulate):
+    schedule, published = PUBLISHED[name]
+    found = rates(schedule, 3, max_epochs=len(published), accumulate_grad_batches=accumulate)
+    assert found == [(epoch, pytest.approx(rate)) for epoch, rate in enumerate(published) for _ in range(3)]
 
 
 def test_outliers_leave_the_validity(make_module):

@@ -5,10 +5,10 @@ import pytest
 import torch
 from torch import nn
 
-from deux.contracts import Batch, DepthModel, LossNeed, LossSettings, LossTerm, Prediction, Reconstructions
+from deux.contracts import Batch, DepthModel, LossInputs, LossNeed, LossSettings, LossTerm, Prediction
 from deux.errors import DeuxError
 from deux.registry import registry
-from deux.testing.losses import imperfect_sample
+from deux.testing.losses import DEPTH_RANGE, imperfect_sample
 from deux.training import objective as objective_module
 from deux.training.objective import Objective, make_objective, merge_settings
 from deux.training.pose_source import RelativePoses
@@ -23,6 +23,7 @@ class Model(DepthModel):
         "sparse_depth": 2.0,
         "local_smoothness": 2.0,
     }
+    min_depth, max_depth = DEPTH_RANGE
 
     def forward(self, image, sparse_depth, validity, intrinsics, **prepared) -> Prediction:
         return Prediction(sparse_depth)
@@ -31,12 +32,17 @@ class Model(DepthModel):
 class Probe(LossTerm):
     """Records what it is given; its value is the mean depth."""
 
-    def __init__(self, *needs: LossNeed) -> None:
-        self.needs = frozenset(needs)
+    def __init__(self, *needs: LossNeed, extras: tuple[str, ...] = ()) -> None:
+        self.needs, self.extras = frozenset(needs), frozenset(extras)
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> torch.Tensor:
-        self.batch, self.prediction, self.reconstructions = batch, prediction, reconstructions
-        return prediction.depth.mean()
+    def __call__(self, inputs: LossInputs) -> torch.Tensor:
+        self.inputs = inputs
+        return inputs.prediction.depth.mean()
+
+
+def objective_of(*terms: LossTerm, **arguments) -> Objective:
+    """Terms of weight 1, named a, b and so on."""
+    return Objective({name: (1.0, term) for name, term in zip("abc", terms, strict=False)}, DEPTH_RANGE, **arguments)
 
 
 def test_total_and_terms_of_the_published_case(shared_data):
@@ -97,7 +103,7 @@ def test_no_term_is_left():
 
 def test_weights_apply_to_the_total_and_not_to_the_terms():
     sample = imperfect_sample()
-    losses = Objective({"a": (0.5, Probe()), "b": (3.0, Probe())})(sample.batch, Prediction(sample.depth))
+    losses = Objective({"a": (0.5, Probe()), "b": (3.0, Probe())}, DEPTH_RANGE)(sample.batch, Prediction(sample.depth))
     torch.testing.assert_close(losses.terms["a"], sample.depth.mean())
     torch.testing.assert_close(losses.total, 3.5 * sample.depth.mean())
 
@@ -108,22 +114,23 @@ def test_reconstructions_are_made_once_and_only_if_needed(monkeypatch):
     monkeypatch.setattr(objective_module, "reproject", lambda *args: calls.append(args) or original(*args))
     sample = imperfect_sample()
     first, second = Probe(LossNeed.RECONSTRUCTIONS), Probe(LossNeed.RECONSTRUCTIONS)
-    Objective({"a": (1.0, first), "b": (1.0, second)})(sample.batch, Prediction(sample.depth))
+    objective_of(first, second)(sample.batch, Prediction(sample.depth))
     assert len(calls) == 1
-    assert first.reconstructions is second.reconstructions
-    losses = Objective({"a": (1.0, Probe())})(sample.batch, Prediction(sample.depth))
+    assert first.inputs is second.inputs
+    assert first.inputs.reconstructions is not None
+    losses = objective_of(Probe())(sample.batch, Prediction(sample.depth))
     assert len(calls) == 1
     assert losses.reconstructions is None
 
 
 def test_given_poses_are_used():
     sample, term = imperfect_sample(), Probe(LossNeed.RECONSTRUCTIONS, LossNeed.BACKWARD_POSES)
-    objective = Objective({"a": (1.0, term)})
+    objective = objective_of(term)
     assert objective.needs_backward_poses
     poses = RelativePoses(torch.eye(4).repeat(2, 2, 1, 1), sample.target_from_source)
     objective(sample.batch, Prediction(sample.depth), poses)
-    torch.testing.assert_close(term.reconstructions.images, sample.batch.sources, atol=1e-4, rtol=0)
-    assert term.reconstructions.target_from_source is sample.target_from_source
+    torch.testing.assert_close(term.inputs.reconstructions.images, sample.batch.sources, atol=1e-4, rtol=0)
+    assert term.inputs.reconstructions.target_from_source is sample.target_from_source
 
 
 def test_an_unsupervised_objective_cannot_read_ground_truth():
@@ -132,10 +139,10 @@ def test_an_unsupervised_objective_cannot_read_ground_truth():
     sample.batch.ground_truth = torch.full_like(sample.depth, torch.nan)
     poisoned = make_objective(Model())(sample.batch, Prediction(sample.depth))
     assert torch.equal(clean.total, poisoned.total)
-    Objective({"a": (1.0, term)})(sample.batch, Prediction(sample.depth))
-    assert term.batch.ground_truth is None
+    objective_of(term)(sample.batch, Prediction(sample.depth))
+    assert term.inputs.batch.ground_truth is None
     with pytest.raises(DeuxError, match="the model is unsupervised"):
-        Objective({"a": (1.0, Probe(LossNeed.GROUND_TRUTH))})
+        objective_of(Probe(LossNeed.GROUND_TRUTH))
 
 
 def test_no_installed_term_that_reads_ground_truth_fits_an_unsupervised_model():
@@ -161,40 +168,87 @@ def test_no_installed_term_that_reads_ground_truth_fits_an_unsupervised_model():
 
 def test_a_term_that_declares_its_need_too_late_gets_no_ground_truth():
     sample, term = imperfect_sample(), Probe()
-    objective = Objective({"a": (1.0, term)})
+    objective = objective_of(term)
     term.needs = frozenset({LossNeed.GROUND_TRUTH})
     objective(sample.batch, Prediction(sample.depth))
-    assert term.batch.ground_truth is None
+    assert term.inputs.batch.ground_truth is None
 
 
 def test_a_supervised_objective_gets_ground_truth_and_says_when_there_is_none():
     sample, term = imperfect_sample(), Probe(LossNeed.GROUND_TRUTH)
-    objective = Objective({"a": (1.0, term)}, supervised=True)
+    objective = objective_of(term, supervised=True)
     objective(sample.batch, Prediction(sample.depth))
-    assert term.batch.ground_truth is sample.batch.ground_truth
+    assert term.inputs.batch.ground_truth is sample.batch.ground_truth
     sample.batch.ground_truth = None
     with pytest.raises(DeuxError, match="without it"):
         objective(sample.batch, Prediction(sample.depth))
 
 
-def test_a_missing_prior_is_named():
+def test_a_missing_extra_is_named_with_its_term_and_model():
+    class Sure(LossTerm):
+        extras = frozenset({"variance"})
+
+        def __call__(self, inputs):
+            return inputs.prediction.extras["variance"].mean()
+
     sample = imperfect_sample()
-    objective = Objective({"topology": (1.0, Probe(LossNeed.PRIOR))})
-    with pytest.raises(DeuxError, match=r"objective\.topology needs a prior"):
+    objective = Objective({"sure": (1.0, Sure())}, DEPTH_RANGE, model="KBNet")
+    sentence = r"objective\.sure needs the extra 'variance' .* KBNet does not give \(its extras: .*objective\.sure=null"
+    with pytest.raises(DeuxError, match=sentence.replace("extras: ", "extras: none")):
         objective(sample.batch, Prediction(sample.depth))
-    objective(sample.batch, Prediction(sample.depth, {"prior": sample.prior}))
+    with pytest.raises(DeuxError, match=sentence.replace("extras: ", "extras: normals, prior")):
+        objective(sample.batch, Prediction(sample.depth, {"prior": sample.depth, "normals": sample.depth}))
+    assert objective(sample.batch, Prediction(sample.depth, {"variance": 3 * torch.ones(1)})).total == 3.0
+
+
+def test_a_model_without_the_extra_of_an_installed_term_is_named():
+    sample = imperfect_sample()
+    objective = make_objective(Model(), {"topology_prior": 1.0})
+    with pytest.raises(DeuxError, match=r"objective\.topology_prior needs the extra 'prior' .* which Model does not"):
+        objective(sample.batch, Prediction(sample.depth))
+
+
+def test_the_terms_are_told_the_models_depth_range():
+    """Truth at 50 m lies within the range of a model of 80 m, and beyond that of one of 10 m."""
+
+    class Far(Model):
+        supervised = True
+        objective: ClassVar[LossSettings] = {"supervised_depth": 1.0}
+
+        def __init__(self, max_depth: float) -> None:
+            super().__init__()
+            self.max_depth = max_depth
+
+    sample = imperfect_sample()
+    sample.batch.ground_truth = torch.full_like(sample.depth, 50.0)
+    for max_depth, farthest in ((80.0, 50.0), (10.0, 10.0)):
+        losses = make_objective(Far(max_depth))(sample.batch, Prediction(torch.full_like(sample.depth, 5.0)))
+        assert float(losses.total) == pytest.approx((farthest - 5.0) / farthest)
+
+
+def test_reconstructions_need_poses_from_somewhere():
+    sample = imperfect_sample()
+    poses = RelativePoses(sample.batch.source_from_target)
+    expected = objective_of(Probe(LossNeed.RECONSTRUCTIONS))(sample.batch, Prediction(sample.depth))
+    sample.batch.source_from_target = None
+    objective = objective_of(Probe(LossNeed.RECONSTRUCTIONS))
+    with pytest.raises(DeuxError, match=r"pose=simulator needs the poses .* use pose=learned"):
+        objective(sample.batch, Prediction(sample.depth))
+    found = objective(sample.batch, Prediction(sample.depth), poses)
+    assert torch.equal(found.reconstructions.images, expected.reconstructions.images)
+    assert objective_of(Probe())(sample.batch, Prediction(sample.depth)).reconstructions is None
 
 
 def test_everything_is_float32_in_mixed_precision():
-    sample, term = imperfect_sample(), Probe(LossNeed.RECONSTRUCTIONS, LossNeed.PRIOR)
-    objective = Objective({"a": (1.0, term)})
+    sample, term = imperfect_sample(), Probe(LossNeed.RECONSTRUCTIONS, extras=("prior",))
+    objective = objective_of(term)
     with torch.autocast("cpu", torch.bfloat16):
-        losses = objective(sample.batch, Prediction(sample.depth.bfloat16(), {"prior": sample.prior.bfloat16()}))
+        losses = objective(sample.batch, Prediction(sample.depth.bfloat16(), {"prior": sample.depth.bfloat16()}))
     tensors = [
         losses.total,
-        term.prediction.depth,
-        term.prediction.extras["prior"],
-        term.reconstructions.images,
+        term.inputs.prediction.depth,
+        term.inputs.prediction.extras["prior"],
+        term.inputs.reconstructions.images,
     ]
     assert {tensor.dtype for tensor in tensors} == {torch.float32}
 
@@ -205,9 +259,9 @@ def test_terms_with_weights_of_their_own_are_part_of_the_module():
             super().__init__()
             self.scale = nn.Parameter(torch.ones(()))
 
-        def forward(self, batch, prediction, reconstructions):
-            return self.scale * prediction.depth.mean()
+        def forward(self, inputs):
+            return self.scale * inputs.prediction.depth.mean()
 
         __call__ = nn.Module.__call__
 
-    assert [name for name, _ in Objective({"a": (1.0, Learned())}).named_parameters()] == ["term_modules.a.scale"]
+    assert [name for name, _ in objective_of(Learned()).named_parameters()] == ["term_modules.a.scale"]

@@ -62,6 +62,14 @@ def test_learned_poses_pair_each_source_with_its_target(batch):
     assert source.network.scale.grad is not None
 
 
+def test_frames_without_poses_have_them_learned(batch):
+    recorded, learned = (make_pose_source(kind, Model(TranslationNetwork())) for kind in ("simulator", "learned"))
+    batch.source_from_target = None
+    with pytest.raises(DeuxError, match=r"pose=simulator needs the poses .*: use pose=learned, or .* absolute_pose/"):
+        recorded(batch)
+    assert learned(batch).source_from_target.shape == (2, 2, 4, 4)
+
+
 def test_learned_poses_need_a_network():
     with pytest.raises(DeuxError, match="Model has none: use pose=simulator"):
         make_pose_source("learned", Model(None))

@@ -7,14 +7,15 @@ import pytest
 import torch
 from torch import Tensor
 
-from deux.contracts import Batch, Prediction, Reconstructions
+from deux.contracts import Batch, LossInputs, Prediction, Reconstructions
+from deux.testing.losses import DEPTH_RANGE
 
-PublishedCase = tuple[Batch, Prediction, Reconstructions | None, dict[str, float]]
+PublishedCase = tuple[LossInputs, dict[str, float]]
 
 
 @pytest.fixture
 def published_case(shared_data) -> Callable[[str], PublishedCase]:
-    """From a case's name to its batch, prediction, reconstructions and unweighted loss values.
+    """From a case's name to the inputs of its loss terms and their unweighted values.
 
     ScaffNet's case has neither reconstructions (None) nor poses (the identity).
     """
@@ -42,6 +43,6 @@ def published_case(shared_data) -> Callable[[str], PublishedCase]:
             visible = torch.ones_like(images[:, :, :1], dtype=torch.bool)
             reconstructions = Reconstructions(images, visible, poses, pair("pose10", "pose20"))
         losses = {key.removeprefix("loss_"): float(value) for key, value in case.items() if key.startswith("loss_")}
-        return batch, Prediction(case["output_depth"], extras), reconstructions, losses
+        return LossInputs(batch, Prediction(case["output_depth"], extras), reconstructions, DEPTH_RANGE), losses
 
     return load

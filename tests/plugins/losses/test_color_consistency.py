@@ -1,8 +1,8 @@
 import pytest
 import torch
 
-from deux.contracts import LossTerm, Prediction, Reconstructions
-from deux.testing.losses import LossTermSuite, perfect_sample
+from deux.contracts import LossInputs, LossTerm, Prediction, Reconstructions
+from deux.testing.losses import DEPTH_RANGE, LossTermSuite, perfect_sample
 from deux_plugins.losses.color_consistency import ColorConsistency
 
 
@@ -27,8 +27,8 @@ PUBLISHED = {
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_agrees_with_the_published_value(published_case, name):
-    batch, prediction, reconstructions, losses = published_case(name)
-    value = ColorConsistency(**PUBLISHED[name])(batch, prediction, reconstructions)
+    inputs, losses = published_case(name)
+    value = ColorConsistency(**PUBLISHED[name])(inputs)
     assert float(value) == pytest.approx(losses["color"], rel=1e-4)
 
 
@@ -53,5 +53,6 @@ def test_which_pixels_count(options, expected):
     visible[:, 0, :, :, :16] = False
     if options.get("skip_points"):
         images[:, 1] -= 0.2 * (batch.validity[:, 0] == 0)  # only the points' pixels stay wrong, and they do not count
-    value = ColorConsistency(**options)(batch, Prediction(batch.sparse_depth), Reconstructions(images, visible, images))
+    rebuilt = Reconstructions(images, visible, batch.source_from_target)
+    value = ColorConsistency(**options)(LossInputs(batch, Prediction(batch.sparse_depth), rebuilt, DEPTH_RANGE))
     assert float(value) == pytest.approx(expected, rel=1e-4)

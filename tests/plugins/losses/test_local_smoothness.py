@@ -3,8 +3,8 @@ import math
 import pytest
 import torch
 
-from deux.contracts import LossTerm, Prediction
-from deux.testing.losses import LossTermSuite, perfect_sample
+from deux.contracts import LossInputs, LossTerm, Prediction
+from deux.testing.losses import DEPTH_RANGE, LossTermSuite, perfect_sample
 from deux_plugins.losses.local_smoothness import LocalSmoothness
 
 
@@ -15,8 +15,8 @@ class TestLocalSmoothness(LossTermSuite):
 
 @pytest.mark.parametrize("name", ["kbnet", "voiced", "fusionnet"])
 def test_agrees_with_the_published_value(published_case, name):
-    batch, prediction, reconstructions, losses = published_case(name)
-    value = LocalSmoothness()(batch, prediction, reconstructions)
+    inputs, losses = published_case(name)
+    value = LocalSmoothness()(inputs)
     assert float(value) == pytest.approx(losses["smoothness"], rel=1e-4)
 
 
@@ -25,8 +25,8 @@ def test_a_depth_edge_costs_less_on_a_colour_edge():
     depth = torch.full((1, 1, 24, 32), 2.0)
     depth[..., 16:] = 5.0
     batch.image = torch.zeros(1, 3, 24, 32)
-    flat = float(LocalSmoothness()(batch, Prediction(depth), None))
+    flat = float(LocalSmoothness()(LossInputs(batch, Prediction(depth), None, DEPTH_RANGE)))
     batch.image[..., 16:] = 0.8
-    edge = float(LocalSmoothness()(batch, Prediction(depth), None))
+    edge = float(LocalSmoothness()(LossInputs(batch, Prediction(depth), None, DEPTH_RANGE)))
     assert flat == pytest.approx(3.0 / 31)
     assert edge == pytest.approx(flat * math.exp(-0.8), rel=1e-5)

@@ -3,8 +3,8 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from deux.contracts import LossTerm, Prediction, Reconstructions
-from deux.testing.losses import LossTermSuite, perfect_sample
+from deux.contracts import LossInputs, LossTerm, Prediction, Reconstructions
+from deux.testing.losses import DEPTH_RANGE, LossTermSuite, perfect_sample
 from deux.training.pose_source import PoseSource
 from deux_plugins.losses.pose_consistency import PoseConsistency
 
@@ -19,16 +19,15 @@ def value(forward: torch.Tensor, backward: torch.Tensor) -> float:
     sample = perfect_sample(len(forward))
     images = sample.batch.sources
     reconstructions = Reconstructions(images, torch.ones_like(images[:, :, :1]) > 0, forward, backward)
-    return float(PoseConsistency()(sample.batch, Prediction(sample.depth), reconstructions))
+    return float(PoseConsistency()(LossInputs(sample.batch, Prediction(sample.depth), reconstructions, DEPTH_RANGE)))
 
 
 def test_agrees_with_the_published_case(published_case):
     """The term itself is not recorded: it is the remainder of the total, to the total's own rounding."""
-    batch, prediction, reconstructions, losses = published_case("voiced")
-    value = float(PoseConsistency()(batch, prediction, reconstructions))
-    there, back = (
-        poses.double().numpy() for poses in (reconstructions.source_from_target, reconstructions.target_from_source)
-    )
+    inputs, losses = published_case("voiced")
+    value = float(PoseConsistency()(inputs))
+    rebuilt = inputs.reconstructions
+    there, back = (poses.double().numpy() for poses in (rebuilt.source_from_target, rebuilt.target_from_source))
     expected = sum(np.mean((there[:, s] @ back[:, s] - np.eye(4)) ** 2) for s in (0, 1))
     assert value == pytest.approx(expected, rel=1e-4)
     weights = {"color": 0.2, "structure": 0.8, "sparse_depth": 0.5, "smoothness": 2.0}

@@ -14,11 +14,11 @@ def losses_of(name, published_case):
     cfg = compose([f"experiment=published_{name}"])
     assert cfg.model.name == name
     objective = make_objective(registry().create("depth_models", name, {}), OmegaConf.to_container(cfg.objective))
-    batch, prediction, reconstructions, recorded = published_case(name)
+    inputs, recorded = published_case(name)
     poses = None
     if objective.needs_reconstructions:
-        poses = RelativePoses(reconstructions.source_from_target, reconstructions.target_from_source)
-    return objective(batch, prediction, poses), recorded
+        poses = RelativePoses(inputs.reconstructions.source_from_target, inputs.reconstructions.target_from_source)
+    return objective(inputs.batch, inputs.prediction, poses), recorded
 
 
 @pytest.mark.parametrize("name", ["kbnet", "voiced", "scaffnet"])

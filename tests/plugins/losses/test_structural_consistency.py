@@ -2,8 +2,8 @@ import pytest
 import torch
 from kornia.metrics import ssim
 
-from deux.contracts import LossTerm, Prediction, Reconstructions
-from deux.testing.losses import LossTermSuite, perfect_sample
+from deux.contracts import LossInputs, LossTerm, Prediction, Reconstructions
+from deux.testing.losses import DEPTH_RANGE, LossTermSuite, perfect_sample
 from deux_plugins.losses.structural_consistency import StructuralConsistency
 
 PUBLISHED = {"halved": True, "channels": "sum", "window": "box", "pixels": "all"}
@@ -30,15 +30,16 @@ class TestKBNetConvention(LossTermSuite):
     ],
 )
 def test_agrees_with_the_published_value(published_case, name, options):
-    batch, prediction, reconstructions, losses = published_case(name)
-    value = StructuralConsistency(**PUBLISHED, **options)(batch, prediction, reconstructions)
+    inputs, losses = published_case(name)
+    value = StructuralConsistency(**PUBLISHED, **options)(inputs)
     assert float(value) == pytest.approx(losses["structure"], rel=1e-4)
 
 
 def test_default_is_one_minus_ssim_summed_over_the_frames(published_case):
-    batch, prediction, reconstructions, _ = published_case("kbnet")
-    value = StructuralConsistency()(batch, prediction, reconstructions)
-    expected = sum(1.0 - ssim(batch.image, reconstructions.images[:, s], window_size=3).mean() for s in (0, 1))
+    inputs, _ = published_case("kbnet")
+    value = StructuralConsistency()(inputs)
+    image, rebuilt = inputs.batch.image, inputs.reconstructions.images
+    expected = sum(1.0 - ssim(image, rebuilt[:, s], window_size=3).mean() for s in (0, 1))
     assert float(value) == pytest.approx(float(expected), rel=1e-4)
 
 
@@ -48,5 +49,6 @@ def test_what_the_source_frame_does_not_see_has_no_influence():
     visible = torch.ones(1, 2, 1, 24, 32, dtype=torch.bool)
     visible[..., :10, :7] = False
     images[..., :10, :7] = torch.rand(10, 7, generator=torch.Generator().manual_seed(0))
-    value = StructuralConsistency()(batch, Prediction(batch.sparse_depth), Reconstructions(images, visible, images))
+    rebuilt = Reconstructions(images, visible, batch.source_from_target)
+    value = StructuralConsistency()(LossInputs(batch, Prediction(batch.sparse_depth), rebuilt, DEPTH_RANGE))
     assert float(value) == pytest.approx(0.0, abs=1e-5)

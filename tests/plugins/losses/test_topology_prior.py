@@ -6,12 +6,16 @@ import torch
 from scipy.ndimage import map_coordinates
 from torch import Tensor
 
-from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+from deux.contracts import Batch, LossInputs, LossTerm, Prediction, Reconstructions
 from deux.errors import DeuxError
-from deux.testing.losses import LossTermSuite, evaluate, perfect_sample
+from deux.testing.losses import DEPTH_RANGE, LossTermSuite, evaluate, perfect_sample
 from deux_plugins.losses.topology_prior import TopologyPrior
 
 Inputs = tuple[Batch, Prediction, Reconstructions]
+
+
+def value_of(term: LossTerm, inputs: Inputs) -> Tensor:
+    return term(LossInputs(*inputs, DEPTH_RANGE))
 
 
 class TestTopologyPrior(LossTermSuite):
@@ -36,7 +40,8 @@ def rebuilt_by_hand(source: np.ndarray, depth: np.ndarray, intrinsics: np.ndarra
 @pytest.fixture
 def by_hand(published_case) -> tuple[np.ndarray, np.ndarray]:
     """The published case's maps w and its |d - prior|, each N x H x W, without any code of ours."""
-    batch, prediction, reconstructions, _ = published_case("fusionnet")
+    inputs, _ = published_case("fusionnet")
+    batch, prediction, reconstructions = inputs.batch, inputs.prediction, inputs.reconstructions
     arrays = (
         batch.image,
         batch.sources[:, 0],
@@ -86,19 +91,20 @@ def _tensors(whole) -> dict[str, Tensor]:
 def test_the_published_value_by_hand(published_case, by_hand):
     """The published code weights each sample of its batch with the maps of both: by hand, that gives its value."""
     maps, differences = by_hand
-    losses = published_case("fusionnet")[3]
+    losses = published_case("fusionnet")[1]
     broadcast = [(maps * difference).sum() / maps.sum() for difference in differences]
     assert np.mean(broadcast) == pytest.approx(losses["prior_depth"], rel=1e-4)
 
 
 def test_each_frame_has_its_own_map(published_case, by_hand):
     """What the published code gives for batches of one, whatever the size of ours."""
-    *inputs, losses = published_case("fusionnet")
+    published, losses = published_case("fusionnet")
+    inputs = published.batch, published.prediction, published.reconstructions
     term = TopologyPrior(pixels="all")
     expected = [(w * difference).sum() / w.sum() for w, difference in zip(*by_hand, strict=True)]
-    values = [float(term(*alone)) for alone in one_by_one(inputs)]
+    values = [float(value_of(term, alone)) for alone in one_by_one(inputs)]
     assert values == pytest.approx(expected, rel=1e-4)
-    together = float(term(*inputs))
+    together = float(value_of(term, inputs))
     assert together == pytest.approx(np.mean(expected), rel=1e-4)
     assert together != pytest.approx(losses["prior_depth"], rel=1e-4)
 
@@ -123,14 +129,15 @@ def stripes() -> Inputs:
 
 
 def test_the_prior_counts_where_it_explains_the_first_source_frame_as_well():
-    assert float(TopologyPrior()(*stripes())) == pytest.approx((0.5 + 1.0 + 4.0) / 3)
+    assert float(value_of(TopologyPrior(), stripes())) == pytest.approx((0.5 + 1.0 + 4.0) / 3)
 
 
 def test_the_prior_counts_where_it_explains_the_frame_no_worse():
     """Without motion every depth rebuilds the same frame; to the last bit, if one is twice the other."""
     sample = perfect_sample()
     sample.batch.source_from_target[:] = torch.eye(4)
-    sample.depth = 2 * sample.prior
+    sample.extras = {"prior": sample.batch.ground_truth}
+    sample.depth = 2 * sample.batch.ground_truth
     assert float(evaluate(TopologyPrior(threshold=3.0), sample)) == pytest.approx(2.0)
 
 
@@ -150,7 +157,7 @@ def test_which_pixels_count(options, expected):
     reconstructions.visible[:, 0, ..., :8] = False
     reconstructions.images[:, 0, ..., :8] = 0.92
     prediction.extras["prior"][..., 24:] = 0.0
-    value = TopologyPrior(**options)(batch, prediction, reconstructions)
+    value = value_of(TopologyPrior(**options), (batch, prediction, reconstructions))
     assert float(value) == pytest.approx(expected, rel=1e-5)
 
 
@@ -160,7 +167,7 @@ def test_an_empty_map_costs_nothing(pixels):
     batch, prediction, reconstructions = stripes()
     batch.sources[:, 0] = 0.6
     prediction.depth.requires_grad_()
-    value = TopologyPrior(pixels=pixels)(batch, prediction, reconstructions)
+    value = value_of(TopologyPrior(pixels=pixels), (batch, prediction, reconstructions))
     assert value.item() == 0.0
     assert not torch.autograd.grad(value, prediction.depth)[0].any()
 
@@ -182,10 +189,10 @@ def test_no_frame_depends_on_its_neighbours(pixels):
         _joined(reconstructions),
     )
     term = TopologyPrior(pixels=pixels)
-    values = [float(term(*sample)) for sample in samples]
+    values = [float(value_of(term, sample)) for sample in samples]
     assert values == pytest.approx([5.5 / 3, 0.0, 0.0, 5.0 / 2])
-    assert [float(term(*sample)) for sample in one_by_one(together)] == pytest.approx(values)
-    assert float(term(*together)) == pytest.approx(np.mean(values))
+    assert [float(value_of(term, sample)) for sample in one_by_one(together)] == pytest.approx(values)
+    assert float(value_of(term, together)) == pytest.approx(np.mean(values))
 
 
 def test_gradients_reach_the_prediction_only():
@@ -198,7 +205,7 @@ def test_gradients_reach_the_prediction_only():
     ]
     for leaf in leaves:
         leaf.requires_grad_()
-    value = TopologyPrior()(batch, prediction, reconstructions)
+    value = value_of(TopologyPrior(), (batch, prediction, reconstructions))
     depth, *others = torch.autograd.grad(value, leaves, allow_unused=True)
     expected = torch.tensor([1.0, 1.0, 0.0, 1.0]).repeat_interleave(8) / (24 * 24)
     torch.testing.assert_close(depth, expected.expand_as(depth))

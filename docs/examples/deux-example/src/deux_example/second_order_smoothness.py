@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from deux.contracts import Batch, LossTerm, Prediction, Reconstructions
+from deux.contracts import LossInputs, LossTerm
 
 
 class SecondOrderSmoothness(LossTerm):
@@ -19,9 +19,9 @@ class SecondOrderSmoothness(LossTerm):
     def __init__(self, sharpness: float = 10.0) -> None:
         self.sharpness = sharpness
 
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> Tensor:
+    def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value, a float32 scalar."""
-        depth, image = prediction.depth.float(), batch.image.float()
+        depth, image = inputs.prediction.depth.float(), inputs.batch.image.float()
         terms = []
         for axis in (-1, -2):
             edges = torch.diff(image, n=2, dim=axis).abs().mean(dim=1, keepdim=True)

@@ -9,6 +9,7 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf import DictConfig
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, InterpolationKeyError
 
+from deux.callbacks import callback_names
 from deux.errors import DeuxError, near_matches
 
 RENAMED = {
@@ -88,12 +89,11 @@ def quoted_digits(argument: str) -> str:
     return argument
 
 
-def composition_error(error: Exception, callbacks: Iterable[str] = ()) -> DeuxError:
+def composition_error(error: Exception) -> DeuxError:
     """The user's mistake behind an error raised while a configuration was composed.
 
     Args:
         error: a `HydraException`, an `OmegaConfBaseException` or a `yaml.YAMLError`.
-        callbacks: the callbacks that can be chosen, of which Hydra's error says nothing.
 
     Returns:
         The error to raise or print; its sentence names the override or key and what would be right.
@@ -101,7 +101,7 @@ def composition_error(error: Exception, callbacks: Iterable[str] = ()) -> DeuxEr
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options is not None:
         return _unknown_choice(str(error.missing_cfg_file), list(error.options))
     if found := _NO_OPTION.search(str(error)):
-        return _unknown_choice(f"{found['group']}/{found['name']}", list(callbacks))
+        return _unknown_choice(f"{found['group']}/{found['name']}", callback_names())  # the one group that is a list
     if isinstance(error, OverrideParseException):
         return _unreadable(error.override)
     if found := _AMBIGUOUS.search(str(error)):

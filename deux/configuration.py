@@ -29,6 +29,7 @@ from hydra.utils import to_absolute_path
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from deux.callbacks import ACTIVE_COLLECTION, callback_names
 from deux.composition_errors import check_names, composition_error
 from deux.registry import registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins
@@ -116,6 +117,10 @@ def register_configuration() -> None:
         for name in registry().names(kind):
             if name not in described:
                 store.store(group=group, name=name, node={"name": name}, provider="deux")
+    for name in callback_names():
+        if name != ACTIVE_COLLECTION:  # which has YAML
+            package = f"{CALLBACK_GROUP}.{name}"
+            store.store(group=CALLBACK_GROUP, name=name, node={}, package=package, provider="deux")
 
 
 def compose(overrides: Sequence[str] = ()) -> DictConfig:

@@ -1,6 +1,7 @@
 """The final training with its callbacks, and what active collection explores meanwhile."""
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -8,6 +9,7 @@ from pathlib import Path
 from lightning import Callback
 from torch import Tensor
 
+from deux.callbacks import ACTIVE_COLLECTION, make_callback
 from deux.collection.collect_settings import FRAMES_OF_A_TRIPLET
 from deux.collection.explored_map import mean_uncertainty, seen_area
 from deux.collection.pipeline import read_manifest
@@ -31,10 +33,7 @@ from deux.tasks.run_folder import ROUNDS, RunFolder
 from deux.tasks.training import Recipe, Training
 from deux.training.active_collection import ActiveCollection
 from deux.training.ranks import leads
-from deux.training.rounds import Round, RoundRequest, RoundSettings, Share
-
-ACTIVE_COLLECTION = "active_collection"
-"""The name of the callback."""
+from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings
 
 _ROUNDS_FILE = "rounds.json"
 
@@ -75,6 +74,7 @@ class ActiveTraining:
         self.active: ActiveCollectionSettings | None = None
         if active is not None:
             self.active = construct(ActiveCollectionSettings, active, f"callbacks.{ACTIVE_COLLECTION}")
+        self._callbacks = [make_callback(name, options) for name, options in chosen.items()]
         self._explorer = sections.plugin("explore")
         self._datasets = datasets
         self._training = training
@@ -83,15 +83,15 @@ class ActiveTraining:
         """Train the configured model; arguments as of `Training.train`."""
         recipe = self._training.recipe
         if self.active is None or (run.path / MODEL_FILE).exists():
-            return self._training.train(recipe, data, run, validation)
+            return self._training.train(recipe, data, run, validation, self._callbacks)
         validation = self._training.validation_readers() if validation is None else validation
-        callback = self._callback(self.active, recipe, run, validation)
-        model = self._training.train(recipe, data, run, validation, [callback])
+        callback = self._collection(self.active, recipe, run, validation)
+        model = self._training.train(recipe, data, run, validation, [callback, *self._callbacks])
         if leads():
             _show_rounds(run, self.active)
         return model
 
-    def _callback(
+    def _collection(
         self, active: ActiveCollectionSettings, recipe: Recipe, run: RunFolder, validation: Sequence[Reader]
     ) -> Callback:
         folder = run.path / ROUNDS
@@ -100,7 +100,7 @@ class ActiveTraining:
             self._datasets, active, self._explorer, recipe, folder, validation, self._training.seed
         )
 
-        def collect(request: RoundRequest) -> Share:
+        def collect(request: RoundRequest) -> RankResult:
             say(f"Round {request.number} of {active.rounds}: {self._explorer.name} explores after {request.step} steps")
             return collector(request)
 
@@ -139,7 +139,7 @@ class RoundCollector:
         self._datasets, self._active, self._explorer = datasets, active, explorer
         self._validation, self._seed = validation, seed
 
-    def __call__(self, request: RoundRequest) -> Share:
+    def __call__(self, request: RoundRequest) -> RankResult:
         """Explore this process's scenes, and judge the model if this is the first process."""
         name = f"round{request.number:02d}"
         weights = self._kept(request, self.folder / f"{name}.safetensors")
@@ -149,10 +149,10 @@ class RoundCollector:
             with request.context():
                 return model.predict(image, sparse_depth, intrinsics)
 
-        mae = self._validation_error(predict) if request.share == 0 else None
-        scenes = self._datasets.scenes.train[request.share :: request.shares]
+        mae = self._validation_error(predict) if request.rank == 0 else None
+        scenes = self._datasets.scenes.train[request.rank :: request.world_size]
         if not scenes:
-            return Share(None)
+            return RankResult(None)
         changes = {
             "name": name,
             "scenes": scenes,
@@ -164,7 +164,7 @@ class RoundCollector:
         dataset = self._datasets.explored_in_round(self._explorer, predict, identity, self.folder, changes)
         found = sequences(dataset)
         simulation = self._datasets.simulation
-        return Share(
+        return RankResult(
             dataset=dataset,
             frames=read_manifest(dataset)["triplets"],
             area=sum(seen_area(sequence, simulation.camera, simulation.robot) for sequence in found),
@@ -198,7 +198,8 @@ class RoundCollector:
             assert batch.ground_truth is not None
             depth = predict(batch.image, batch.sparse_depth, batch.intrinsics)
             metrics.update(depth.float().cpu(), batch.ground_truth)
-        return float(metrics.compute()["mae"])
+        mae = float(metrics.compute()["mae"])
+        return mae if math.isfinite(mae) else None
 
 
 def read_rounds(run: RunFolder) -> list[Round]:

@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 from lightning.pytorch.callbacks import Callback, RichProgressBar
@@ -42,13 +42,6 @@ def quieten_libraries() -> None:
 def training_bar() -> list[Callback]:
     """Lightning's progress bar, where somebody watches a single run."""
     return [RichProgressBar(leave=True)] if _watched() else []
-
-
-def stop_bars(bars: Sequence[Callback]) -> None:
-    """Take the training's bars from the screen; Lightning draws new ones when the next epoch begins."""
-    for bar in bars:
-        if isinstance(bar, RichProgressBar) and bar.progress is not None:
-            bar.progress.stop()
 
 
 @contextmanager

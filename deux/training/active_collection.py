@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lightning.pytorch import Callback, LightningModule, Trainer
+from lightning.pytorch.callbacks import RichProgressBar
 from lightning.pytorch.utilities.seed import isolate_rng
 
 from deux.contracts import DepthModel, Reader
@@ -101,6 +102,7 @@ class ActiveCollection(Callback):
             rank=trainer.global_rank,
             world_size=trainer.world_size,
         )
+        _clear_progress_bar(trainer)
         with isolate_rng(), eval_mode(model):
             result = self._collect(request)
         trainer.strategy.barrier("active collection")
@@ -126,6 +128,13 @@ def _progress(trainer: Trainer) -> tuple[int, float]:
     epochs = trainer.current_epoch + 1
     limits = ((trainer.global_step, trainer.max_steps), (epochs, trainer.max_epochs))
     return epochs, max(done / limit if limit and limit > 0 else 0.0 for done, limit in limits)
+
+
+def _clear_progress_bar(trainer: Trainer) -> None:
+    """Take the trainer's bar from the screen while the robots explore; Lightning draws a new one in the next epoch."""
+    bar = trainer.progress_bar_callback
+    if isinstance(bar, RichProgressBar) and bar.progress is not None:
+        bar.progress.stop()
 
 
 def _log(trainer: Trainer, found: Round) -> None:

@@ -10,11 +10,11 @@ from lightning import Callback, Trainer, seed_everything
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from torchmetrics import Metric
 
+from deux.callbacks import lightning_object
 from deux.contracts import DepthModel, Reader
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError, check_range
 from deux.inference.precision import default_precision
-from deux.training.callbacks import lightning_object
 from deux.training.checkpointing import AtomicCheckpoints, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion

@@ -88,7 +88,7 @@ class RankResult:
         frames: number of frames to train on.
         area: square metres of floor plan seen, summed over the episodes.
         uncertainty: mean of Eq. 8 over the frames that have one; None without any.
-        mae: validation error in mm of the model that explored; None where it was not measured.
+        mae: validation error in mm of the model that explored; None where it was not measured or is not finite.
     """
 
     dataset: Path | None

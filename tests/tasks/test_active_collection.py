@@ -20,11 +20,11 @@ from deux.tasks.active_collection import ActiveCollectionSettings, RoundCollecto
 from deux.tasks.checkpoints import weights_identity
 from deux.tasks.datasets import Datasets
 from deux.tasks.training import Training
-from deux.training.rounds import RoundRequest, Share
+from deux.training.rounds import RankResult, RoundRequest
 
 ACTIVE = [
     "explore=deux",
-    "callbacks=active_collection",
+    "callbacks=[active_collection]",
     "callbacks.active_collection.steps=8",
     "callbacks.active_collection.rounds=2",
     "training.steps=8",
@@ -139,13 +139,13 @@ def test_a_round_that_was_begun_is_finished_with_the_weights_of_its_beginning(co
 
 
 def test_a_process_without_a_scene_collects_nothing(collector):
-    assert collector(request(collector, 1, share=1, shares=2)) == Share(None)
+    assert collector(request(collector, 1, rank=1, world_size=2)) == RankResult(None)
 
 
 def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
     options = [
         "task=train",
-        "callbacks=active_collection",
+        "callbacks=[active_collection]",
         "callbacks.active_collection.steps=8",
         "callbacks.active_collection.mode=replace",
     ]
@@ -160,17 +160,17 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        (["callbacks=activ_collection"], "there is no callback called 'activ_collection': did you mean active_collec"),
+        (["callbacks=[activ_collection]"], "there is no callback called 'activ_collection': did you mean active_collec"),
         (
-            ["callbacks=active_collection", "callbacks.active_collection.mode=ad"],
+            ["callbacks=[active_collection]", "callbacks.active_collection.mode=ad"],
             "callbacks.active_collection.mode cannot be 'ad': did you mean add?",
         ),
         (
-            ["callbacks=active_collection", "callbacks.active_collection.evry=2"],
+            ["callbacks=[active_collection]", "callbacks.active_collection.evry=2"],
             "callbacks.active_collection.evry is not an option of",
         ),
         (
-            ["callbacks=active_collection", "callbacks.active_collection.steps=2"],
+            ["callbacks=[active_collection]", "callbacks.active_collection.steps=2"],
             "callbacks.active_collection.steps is 2: it must be at least 3.",
         ),
     ],

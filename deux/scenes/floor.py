@@ -20,8 +20,8 @@ def find_floors(mesh: SceneMesh, caster: RayCaster | None = None) -> tuple[Floor
     """Find the floors of a scene; the main one is the lowest large level surface with room above it.
 
     The mesh's lowest point will not do: scans have stray triangles and buildings have stairs below their floors.
-    Points are drawn on all level surfaces in proportion to their area; those with `HEADROOM` above them vote. The
-    direction in which a triangle faces is not used, since files disagree about it.
+    Points are drawn on all level surfaces in proportion to their area, and those with `HEADROOM` above them are kept.
+    The direction in which a triangle faces is not used, since files disagree about it.
 
     A further storey is at least `STOREY` above or below every other one and has, under a ceiling, at least `DOMINANT`
     of the area of the largest level surface under a ceiling. That leaves out roofs and the outside of the topmost

@@ -1,4 +1,4 @@
-"""The objects of a labelled scene, one by one: labels say that a face is of a chair, this says of which chair."""
+"""The object instances of a labelled scene: which faces of one label belong to the same chair."""
 
 from dataclasses import dataclass
 
@@ -66,7 +66,7 @@ def _surface_points(triangles: np.ndarray, spacing: float) -> tuple[np.ndarray, 
         same = np.flatnonzero(pieces == number)
         a, b = np.meshgrid(np.arange(number + 1), np.arange(number + 1))
         a, b = a[a + b <= number], b[a + b <= number]
-        shares = np.stack([number - a - b, a, b], axis=1) / number
-        points.append((shares @ triangles[same]).reshape(-1, 3))
-        owners.append(np.repeat(same, len(shares)))
+        weights = np.stack([number - a - b, a, b], axis=1) / number
+        points.append((weights @ triangles[same]).reshape(-1, 3))
+        owners.append(np.repeat(same, len(weights)))
     return np.concatenate(points), np.concatenate(owners)

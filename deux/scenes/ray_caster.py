@@ -1,4 +1,4 @@
-"""Rays against a scene's triangles, by Embree."""
+"""Ray casting against a mesh, by Embree."""
 
 from dataclasses import dataclass
 from functools import cached_property

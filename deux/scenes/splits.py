@@ -1,4 +1,4 @@
-"""Checks that every source of scenes owes its splits: no scene twice, none in two splits, none missing."""
+"""Checks of the splits of a scene source: no scene twice, none in two splits, none missing."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

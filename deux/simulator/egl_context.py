@@ -1,4 +1,4 @@
-"""Drawing pyrender scenes off screen, with what pyrender 0.1.45 gets wrong there put right."""
+"""Off-screen rendering of pyrender scenes by EGL, with corrections of what pyrender 0.1.45 gets wrong."""
 
 import os
 import weakref

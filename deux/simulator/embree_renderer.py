@@ -38,9 +38,8 @@ class EmbreeRenderer:
     def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
         """Render from N x 4 x 4 camera-to-world matrices; without colours the textures are not touched.
 
-        Each pose is cast by itself. The rays of 4 or 16 poses in one call take the same time at 128 x 128 pixels and
-        a fifth longer at 400 x 400, where they leave the processor's cache; Embree's binding holds Python's lock, so
-        threads do not help either.
+        Each pose is cast by itself: the rays of 4 or 16 poses in one call take as long at best, and a quarter longer
+        with images of 400 x 400 pixels.
         """
         return [self._render(pose, colors, faces) for pose in poses]
 

@@ -1,4 +1,4 @@
-"""The colour of every pixel from the triangle that its ray hit: unlit texture x base colour x vertex colour."""
+"""Unlit shading of ray hits: texture x base colour x vertex colour of the triangle that each ray hit."""
 
 import math
 from typing import NamedTuple

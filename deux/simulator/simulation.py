@@ -1,4 +1,4 @@
-"""How simulators are made: which one, with which camera and robot."""
+"""The factory of simulators: which one is made, with which camera and robot."""
 
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where episodes begin."""
+"""Random start poses of episodes on the free floor."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""All textures of a scene in one buffer, each with its mip pyramid, and the filtered lookup into it."""
+"""Mip pyramids of all textures of a scene in one buffer, and trilinear lookup into them."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

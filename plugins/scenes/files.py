@@ -1,4 +1,4 @@
-"""`scenes=files`: any .glb, .gltf, .obj or .ply that trimesh reads."""
+"""The scene source `files`: any .glb, .gltf, .obj or .ply that trimesh reads."""
 
 import functools
 import hashlib

@@ -1,4 +1,4 @@
-"""Periodic textures in the making: band-limited noise, soft edges and colour mixing.
+"""Drawing of periodic textures: band-limited noise, soft edges and colour mixing.
 
 Only additions, multiplications, divisions and square roots are used, one numpy operation at a time: IEEE 754 fixes
 their results to the last bit, so that a texture has the same bytes on every machine. While they are made, images are

@@ -1,4 +1,4 @@
-"""What can be told apart in a generated flat."""
+"""The semantic labels of generated flats."""
 
 LABEL_NAMES: tuple[str, ...] = (
     "wall", "floor", "ceiling", "door frame", "door", "window",

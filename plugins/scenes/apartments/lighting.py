@@ -8,7 +8,7 @@ AMBIENT, LAMP, SIDE = 0.66, 0.44, 0.04
 """Shares of the light that comes from everywhere, from the room's lamp, and from one side of the building."""
 
 CORNER_DEPTH, CORNER_LOSS = 0.5, 0.16
-"""Within this many metres of a corner between wall, floor and ceiling, up to this share of the light is lost."""
+"""Within this many metres of a corner between wall, floor and ceiling, up to this fraction of the light is lost."""
 
 
 @dataclass(frozen=True)

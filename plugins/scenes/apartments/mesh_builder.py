@@ -44,7 +44,7 @@ class Placement:
 
 
 class MeshBuilder:
-    """Gathers quadrilaterals in the world."""
+    """Collects quadrilaterals in world coordinates."""
 
     def __init__(self) -> None:
         self._quads: list[Quads] = []

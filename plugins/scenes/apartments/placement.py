@@ -22,8 +22,8 @@ WALK_RADIUS = 0.32
 HEAD_HEIGHT = 1.6
 """What hangs higher than this does not stop a robot, metres."""
 
-LEAST_OPEN_SHARE = 0.8
-"""Least share of the free cells of a room that hang together."""
+LEAST_CONNECTED = 0.8
+"""Least fraction of a room's free cells that must be connected."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def block(placement: Placement, width: float, z0: float, z1: float, height: floa
 
 
 class RoomSpace:
-    """What one room holds so far.
+    """The free and the occupied parts of one room while it is furnished.
 
     Args:
         plan: the flat's plan.
@@ -208,7 +208,7 @@ class RoomSpace:
         joined = {int(regions[cell]) for cell in self._door_cells}
         if len(joined) != 1 or 0 in joined:
             return False
-        return int((regions == joined.pop()).sum()) >= LEAST_OPEN_SHARE * int((~blocked).sum())
+        return int((regions == joined.pop()).sum()) >= LEAST_CONNECTED * int((~blocked).sum())
 
 
 def _stands_at(solid: Block, placement: Placement) -> bool:

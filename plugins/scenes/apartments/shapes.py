@@ -86,7 +86,7 @@ def _lay(origin: np.ndarray, size: np.ndarray, surface: Surface) -> np.ndarray:
 
 
 class Model:
-    """A piece of furniture in the making.
+    """Builder of a piece of furniture.
 
     Args:
         label: label of all parts that name no other.

@@ -1,4 +1,4 @@
-"""`scenes=apartments`: generated flats by seed, of which no split shares any."""
+"""The scene source `apartments`: generated flats by seed, disjoint between the splits."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The taste of a flat: which of its surfaces a piece of furniture is made of."""
+"""The style of a flat: which of its surfaces each piece of furniture is made of."""
 
 from deux_plugins.scenes.apartments.draws import Draws
 from deux_plugins.scenes.apartments.surfaces import Surface, Surfaces

@@ -11,6 +11,7 @@ from omegaconf.errors import ConfigAttributeError, ConfigKeyError, Interpolation
 
 from deux.callbacks import callback_names
 from deux.errors import DeuxError, near_matches
+from deux.options import unresolved_reference
 
 RENAMED = {
     "random_seed": "seed",
@@ -109,10 +110,7 @@ def composition_error(error: Exception) -> DeuxError:
         return DeuxError(f"{key} cannot be {values}: add -m to run each in turn, or write {key}=[{values}] for a list.")
     cause = error.__cause__ or error
     if isinstance(cause, InterpolationKeyError):
-        return DeuxError(
-            f"{cause.full_key or 'an option'} refers by ${{...}} to an option that is not there: where the text itself "
-            f"is meant, write \\${{...}}."
-        )
+        return DeuxError(unresolved_reference(cause))
     parent = getattr(cause, "parent_node", None)
     if isinstance(cause, ConfigKeyError | ConfigAttributeError) and isinstance(parent, DictConfig):
         return _unknown_option(str(cause.full_key), parent)

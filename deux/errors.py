@@ -13,11 +13,16 @@ class DeuxError(Exception):
 
 
 def near_matches(wrong: str, known: Iterable[str]) -> str:
-    """Say which of the `known` names could have been meant by `wrong`, then list them all ("none" if there is none)."""
+    """Which of the `known` names could have been meant by `wrong`, then all of them: the end of a sentence.
+
+    Example:
+        >>> near_matches("kbnt", ["kbnet", "voiced"]), near_matches("x", [])
+        ('did you mean kbnet? There is: kbnet, voiced.', 'there is: none.')
+    """
     names = sorted(known)
+    listed = f"here is: {', '.join(names) or 'none'}."
     close = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
-    meant = f"did you mean {' or '.join(close)}? " if close else ""
-    return f"{meant}There is: {', '.join(names) or 'none'}."
+    return f"did you mean {' or '.join(close)}? T{listed}" if close else f"t{listed}"
 
 
 def check_range(

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf.errors import InterpolationKeyError, OmegaConfBaseException
 
 from deux.errors import DeuxError, near_matches
 
@@ -84,11 +84,21 @@ def full_settings(
     return {name: _json(value) for name, value in full.items()}
 
 
+def unresolved_reference(error: InterpolationKeyError) -> str:
+    """What is wrong with an option that refers to another one that is not there."""
+    return (
+        f"{error.full_key or 'an option'} refers by ${{...}} to an option that is not there: where the text itself is "
+        "meant, write \\${...}."
+    )
+
+
 def plain(settings: Any, where: str) -> Any:
     """Settings as plain dictionaries and lists, interpolations resolved, values that are still "???" left out."""
     if OmegaConf.is_config(settings):
         try:
             settings = OmegaConf.to_container(settings, resolve=True)
+        except InterpolationKeyError as error:
+            raise DeuxError(unresolved_reference(error)) from error
         except OmegaConfBaseException as error:
             raise DeuxError(f"{where} cannot be resolved: {str(error).splitlines()[0]}.") from error
     if isinstance(settings, Mapping):

@@ -131,7 +131,7 @@ def test_an_interrupted_run_ends_with_130(tmp_path: Path) -> None:
             "paths.outputs=1e3",
             "paths.outputs would read 1e3 as something else than text: write 'paths.outputs=\"1e3\"'.",
         ),
-        ("callbacks=[nothing]", "there is no callback called 'nothing': There is: active_collection"),
+        ("callbacks=[nothing]", "there is no callback called 'nothing': there is: active_collection"),
     ],
 )
 def test_values_and_names_that_do_not_work_are_told_with_what_would(

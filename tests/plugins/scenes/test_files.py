@@ -249,7 +249,7 @@ def test_textures_that_trimesh_would_skip_are_an_error(tmp_path, picture):
 
 
 def test_a_missing_file_is_answered_by_what_lies_beside_it(tmp_path):
-    with pytest.raises(DeuxError, match=r"no scene file .*house\.glb: There is: none\.$"):
+    with pytest.raises(DeuxError, match=r"no scene file .*house\.glb: there is: none\.$"):
         check_scene_file(tmp_path / "house.glb")
     (tmp_path / "small_house.glb").touch()
     (tmp_path / "notes.txt").touch()
@@ -329,7 +329,7 @@ def test_options_have_defaults_that_json_holds():
         ({"train": [3]}, r"scenes\.train must be"),
         ({"train": "nowhere.ply"}, "no scene file"),
         ({"train": ["a.ply", "a.ply"]}, "once is enough"),
-        ({"train": "a.ply", "up": "x"}, r"scenes\.up cannot be 'x': There is: y, z"),
+        ({"train": "a.ply", "up": "x"}, r"scenes\.up cannot be 'x': there is: y, z"),
         ({"train": "a.ply", "upp": "z"}, "did you mean up"),
         ({"train": "a.ply", "allow_overlap": 1}, r"scenes\.allow_overlap must be true or false"),
     ],

@@ -53,7 +53,7 @@ def test_a_name_of_two_kinds_is_explained_for_each(capsys: pytest.CaptureFixture
     """An explorer and the reward that it is trained for."""
     assert plugins.main(["novelty"]) == 0
     explorer, reward = capsys.readouterr().out.split("\n\nreward ")
-    assert explorer.startswith("explorer novelty, from deux 0.1.0 (deux_plugins.explorers.novelty:NoveltyExplorer)\n")
+    assert explorer.startswith("explorer novelty, from deux 0.1.0 (deux_plugins.explorers.learned:NoveltyExplorer)\n")
     assert "\n  explore.weights: " in explorer
     assert reward.startswith("novelty, from deux 0.1.0 (deux_plugins.rewards.novelty:NoveltyReward)\n")
     assert "\n  explorer_training.reward_options.cell: a number, default 0.5" in reward

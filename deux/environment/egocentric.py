@@ -1,4 +1,4 @@
-"""What a learned explorer sees of its own map: two crops around the robot, turned so that it looks up."""
+"""Egocentric crops of an occupancy map: squares around the robot, turned so that its heading is up."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,8 @@ class Crops:
     Args:
         near: edge of the near crop in metres; exploring_exploration's is 4.
         far: edge of the far crop in metres; the published 20 is more than a flat.
-        pixels: edge of each crop in pixels, a multiple of 8.
+        pixels: edge of each crop in pixels, a multiple of 8. The default makes a pixel of the near crop a cell of the
+            map, and is not too small for stable-baselines3's own network, which takes pictures of 36 pixels or more.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -31,7 +32,7 @@ class Crops:
 
     near: float = 4.0
     far: float = 16.0
-    pixels: int = 32
+    pixels: int = 40
 
     def __post_init__(self) -> None:
         check_range("crops.near", self.near, 0.0, ends=False)

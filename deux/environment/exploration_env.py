@@ -30,6 +30,10 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     depth), and "rgb", 3 x H x W uint8. Only what is asked for is rendered. `info` holds "area_seen" (square metres of
     the map that are known), "collided" and "scene". An episode is truncated after its steps and never terminated.
 
+    Maps and pictures are uint8 in [0, 255], channels first, which stable-baselines3 takes for images. Its own network
+    for dictionaries ("MultiInputPolicy") works with the defaults and every extra. It wants 36 pixels or more along each
+    edge: smaller crops or cameras need a features extractor of one's own, such as that of `task=train_explorer`.
+
     Args:
         scenes: where the episodes take place, drawn at random; or a number of training scenes of the default source.
             `reset(options={"scene": i})` chooses one.
@@ -135,7 +139,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return self.simulator.observe().rgb if self.render_mode == "rgb_array" else None
 
     def _look(self, collided: bool) -> tuple[dict[str, np.ndarray], float]:
-        """Map what is seen and judge it."""
+        """Map what is seen and return the observation with its reward."""
         frame = self.simulator.observe(self._channels)
         experience = self.memory.experience(frame, collided)
         view = dict(experience.view)

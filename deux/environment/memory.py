@@ -1,4 +1,4 @@
-"""What a learned explorer remembers of an episode, and how it sees that: the same in training and in collection."""
+"""Memory of a learned explorer: the map and the last action of an episode, alike in training and in collection."""
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from deux.mapping.occupancy import OccupancyMap
 
 MOVES = (Action.FORWARD, Action.LEFT, Action.RIGHT)
 """What a learned explorer chooses from; it never stops before its time."""
-
 
 RESOLUTION = 0.1
 """Edge of a map cell in metres; as in exploring_exploration."""

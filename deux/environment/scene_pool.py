@@ -1,4 +1,4 @@
-"""The scenes of one process's environments: each is loaded once, however many robots explore it."""
+"""Cache of the scenes that one process's environments have loaded, shared by all robots in them."""
 
 from collections import OrderedDict
 
@@ -7,7 +7,7 @@ from deux.simulator.simulation import Simulation
 
 
 class ScenePool:
-    """Makes simulators; what those of one scene have in common is shared.
+    """Makes simulators, loading each scene once; simulators of one scene share what is loaded.
 
     Args:
         simulation: makes the first simulator of each scene.
@@ -22,7 +22,7 @@ class ScenePool:
         self._loaded: OrderedDict[SceneReference, Simulator] = OrderedDict()
 
     def simulator(self, scene: SceneReference) -> Simulator:
-        """A robot of its own in a scene.
+        """A further robot in a scene; it stands nowhere before its `reset`.
 
         Raises:
             DeuxError: the scene cannot be loaded, or there is no floor in it.

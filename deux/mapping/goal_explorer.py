@@ -1,4 +1,4 @@
-"""What explorers that keep a map and go from target to target have in common."""
+"""Base class of the explorers that keep an occupancy map and go from target to target (Algorithm 1)."""
 
 import math
 from abc import abstractmethod
@@ -8,18 +8,18 @@ import numpy as np
 from deux.contracts import Action, Episode, Explorer, ExplorerMap, Observation
 from deux.mapping.finished_frontiers import FinishedFrontiers
 from deux.mapping.frontier_targets import FrontierCandidates, frontier_candidates, frontier_target
-from deux.mapping.navigation import EscapeMoves, ForwardCheck
 from deux.mapping.occupancy import EXACT, DepthErrors, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Point, Pursuit, Target
+from deux.mapping.recovery import Recovery
 from deux.mapping.traversable import process_map
 
 
 class GoalExplorer(Explorer):
     """Maps what it sees, chooses a target, goes there, and chooses the next: the loop of Algorithm 1.
 
-    A subclass says which depth image the map is built from and how a target is chosen. The robot frees itself by
-    random moves when it is stuck, when there is nowhere to go, and when the map walls it in.
+    A subclass says which depth image the map is built from and how a target is chosen. A robot that is stuck frees
+    itself (`deux.mapping.recovery`); where there is nowhere to go, or the map walls it in, it goes at random.
 
     Args:
         resolution: edge of a map cell in metres.
@@ -85,9 +85,8 @@ class GoalExplorer(Explorer):
         self.rng = np.random.default_rng(episode.seed)
         self.robot = episode.robot
         self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, self._errors)
-        self._escape = EscapeMoves(episode.robot, self.rng)
+        self._recovery = Recovery(episode.robot, self.rng)
         self._pursuit: Pursuit | None = None
-        self._forward = ForwardCheck(episode.robot)
         self.frontier: Point | None = None
         field_of_view = math.radians(episode.camera.hfov)
         self.finished = FinishedFrontiers(self.frontier_reach, field_of_view)
@@ -96,14 +95,10 @@ class GoalExplorer(Explorer):
     def act(self, observation: Observation) -> Action:
         """Map what is seen, then go on towards the target."""
         self.occupancy.update(self.map_depth(observation), observation.pose)
-        failures = self._forward.failures(observation.pose)
-        if failures >= 1:
+        action = self._recovery.action(observation.pose, observation.collided)
+        if self._recovery.failures > 0:
             self.occupancy.mark_contact(observation.pose)
-        if failures >= 2:
-            self._escape.start()
-        action = self._escape.next() if self._escape.active else self._go_on(observation.pose)
-        self._forward.note(observation.pose, action)
-        return action
+        return self._go_on(observation.pose) if action is None else action
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map as it stands; None before the first step."""
@@ -129,7 +124,7 @@ class GoalExplorer(Explorer):
         return self.rng.choice(reachable, min(count, len(reachable)), replace=False)
 
     def _go_on(self, pose: np.ndarray) -> Action:
-        """The next action towards the present target or, where that has ended, a new one; random if none leads on."""
+        """The next action towards the present target or, where that has ended, a new one; random if there is none."""
         here = self.occupancy.frame.cell(pose[0, 3], pose[2, 3])
         for _ in range(self.most_targets_a_step):
             if self._pursuit is not None and self.target_is_stale(self._pursuit.target):
@@ -137,13 +132,13 @@ class GoalExplorer(Explorer):
             if self._pursuit is None:
                 target = self._next_target(pose, here)
                 if target is None:
-                    break
+                    return self._recovery.turn_away(math.ceil(self.escape_distance / self.robot.forward_step))
                 self._pursuit = Pursuit(target, self.robot)
             action = self._pursuit.act(pose, self._traversable(here, self._clearance), self.occupancy.frame)
             if action is not None:
                 return action
             self._end(self._pursuit, pose)
-        return self._escape.next()
+        return self._recovery.turn_away()
 
     def _end(self, pursuit: Pursuit, pose: np.ndarray) -> None:
         """Forget a target; what it leaves of its frontier is not to be chosen again."""
@@ -153,7 +148,7 @@ class GoalExplorer(Explorer):
         self.frontier = self._pursuit = None
 
     def _next_target(self, pose: np.ndarray, here: tuple[int, int]) -> Target | None:
-        """The subclass's choice; None where the map walls the robot in, which then starts random moves.
+        """The subclass's choice; None where the map walls the robot in, for which the answer is to go at random.
 
         Among the few places that such a map leaves the robot would wander for ever. Random moves, "unstuck" in
         Algorithm 1, test the map: floor driven over is free whatever the depth said, and only what the body meets
@@ -161,7 +156,6 @@ class GoalExplorer(Explorer):
         """
         reach = self._reach(here)
         if reach is None:
-            self._escape.start(steps=math.ceil(self.escape_distance / self.robot.forward_step))
             return None
         self._clearance, distance, candidates = reach
         return self.choose_target(pose, candidates, distance)

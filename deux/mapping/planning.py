@@ -40,7 +40,7 @@ def distance_field(traversable: np.ndarray, start: tuple[int, int]) -> np.ndarra
     Returns:
         rows x columns float64 in units of a cell's edge, inf where no path leads.
     """
-    return _dijkstra(np.ascontiguousarray(traversable), start[0], start[1])
+    return _distances(np.ascontiguousarray(traversable), start[0], start[1])
 
 
 def path_length(path: np.ndarray) -> float:
@@ -124,25 +124,48 @@ def _astar(traversable, start_row, start_column, goal_row, goal_column):  # type
 
 
 @compiled
-def _dijkstra(traversable, start_row, start_column):  # type: ignore[no-untyped-def]
-    """Distances from the start to all cells, rows x columns."""
+def _distances(traversable, start_row, start_column):  # type: ignore[no-untyped-def]
+    """Distances from the start to all cells, rows x columns.
+
+    Dijkstra's algorithm with buckets one cell wide in place of a priority queue (Dial 1969). No step is shorter than a
+    bucket is wide, so the distances in the lowest bucket are final in whatever order they are taken (Dinic 1978), and
+    none is longer than two buckets, so three are enough.
+    """
     rows, columns = traversable.shape
-    distance = np.full((rows, columns), np.inf)
-    if not traversable[start_row, start_column]:
-        return distance
-    distance[start_row, start_column] = 0.0
-    queue = [(0.0, start_row * columns + start_column)]
-    while queue:
-        here, cell = heapq.heappop(queue)
-        row, column = cell // columns, cell % columns
-        if here > distance[row, column]:
-            continue
-        for down in range(-1, 2):
-            for right in range(-1, 2):
-                if (down == 0 and right == 0) or not _may_step(traversable, row, column, down, right):
+    width = columns + 2  # a border of cells that are not traversable spares the question whether a step stays inside
+    open_cells = np.zeros((rows + 2) * width, np.bool_)
+    for row in range(rows):
+        open_cells[(row + 1) * width + 1 : (row + 2) * width - 1] = traversable[row]
+    distance = np.full((rows + 2) * width, np.inf)
+    start = (start_row + 1) * width + start_column + 1
+    lowest, second, third = [start], [start], [start]
+    second.clear()
+    third.clear()
+    if open_cells[start]:
+        distance[start] = 0.0
+    else:
+        lowest.clear()
+    level = 0
+    while len(lowest) + len(second) + len(third) > 0:
+        for cell in lowest:
+            here = distance[cell]
+            if here < level:  # a shorter way was found after the cell had been put in this bucket
+                continue
+            for ahead, side in ((-width, 1), (1, width), (width, -1), (-1, -width)):
+                if not open_cells[cell + ahead]:
                     continue
-                through = here + (_SQRT2 if down != 0 and right != 0 else 1.0)
-                if through < distance[row + down, column + right]:
-                    distance[row + down, column + right] = through
-                    heapq.heappush(queue, (through, cell + down * columns + right))
-    return distance
+                if here + 1.0 < distance[cell + ahead]:
+                    distance[cell + ahead] = here + 1.0
+                    second.append(cell + ahead)
+                # Each straight step is followed by the diagonal one clockwise of it.
+                diagonal = cell + ahead + side
+                if open_cells[cell + side] and open_cells[diagonal] and here + _SQRT2 < distance[diagonal]:
+                    distance[diagonal] = here + _SQRT2
+                    if here + _SQRT2 < level + 2:
+                        second.append(diagonal)
+                    else:
+                        third.append(diagonal)
+        lowest.clear()
+        lowest, second, third = second, third, lowest
+        level += 1
+    return distance.reshape(rows + 2, width)[1:-1, 1:-1].copy()

@@ -1,4 +1,4 @@
-"""What the learned explorers have in common: a map, a trained policy, and the draw of an action."""
+"""Base class of the learned explorers: a trained policy that acts on the map of what the robot has seen."""
 
 from functools import cached_property
 from pathlib import Path
@@ -9,13 +9,15 @@ import torch
 
 from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
 from deux.environment.memory import MOVES, ExplorationMemory
+from deux.mapping.recovery import Recovery
 from deux.policies.policy_files import TrainedPolicy, load_policy, policy_identity
 
 
 class LearnedExplorer(Explorer):
-    """Maps what the sensor sees, shows the map to a policy, and does what the policy says.
+    """Maps what the sensor sees and does what a policy answers to the map, except while it recovers from being stuck.
 
-    A subclass names the reward that its policy is trained for and the file with the weights that ship with it.
+    The policy is shown every move that is really made, those of the recovery (`deux.mapping.recovery`) as well. A
+    subclass names the reward that its policy is trained for and the file with the weights that ship with it.
 
     Args:
         weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
@@ -54,19 +56,28 @@ class LearnedExplorer(Explorer):
     def reset(self, episode: Episode) -> None:
         """Begin an episode; raises DeuxError as `policy` does."""
         self._rng = np.random.default_rng(episode.seed)
+        self._recovery = Recovery(episode.robot, self._rng)
         self._memory = ExplorationMemory(episode.camera, episode.robot, self.policy.crops, self.policy.resolution)
 
-    @torch.inference_mode()
     def act(self, observation: Observation) -> Action:
-        """Map the frame and ask the policy."""
+        """Map the frame; then the recovery chooses if the robot is stuck, otherwise the policy."""
         assert observation.sensor_depth is not None
         self._memory.see(observation.sensor_depth, observation.pose, observation.collided)
+        action = self._recovery.action(observation.pose, observation.collided)
+        if action is None:
+            action = self._ask_policy()
+        self._memory.acted(action)
+        return action
+
+    @torch.inference_mode()
+    def _ask_policy(self) -> Action:
+        """The policy's move: the likeliest one if it is greedy, otherwise drawn by the probabilities."""
         view = {name: torch.from_numpy(part)[None] for name, part in self._memory.view().items()}
         view = {name: part / 255.0 if part.dtype == torch.uint8 else part for name, part in view.items()}
-        chances = self.policy.network(view)[0].softmax(dim=0).double().numpy()
-        index = int(chances.argmax()) if self._greedy else int(self._rng.choice(len(MOVES), p=chances / chances.sum()))
-        self._memory.acted(MOVES[index])
-        return MOVES[index]
+        probabilities = self.policy.network(view)[0].softmax(dim=0).double().numpy()
+        if self._greedy:
+            return MOVES[int(probabilities.argmax())]
+        return MOVES[int(self._rng.choice(len(MOVES), p=probabilities / probabilities.sum()))]
 
     def map(self) -> ExplorerMap | None:
         """The map as it stands; None before the first step."""

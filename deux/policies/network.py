@@ -1,4 +1,4 @@
-"""The network of the learned explorers: two crops of the map and the body in, what to do next out."""
+"""Policy network of the learned explorers: from two crops of the map and the last action to the next action."""
 
 from collections.abc import Mapping
 
@@ -9,12 +9,13 @@ from deux.environment.egocentric import CHANNELS
 from deux.environment.memory import MOVES
 
 FEATURES = 128
+"""Width of the encoder's output."""
 
 
 class MapEncoder(nn.Module):
-    """One small convolutional network for each crop; their outputs and the body's numbers become 128 features.
+    """A small convolutional network for each crop, and a linear layer from both and "body" to `FEATURES` features.
 
-    Its input are maps, and they remember where the robot has been, so it needs no recurrent state.
+    The maps hold where the robot has been, so there is no recurrent state.
 
     Args:
         pixels: edge of the crops in pixels, a multiple of 8.
@@ -28,7 +29,7 @@ class MapEncoder(nn.Module):
         self.join = nn.Sequential(nn.Linear(joined, FEATURES), nn.ReLU())
 
     def forward(self, view: Mapping[str, Tensor]) -> Tensor:
-        """From "near" and "far", N x 4 x pixels x pixels in [0, 1], and "body", N x 4, to N x 128."""
+        """From "near" and "far", N x 4 x pixels x pixels in [0, 1], and "body", N x 4, to N x 128 features."""
         parts = [self.near(view["near"]), self.far(view["far"]), view["body"]]
         features: Tensor = self.join(torch.cat(parts, dim=1))
         return features
@@ -43,7 +44,7 @@ def _crop_network() -> nn.Sequential:
 
 
 class PolicyNetwork(nn.Module):
-    """The encoder and a linear layer over it: the part of a trained policy that chooses.
+    """The actor of a trained policy: the encoder and a linear layer to the logits of `MOVES`.
 
     Args:
         pixels: edge of the crops in pixels.
@@ -55,6 +56,6 @@ class PolicyNetwork(nn.Module):
         self.action = nn.Linear(FEATURES, len(MOVES))
 
     def forward(self, view: Mapping[str, Tensor]) -> Tensor:
-        """The logarithms of the moves' relative probabilities, N x 3."""
+        """The logits of the moves, N x 3; arguments as of `MapEncoder`."""
         logits: Tensor = self.action(self.encoder(view))
         return logits

@@ -7,9 +7,10 @@
             return Mine()
 
 The worlds are rooms with boxes and exact depth (`deux.testing.box_world`): nothing is rendered and no depth model
-runs. "Predicted" depth is the true depth, and the residual is made up.
+runs. "Predicted" depth is the true depth, and the residual follows from what is seen (`observe`).
 """
 
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, ExplorerMap, Need, Observation, Simulator
+from deux.geometry.camera import Camera
 from deux.testing.box_world import Box, BoxWorld
 
 Change = Callable[[Observation], Observation]
@@ -51,7 +53,14 @@ def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool)
     )
 
 
-def run(explorer: Explorer, world: Simulator, steps: int, seed: int = 0, change: Change = unchanged) -> list[Action]:
+def run(
+    explorer: Explorer,
+    world: Simulator,
+    steps: int,
+    seed: int = 0,
+    change: Change = unchanged,
+    until: Callable[[Observation], bool] | None = None,
+) -> list[Action]:
     """Let an explorer act in a world from where the world's robot stands, as the collector would.
 
     Args:
@@ -60,6 +69,7 @@ def run(explorer: Explorer, world: Simulator, steps: int, seed: int = 0, change:
         steps: number of actions; fewer are carried out if the explorer stops.
         seed: the episode's seed.
         change: applied to each observation.
+        until: the episode ends with the first observation for which it is true.
 
     Returns:
         The actions.
@@ -72,12 +82,41 @@ def run(explorer: Explorer, world: Simulator, steps: int, seed: int = 0, change:
     actions: list[Action] = []
     collided = False
     for step in range(steps):
-        action = explorer.act(change(observe(world, explorer.needs, step, collided)))
+        observation = change(observe(world, explorer.needs, step, collided))
+        if until is not None and until(observation):
+            break
+        action = explorer.act(observation)
         actions.append(action)
         if action == Action.STOP:
             break
         collided = world.step(Action(action))
     return actions
+
+
+def pocket() -> BoxWorld:
+    """A dead end, 0.3 m wide and 0.9 m deep, in the wall of a room; the robot at its end, with its face to the wall."""
+    walls = (Box(1.75, 0.0, 1.85, 0.9), Box(2.15, 0.0, 2.25, 0.9))
+    world = BoxWorld(4.0, 4.0, walls, Camera(32, 32))
+    world.reset(2.0, 0.15, 0.0)
+    return world
+
+
+def corner_with_leg() -> BoxWorld:
+    """The corner of a room behind the leg of a table, with the robot's face to the corner."""
+    world = BoxWorld(4.0, 4.0, (Box(0.42, 0.42, 0.48, 0.48, 0.7),), Camera(32, 32))
+    world.reset(0.14, 0.14, math.pi / 4.0)
+    return world
+
+
+def pen() -> BoxWorld:
+    """A fence of half a metre height around half a metre of floor with a gap of 0.3 m, over which the robot sees."""
+    fence = (
+        Box(1.75, 1.65, 2.25, 1.75, 0.5), Box(1.75, 2.25, 2.25, 2.35, 0.5), Box(1.65, 1.65, 1.75, 2.35, 0.5),
+        Box(2.25, 1.65, 2.35, 1.85, 0.5), Box(2.25, 2.15, 2.35, 2.35, 0.5),
+    )  # fmt: skip
+    world = BoxWorld(4.0, 4.0, fence, Camera(32, 32))
+    world.reset(2.0, 2.0, math.pi / 2.0)
+    return world
 
 
 def two_rooms() -> BoxWorld:
@@ -93,6 +132,12 @@ class ExplorerSuite:
 
     steps = 60
     """Length of the longer episodes; raise it for a policy that takes longer to show itself."""
+
+    escape_steps = 250
+    """Actions within which the robot must have left a trap."""
+
+    most_pushes = 75
+    """Actions of these that may push the robot against an obstacle without moving it."""
 
     @abstractmethod
     def make_explorer(self) -> Explorer:
@@ -199,6 +244,27 @@ class ExplorerSuite:
     def test_survives_a_map_without_frontiers(self) -> None:
         """A room so small that no frontier is left soon; acting goes on."""
         self.run_legally(BoxWorld(1.5, 1.5), 2 * self.steps)
+
+    def test_gets_out_of_traps(self) -> None:
+        """From a place that holds it the robot comes a metre away, and does not push against obstacles all the time.
+
+        `deux.mapping.recovery.Recovery` frees a robot. An explorer may also stop: then it holds no episode up.
+        """
+        for trap in (pocket, corner_with_leg, pen):
+            world = trap()
+            path = [world.pose[[0, 2], 3]]
+
+            def is_out(observation: Observation, path: list[np.ndarray] = path) -> bool:
+                path.append(observation.pose[[0, 2], 3])
+                return bool(np.hypot(*(path[-1] - path[0])) > 1.0)
+
+            actions = run(self.make_explorer(), world, self.escape_steps, until=is_out)
+            moved = np.hypot(*np.diff(path[1:], axis=0).T) > 0.25 * world.robot.forward_step
+            pushes = sum(action is Action.FORWARD and not far for action, far in zip(actions, moved, strict=False))
+            where = f"in {trap.__name__}, {pushes} of {len(actions)} actions pushed the robot against an obstacle"
+            assert pushes <= self.most_pushes, where
+            out = len(actions) < self.escape_steps or actions[-1] is Action.STOP
+            assert out, f"{where}, and it did not come a metre away"
 
     def test_map_is_consistent(self) -> None:
         """`map` is None or holds grids of its frame's shape with legal values, and changes nothing."""

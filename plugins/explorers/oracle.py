@@ -3,13 +3,14 @@
 import math
 
 import numpy as np
+from scipy import ndimage
 
 from deux.contracts import Action, Episode, Explorer, Need, Observation
 from deux.errors import DeuxError
 from deux.geometry.stratify import stratify
-from deux.mapping.navigation import EscapeMoves, ForwardCheck
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Pursuit, Target
+from deux.mapping.recovery import Recovery
 
 Cell = tuple[int, int]
 """(row, column) on the grid of the true floor."""
@@ -42,19 +43,21 @@ class OracleExplorer(Explorer):
         self._space = episode.free_space
         self._robot = episode.robot
         self._rng = np.random.default_rng(episode.seed)
-        self._escape = EscapeMoves(episode.robot, self._rng)
-        self._forward = ForwardCheck(episode.robot)
+        self._recovery = Recovery(episode.robot, self._rng)
         self._targets: list[Cell] = []
         self._pursuit: Pursuit | None = None
+        self._margin = math.ceil(self._safety_margin / self._space.frame.resolution) + 1
+        self._roomy = self._space.free & (self._space.clearance >= self._robot.radius + self._safety_margin)
+        # A path takes a diagonal step only where both cells beside it are free, so paths join what edges join.
+        self._components, _ = ndimage.label(self._roomy)
 
     def act(self, observation: Observation) -> Action:
-        """Go on towards the target, or to the next; where the robot is stuck, give the target up and move at random."""
-        if self._forward.failures(observation.pose) >= 2:
-            self._escape.start()
+        """Go on towards the target, or to the next; a target on whose way the robot gets stuck is given up."""
+        action = self._recovery.action(observation.pose, observation.collided)
+        if action is not None:
             self._pursuit = None
-        action = self._escape.next() if self._escape.active else self._go_on(observation.pose)
-        self._forward.note(observation.pose, action)
-        return action
+            return action
+        return self._go_on(observation.pose)
 
     def _go_on(self, pose: np.ndarray) -> Action:
         """The next action towards the present target or, where that has ended, towards the next."""
@@ -68,7 +71,7 @@ class OracleExplorer(Explorer):
             if action is not None:
                 return action
             self._pursuit = None
-        return self._escape.next()  # all targets are where the robot stands
+        return self._recovery.turn_away()  # all targets are where the robot stands
 
     def _next_target(self, here: Cell) -> Cell:
         """Take the nearest target off the list, which is drawn anew when it is empty."""
@@ -83,12 +86,21 @@ class OracleExplorer(Explorer):
 
         The margins are left in around the robot and the target, which may stand in them.
         """
-        free = self._free_around(here)
-        roomy = free & (self._space.clearance >= self._robot.radius + self._safety_margin)
-        reach = math.ceil(self._safety_margin / self._space.frame.resolution) + 1
-        for window in (_window(here, reach), _window(goal, reach)):
+        free, roomy = self._free_around(here), self._roomy.copy()
+        for cell in (here, goal):
+            window = _window(cell, self._margin)
             roomy[window] = free[window]
-        return roomy if np.isfinite(distance_field(roomy, here)[goal]) else free
+        return roomy if self._components_near(here, roomy) & self._components_near(goal, roomy) else free
+
+    def _components_near(self, cell: Cell, roomy: np.ndarray) -> set[int]:
+        """The connected components of the floor without margins that paths from a cell lead to, by number.
+
+        Two cells that have one in common are joined by a path, and no search over the whole floor has to find it.
+        """
+        window = _window(cell, self._margin + 1)
+        patches, _ = ndimage.label(roomy[window])
+        patch = patches[cell[0] - window[0].start, cell[1] - window[1].start]
+        return set(self._components[window][patches == patch].tolist()) - {0} if patch else set()
 
     def _free_around(self, here: Cell) -> np.ndarray:
         """The free floor and what is next to the robot, which may stand in a cell whose centre is too near a wall."""

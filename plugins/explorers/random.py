@@ -1,20 +1,21 @@
-"""The random explorer: the simplest baseline, and the agent whose frames train the seed model."""
+"""The random explorer: the baseline, and the agent whose frames train the seed model."""
+
+import math
 
 import numpy as np
 
 from deux.contracts import Action, Episode, Explorer, Observation
 from deux.errors import DeuxError
-from deux.mapping.navigation import EscapeMoves
-from deux.mapping.way_out import WayOut
+from deux.mapping.recovery import Recovery
 
 
 class RandomExplorer(Explorer):
-    """Draws forward, left and right at random; frees itself after a collision (Sec. IV.A of the paper).
+    """Draws forward, left and right at random, and frees itself after a collision (Sec. IV.A of the paper).
 
-    After a collision it turns by a random amount, 30 to 180 degrees, to one side and takes a step; where that does not
-    get it away from a place in 40 steps, it searches the place for a way out (`WayOut`). Turns are drawn left and right
-    with equal probability, so with the published uniform draw two thirds of the actions turn on the spot and the frames
-    cover little; a higher `forward_probability` gives frames with more parallax.
+    After a collision it turns by 30 to 180 degrees to a random side and takes a step; where that does not get it away
+    from a place in 40 steps, it searches the boundary of the place for a gap (`deux.mapping.recovery`). Turns are drawn
+    left and right with equal probability, so with the published uniform draw two thirds of the actions turn on the spot
+    and the frames cover little; a higher `forward_probability` gives frames with more parallax.
 
     Args:
         forward_probability: probability of going forward; 1/3 is uniform over the three moves.
@@ -30,18 +31,14 @@ class RandomExplorer(Explorer):
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
         self._rng = np.random.default_rng(episode.seed)
-        self._escape = EscapeMoves(episode.robot, self._rng)
-        self._way_out = WayOut(episode.robot)
+        # Any contact makes it turn away, a slide along a wall as well.
+        self._recovery = Recovery(episode.robot, self._rng, most_failures=1, most_confined=1, least_move=math.inf)
 
     def act(self, observation: Observation) -> Action:
-        """Draw the next action, unless the robot is held and there is a way out to be found."""
-        searching = self._way_out.action(observation.pose, observation.collided)
-        if searching is not None:
-            return searching
-        if observation.collided:
-            self._escape.start()
-        if self._escape.active:
-            return self._escape.next()
+        """Draw the next action, or take that of the recovery."""
+        action = self._recovery.action(observation.pose, observation.collided)
+        if action is not None:
+            return action
         if self._rng.random() < self._forward_probability:
             return Action.FORWARD
         return Action.LEFT if self._rng.random() < 0.5 else Action.RIGHT

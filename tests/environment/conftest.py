@@ -7,6 +7,8 @@ import pytest
 from deux.contracts import Robot, Scene, SceneReference
 from deux.environment.scene_pool import ScenePool
 from deux.geometry.camera import Camera
+from deux.registry import registry
+from deux.simulator.simulation import Simulation
 from deux_plugins.scenes.apartments import apartment
 
 CAMERA = Camera(32, 32)
@@ -35,6 +37,12 @@ class LoadedScene(SceneReference):
 
 
 @pytest.fixture(scope="session")
+def simulation() -> Simulation:
+    """The built-in simulator with a camera of 32 x 32 pixels."""
+    return Simulation(CAMERA, Robot(), registry().choose("simulators", {"name": "mesh"}))
+
+
+@pytest.fixture(scope="session")
 def flat() -> Scene:
     return apartment(0)
 
@@ -46,6 +54,6 @@ def references(flat: Scene) -> list[LoadedScene]:
 
 
 @pytest.fixture(scope="session")
-def flats(flat: Scene) -> tuple[ScenePool, list[LoadedScene]]:
-    """A pool with textures, and the scene in it; shared by all tests."""
-    return ScenePool(CAMERA, Robot()), [LoadedScene("flat", flat, [])]
+def flats(flat: Scene, simulation: Simulation) -> tuple[ScenePool, list[LoadedScene]]:
+    """A pool with colours, and the scene in it; shared by all tests."""
+    return ScenePool(simulation), [LoadedScene("flat", flat, [])]

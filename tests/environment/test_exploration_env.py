@@ -4,15 +4,16 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env as check_gymnasium
+from omegaconf import OmegaConf
+from stable_baselines3 import A2C
 from stable_baselines3.common.env_checker import check_env as check_stable_baselines3
 
-from deux.contracts import Need, Reward
+from deux.contracts import DEPTH, Channel, Need, Reward
 from deux.environment import ENVIRONMENT
 from deux.environment.egocentric import Crops
 from deux.environment.exploration_env import ExplorationEnv
 from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError
-from deux.simulator.embree_renderer import EmbreeRenderer
 from deux.simulator.mesh_simulator import MeshSimulator
 
 ACTIONS = np.random.default_rng(0).choice(3, size=25, p=[0.6, 0.2, 0.2])
@@ -64,7 +65,25 @@ def test_it_is_made_by_name(flats):
     assert [step[3] for step in play(environment, 0, ACTIONS[:3])[1:]] == [False, False, True]
 
 
-def test_a_number_of_scenes_means_flats_of_the_training_split():
+@pytest.fixture
+def configured(monkeypatch):
+    """The configuration's defaults: generated flats, and the built-in simulator."""
+
+    def compose(overrides=()):
+        defaults = {"scenes": {"name": "apartments", "train": 4}, "simulator": {"name": "mesh"}}
+        return OmegaConf.merge(defaults, OmegaConf.from_dotlist(list(overrides)))
+
+    monkeypatch.setattr("deux.environment.exploration_env.compose", compose)
+
+
+# The default camera and crops; a smaller one of either needs a features extractor of its own.
+@pytest.mark.parametrize("extras", [(), ("depth",), ("rgb",), ("depth", "rgb")])
+def test_stable_baselines3_learns_with_its_own_network(references, configured, extras):
+    policy = A2C("MultiInputPolicy", ExplorationEnv(references, extras=extras)).learn(10)
+    assert policy.num_timesteps == 10
+
+
+def test_a_number_of_scenes_means_flats_of_the_training_split(configured):
     environment = ExplorationEnv(1)
     _, info = environment.reset(seed=0)
     assert info["scene"] == "apartment_000000"
@@ -118,52 +137,39 @@ def test_extras_are_what_the_camera_sees(make):
 
 @pytest.fixture
 def rendered(monkeypatch):
-    """Counts what the simulator is asked for: "depth", "rgb", "labels"."""
-    counts = dict.fromkeys(("depth", "rgb", "labels"), 0)
-    observe, depth, labelled = MeshSimulator.observe, MeshSimulator.depth, MeshSimulator.labelled_depth
+    """The channels of every frame that the simulator draws."""
+    drawn = []
+    render = MeshSimulator.render
 
-    def count_observe(self, labels=False):
-        counts["rgb"] += 1
-        counts["labels"] += labels
-        return observe(self, labels)
+    def record(self, poses, channels):
+        drawn.extend([channels] * len(poses))
+        return render(self, poses, channels)
 
-    def count_depth(self):
-        counts["depth"] += 1
-        return depth(self)
-
-    def count_labelled(self):
-        counts["depth"] += 1
-        counts["labels"] += 1
-        return labelled(self)
-
-    monkeypatch.setattr(MeshSimulator, "labelled_depth", count_labelled)
-    monkeypatch.setattr(MeshSimulator, "observe", count_observe)
-    monkeypatch.setattr(MeshSimulator, "depth", count_depth)
-    return counts
+    monkeypatch.setattr(MeshSimulator, "render", record)
+    return drawn
 
 
 @pytest.mark.parametrize(
-    ("options", "each_look"),
+    ("options", "channels"),
     [
-        ({}, {"depth": 1, "rgb": 0, "labels": 0}),
-        ({"extras": ("depth",), "reward": "curiosity"}, {"depth": 1, "rgb": 0, "labels": 0}),
-        ({"extras": ("rgb",)}, {"depth": 0, "rgb": 1, "labels": 0}),
-        ({"reward": "semantic_reconstruction"}, {"depth": 1, "rgb": 0, "labels": 1}),
-        ({"reward": "semantic_reconstruction", "extras": ("rgb",)}, {"depth": 0, "rgb": 1, "labels": 1}),
+        ({}, set()),
+        ({"extras": ("depth",), "reward": "curiosity"}, set()),
+        ({"extras": ("rgb",)}, {Channel.COLOR}),
+        ({"reward": "semantic_reconstruction"}, {Channel.LABELS}),
+        ({"reward": "semantic_reconstruction", "extras": ("rgb",)}, {Channel.COLOR, Channel.LABELS}),
     ],
 )
-def test_what_is_not_asked_for_is_not_rendered(make, rendered, options, each_look):
+def test_what_is_not_asked_for_is_not_rendered(make, rendered, options, channels):
     environment = make(**options)
     play(environment, 0, ACTIONS[:5])
-    assert rendered == {name: 6 * count for name, count in each_look.items()}, "one look at reset, one each step"
+    assert rendered == [channels] * 6, "one look at reset, one each step"
 
 
-def test_textures_are_not_even_prepared_for_maps(references, monkeypatch):
+def test_textures_are_not_even_prepared_for_maps(references, configured, monkeypatch):
     def fail(*_):
         raise AssertionError("shading was prepared")
 
     monkeypatch.setattr("deux.simulator.embree_renderer.prepare_surfaces", fail)
-    monkeypatch.setattr(EmbreeRenderer, "render", fail)
     play(ExplorationEnv(references), 0, ACTIONS[:3])
 
 
@@ -218,7 +224,7 @@ def test_a_reward_is_told_what_it_declares_and_nothing_else(make):
     assert reward.episode.label_names == ()
     assert (reward.episode.steps, reward.episode.free_space) == (50, None)
     assert last.observation.step == 4
-    np.testing.assert_array_equal(last.observation.sensor_depth, environment.simulator.depth())
+    np.testing.assert_array_equal(last.observation.sensor_depth, environment.simulator.observe(DEPTH).depth)
     np.testing.assert_array_equal(last.view["near"], steps[-1][0]["near"])
     assert last.occupancy.shape == last.views.shape == last.seen.shape == last.frame.shape
     assert (last.views[last.seen] > 0).all()
@@ -243,7 +249,7 @@ def test_rewards_are_chosen_by_name_with_their_options(make):
         make(reward="novelty", reward_options={"sell": 1.0})
 
 
-def test_mistakes_are_told_in_one_sentence(make, flats):
+def test_mistakes_are_told_in_one_sentence(make, flats, configured):
     with pytest.raises(DeuxError, match="extras has 'colour' in it: it can hold depth and rgb"):
         make(extras=("colour",))
     with pytest.raises(DeuxError, match="no scene"):
@@ -254,7 +260,7 @@ def test_mistakes_are_told_in_one_sentence(make, flats):
         make(steps=0)
 
 
-def test_scenes_without_labels_say_that_they_cannot(flat, references):
+def test_scenes_without_labels_say_that_they_cannot(flat, references, configured):
     bare = replace(flat, mesh=replace(flat.mesh, label_names=(), face_label=np.full_like(flat.mesh.face_label, -1)))
     environment = ExplorationEnv([replace(references[0], scene=bare)], reward="semantic_reconstruction")
     with pytest.raises(DeuxError, match="this scene has none"):
@@ -270,8 +276,8 @@ def test_it_draws_what_the_camera_sees_if_it_is_to(make):
     assert environment.render() is None
 
 
-def test_a_pool_without_textures_has_no_colours_to_show(flats, references):
-    bare = ScenePool(flats[0].camera, flats[0].robot, textured=False)
+def test_a_pool_without_colours_has_none_to_show(references, simulation):
+    bare = ScenePool(simulation, colors=False)
     for options in ({"extras": ("rgb",)}, {"render_mode": "rgb_array"}):
-        with pytest.raises(DeuxError, match="without textures"):
+        with pytest.raises(DeuxError, match="without colours"):
             ExplorationEnv(references, pool=bare, **options)

@@ -6,7 +6,7 @@ import pytest
 from deux.contracts import Action, Robot
 from deux.geometry.grid import GridFrame
 from deux.geometry.poses import camera_pose
-from deux.mapping.navigation import EscapeMoves, ForwardCheck, PathFollower, heading_error
+from deux.mapping.navigation import PathFollower, heading_error
 
 OPEN = np.ones((100, 100), bool)
 FRAME = GridFrame(-2.5, -2.5, 100, 100)
@@ -61,45 +61,3 @@ def test_heads_for_the_corner_and_not_through_the_wall_behind_it():
     row, column = FRAME.cell(0.0, -0.35)
     walled[row:, :column] = False
     assert PathFollower(Robot(), 0.6).action(pose, path, walled, FRAME) is Action.FORWARD
-
-
-def test_escape_turns_one_way_by_30_to_180_degrees_and_then_steps():
-    escape = EscapeMoves(Robot(turn_angle=10.0), np.random.default_rng(0))
-    sides = set()
-    for _ in range(200):
-        escape.start()
-        moves = []
-        while escape.active:
-            moves.append(escape.next())
-        assert moves[-1] is Action.FORWARD
-        assert len(set(moves[:-1])) == 1
-        assert 3 <= len(moves) - 1 <= 18
-        sides.add(moves[0])
-    assert sides == {Action.LEFT, Action.RIGHT}
-
-
-def test_escape_goes_on_as_far_as_it_is_told():
-    escape = EscapeMoves(Robot(), np.random.default_rng(0))
-    escape.start(steps=4)
-    moves = []
-    while escape.active:
-        moves.append(escape.next())
-    assert moves[-5:].count(Action.FORWARD) == 4
-    assert moves.count(Action.FORWARD) == 4
-
-
-def test_forward_actions_that_move_nothing_are_counted_and_slides_are_not():
-    check = ForwardCheck(Robot(forward_step=0.25))
-    steps = [
-        (0.0, Action.FORWARD, 0),
-        (0.25, Action.FORWARD, 0),
-        (0.26, Action.LEFT, 1),
-        (0.26, Action.FORWARD, 0),
-        (0.27, Action.FORWARD, 2),
-        (0.40, Action.FORWARD, 0),
-        (0.40, Action.FORWARD, 1),
-    ]
-    for x, action, expected in steps:
-        pose = camera_pose(x, 1.25, 0.0, 0.7)
-        assert check.failures(pose) == expected
-        check.note(pose, action)

@@ -1,8 +1,8 @@
 """A room of boxes that stands for scenes, so that training takes seconds."""
 
 import copy
-from dataclasses import dataclass
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,28 +18,22 @@ CAMERA = Camera(16, 16)
 CROPS = Crops(pixels=16)
 
 
-@dataclass(frozen=True)
-class Named:
-    name: str = "room"
-
-
 class Room(BoxWorld):
     """A room with a free floor that is computed once."""
-
-    scene = Named()
 
     def __init__(self) -> None:
         super().__init__(5.0, 4.0, (Box(2.4, 1.5, 2.6, 4.0),), CAMERA)
         self.floor = super().free_space()
 
-    def free_space(self) -> FreeSpace:
+    def free_space(self, floor: int = 0) -> FreeSpace:
         return self.floor
 
 
 class Rooms:
     """Stands for a `ScenePool`."""
 
-    camera, robot, textured = CAMERA, Robot(), True
+    simulation = SimpleNamespace(camera=CAMERA, robot=Robot())
+    colors = True
 
     def __init__(self) -> None:
         self.room = Room()
@@ -80,7 +74,7 @@ def make_environment(rooms):
 
     def make(reward="coverage", steps=32):
         return ExplorationEnv(
-            [Named()], reward if isinstance(reward, str) else reward(), steps=steps, crops=CROPS, pool=rooms
+            [Room.scene], reward if isinstance(reward, str) else reward(), steps=steps, crops=CROPS, pool=rooms
         )
 
     return lambda *arguments, **options: partial(make, *arguments, **options)

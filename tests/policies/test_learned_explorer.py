@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from deux.contracts import Action, Episode, Observation
+from deux.contracts import DEPTH, Action, Episode, Observation
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
@@ -68,7 +68,7 @@ def test_the_policy_sees_the_last_collision(tmp_path):
 
 
 def test_it_sees_what_the_environment_shows_in_training(tmp_path, make_environment, monkeypatch):
-    """The same moves in the environment give the same views, scaled to [0, 1]."""
+    """The same moves in the environment, those of the recovery too, give the same views, scaled to [0, 1]."""
     environment = make_environment(steps=100)()
     shown, _ = environment.reset(seed=3)
     simulator = environment.simulator
@@ -81,17 +81,31 @@ def test_it_sees_what_the_environment_shows_in_training(tmp_path, make_environme
     monkeypatch.setattr(PolicyNetwork, "forward", record)
     learned = explorer(tmp_path)
     learned.reset(Episode(0, 100, simulator.camera, simulator.robot))
-    collided = False
+    collided, asked = False, []
     for step in range(60):
         rgb = np.zeros((1, 1, 3), np.uint8)
-        action = learned.act(Observation(step, simulator.pose, collided, rgb, sensor_depth=simulator.depth()))
-        assert views[-1].keys() == shown.keys()
+        before = len(views)
+        action = learned.act(
+            Observation(step, simulator.pose, collided, rgb, sensor_depth=simulator.observe(DEPTH).depth)
+        )
+        asked.append(len(views) > before)
         for name, part in shown.items():
             scale = 255.0 if part.dtype == np.uint8 else 1.0
-            np.testing.assert_array_equal(views[-1][name], (part / scale).astype(np.float32))
+            if asked[-1]:
+                np.testing.assert_array_equal(views[-1][name], (part / scale).astype(np.float32))
         shown, _, _, _, info = environment.step(np.int64(action))
         collided = info["collided"]
     assert any(view["body"][3] for view in views), "it ran into something now and then"
+    assert any(np.diff(asked, prepend=True)), "it was stuck, and the policy was asked again afterwards"
+
+
+def test_the_policy_is_not_asked_while_the_robot_is_stuck(tmp_path):
+    """Forward whatever it sees, in a corner: two actions fail, then it turns away; it does not push 30 times."""
+    world = BoxWorld(3.0, 3.0)
+    world.reset(0.12, 0.12, np.pi / 4.0)
+    actions = run(explorer(tmp_path, (9.0, 0.0, 0.0), greedy=True), world, 30)
+    assert actions[:2] == [Action.FORWARD, Action.FORWARD]
+    assert actions[2] in (Action.LEFT, Action.RIGHT)
 
 
 def test_crops_and_cells_are_those_of_the_policy_file(tmp_path):
@@ -112,7 +126,9 @@ def test_its_map_is_that_of_the_rooms(tmp_path):
     assert free.sum() * 0.01 > 5.0
     assert (two_rooms().clearance(x + 0.05, z + 0.05) > -0.15).mean() > 0.99
     before = known.occupancy.copy()
-    learned.act(Observation(40, two_rooms().pose, False, np.zeros((1, 1, 3)), sensor_depth=two_rooms().depth()))
+    learned.act(
+        Observation(40, two_rooms().pose, False, np.zeros((1, 1, 3)), sensor_depth=two_rooms().observe(DEPTH).depth)
+    )
     np.testing.assert_array_equal(known.occupancy, before)
 
 

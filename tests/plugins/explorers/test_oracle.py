@@ -102,7 +102,7 @@ def test_new_targets_follow_the_last():
 class RoomWithGlass(BoxWorld):
     """A room that a pane of glass divides, but for a passage at either end; the free floor knows nothing of it."""
 
-    def free_space(self):
+    def free_space(self, floor=0):
         return BoxWorld(self.width, self.length).free_space()
 
 
@@ -137,8 +137,14 @@ def told(name, tmp_path):
         return explorer
 
     plan = EpisodePlan(tmp_path / name, SimpleNamespace(name="rooms", identity="rooms"), 0, 1)
-    model, l1 = lambda image, sparse, intrinsics: image[:, :1] + 1.0, registry().create("uncertainties", "l1", {})
-    explore([plan], lambda scene: two_rooms(), make_explorer, model, uncertainty=l1)
+    measure = registry().create("uncertainties", "l1", {})
+    explore(
+        [plan],
+        lambda scene: two_rooms(),
+        make_explorer,
+        lambda image, sparse, intrinsics: image[:, :1] + 1.0,
+        uncertainty=measure,
+    )
     return episodes[0]
 
 

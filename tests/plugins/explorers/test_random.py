@@ -3,7 +3,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from deux.bench.scenes import flat
 from deux.contracts import Action, Episode, Observation, Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
@@ -11,6 +10,7 @@ from deux.simulator.mesh_simulator import MeshSimulator
 from deux.testing.box_world import Box, BoxWorld
 from deux.testing.explorers import ExplorerSuite, run
 from deux_plugins.explorers.random import RandomExplorer
+from deux_plugins.scenes.apartments.source import reference
 
 SMALL = Camera(8, 8)
 
@@ -75,7 +75,7 @@ def test_finds_the_gap_in_what_it_is_walled_in_by(forward_probability):
 @pytest.mark.parametrize("flat_seed", [200002, 200015])
 def test_does_not_stay_in_the_tight_places_of_a_generated_flat(flat_seed):
     """It starts in doorways, corners and niches: on the sixth of the floor that is closest to obstacles."""
-    simulator = MeshSimulator(flat(flat_seed).load(), SMALL, Robot())
+    simulator = MeshSimulator(reference(flat_seed), SMALL, Robot())
     space = simulator.free_space()
     clearance = np.where(space.free, space.clearance, np.inf)
     tight = np.argwhere(clearance <= np.quantile(clearance[space.free], 1.0 / 6.0))

@@ -1,6 +1,0 @@
-from deux.testing.learned_explorers import LearnedExplorerSuite
-from deux_plugins.explorers.semantic_reconstruction import SemanticReconstructionExplorer
-
-
-class TestSemanticReconstructionExplorer(LearnedExplorerSuite):
-    explorer_class = SemanticReconstructionExplorer

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "collection"))
 
-from toy_world import ToySimulator, guided_explorer, specification
+from toy_world import L1, ToySimulator, guided_explorer, specification
 
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.contracts import DepthModel, LossSettings, Prediction
@@ -77,7 +77,7 @@ def digest(image: np.ndarray) -> str:
 def dataset(root: Path, name: str, model: nn.Module, **changes: Any) -> Path:
     """What robots collect that a model guides; the dataset's name holds the model's weights."""
     weights = hashlib.sha256(b"".join(value.numpy().tobytes() for value in model.state_dict().values())).hexdigest()
-    spec = specification(name=name, model=weights, **changes)
+    spec = specification(name=name, model=weights, uncertainty=L1, **changes)
     return build_dataset(spec, root, ToySimulator, guided_explorer, model.predict)
 
 
@@ -104,6 +104,7 @@ def train(
     kill_at: int | None = None,
     collect: Collect | None = None,
     callbacks: Sequence[Callback] = (),
+    validate: bool = False,
 ) -> tuple[DepthModel, ActiveCollection]:
     """Train, from where an earlier attempt in the folder was killed.
 
@@ -115,6 +116,7 @@ def train(
         kill_at: step at which `Killed` is raised.
         collect: collects the rounds; by default in the toy world.
         callbacks: further ones, after the active collection.
+        validate: whether there are frames to validate on.
     """
     torch.set_num_threads(1)
     torch.manual_seed(0)
@@ -128,9 +130,11 @@ def train(
     quiet = {"accelerator": "cpu", "logger": False, "enable_progress_bar": False, "precision": "32-true"}
     fit(
         model,
-        TrainingSettings(**{"batch_size": 4, "steps": 20, "learning_rate": 0.01} | (settings or {})),
+        TrainingSettings(
+            **{"batch_size": 4, "steps": 20, "learning_rate": 0.01, "checkpoint_minutes": 0.0} | (settings or {})
+        ),
         [DatasetReader(first)],
-        [],
+        [DatasetReader(dataset(folder, "held-out", model, split="validation"))] if validate else [],
         folder,
         trainer_arguments=quiet | (trainer or {}),
         callbacks=[Witness(folder, kill_at), active, *callbacks],

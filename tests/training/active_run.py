@@ -104,6 +104,7 @@ def train(
     kill_at: int | None = None,
     collect: Collect | None = None,
     callbacks: Sequence[Callback] = (),
+    validate: bool = False,
 ) -> tuple[DepthModel, ActiveCollection]:
     """Train, from where an earlier attempt in the folder was killed.
 
@@ -115,6 +116,7 @@ def train(
         kill_at: step at which `Killed` is raised.
         collect: collects the rounds; by default in the toy world.
         callbacks: further ones, after the active collection.
+        validate: whether there are frames to validate on.
     """
     torch.set_num_threads(1)
     torch.manual_seed(0)
@@ -128,9 +130,11 @@ def train(
     quiet = {"accelerator": "cpu", "logger": False, "enable_progress_bar": False, "precision": "32-true"}
     fit(
         model,
-        TrainingSettings(**{"batch_size": 4, "steps": 20, "learning_rate": 0.01} | (settings or {})),
+        TrainingSettings(
+            **{"batch_size": 4, "steps": 20, "learning_rate": 0.01, "checkpoint_minutes": 0.0} | (settings or {})
+        ),
         [DatasetReader(first)],
-        [],
+        [DatasetReader(dataset(folder, "held-out", model, split="validation"))] if validate else [],
         folder,
         trainer_arguments=quiet | (trainer or {}),
         callbacks=[Witness(folder, kill_at), active, *callbacks],

@@ -129,16 +129,16 @@ class Stop(Callback):
 
 def stops_inside(folder):
     """Kills the run in the middle of its first exploration."""
-    observe = active_run.ToySimulator.observe
+    render = active_run.ToySimulator.render
 
     def collect(request):
-        def observe_or_die(simulator, labels=False):
+        def render_or_die(simulator, poses, channels):
             if len(list(folder.glob("rounds/.round1-*/data/*/image/0*"))) >= 5:
                 raise active_run.Killed
-            return observe(simulator, labels)
+            return render(simulator, poses, channels)
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(active_run.ToySimulator, "observe", observe_or_die)
+            patch.setattr(active_run.ToySimulator, "render", render_or_die)
             return active_run.collect_in(folder / "rounds", [])(request)
 
     return collect

@@ -1,5 +1,9 @@
+import importlib.util
 import os
+import sys
+import time
 from contextlib import nullcontext
+from pathlib import Path
 
 import pytest
 import torch
@@ -13,8 +17,15 @@ from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 from deux.training.schedule import Schedule
 
-# Lightning 2.6 uses what newer PyTorch releases deprecate.
-pytestmark = pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning")
+pytestmark = [
+    # Lightning 2.6 uses what newer PyTorch releases deprecate.
+    pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning"),
+    # What `deux.tasks.console` silences, too.
+    pytest.mark.filterwarnings("ignore:Found 1 module.s. in eval mode"),
+    pytest.mark.filterwarnings("ignore:You have overridden `on_after_batch_transfer`"),
+    pytest.mark.filterwarnings("ignore:.*does not have many workers"),
+    pytest.mark.filterwarnings("ignore:.*is smaller than the logging interval"),
+]
 
 
 class LossRecorder(Callback):
@@ -50,7 +61,7 @@ def train(small_model, fit):
             metrics=DepthErrors(),
         )
         recorder = LossRecorder()
-        callbacks = [recorder, HealthCheck(), *([resume_checkpoints(folder)] if folder else [])]
+        callbacks = [recorder, HealthCheck(), *(resume_checkpoints(folder, minutes=10.0) if folder else [])]
         fit(
             module,
             perfect_sample().batch,
@@ -78,7 +89,7 @@ def places(small_model, fit, tmp_path):
                 perfect_sample().batch,
                 copies=3,
                 checkpoint=resume_point(tmp_path),
-                callbacks=[recorder, resume_checkpoints(tmp_path)],
+                callbacks=[recorder, *resume_checkpoints(tmp_path, minutes=10.0)],
                 enable_checkpointing=True,
                 reload_dataloaders_every_n_epochs=1,
                 **limits,
@@ -107,6 +118,109 @@ def test_a_resumed_run_goes_on_as_if_it_had_not_stopped(train, tmp_path):
     checkpoint = resume_point(tmp_path)
     assert checkpoint is not None
     assert train(epochs=4, folder=tmp_path, resume=checkpoint) == whole[4:]
+
+
+_spec = importlib.util.spec_from_file_location("active_run", Path(__file__).with_name("active_run.py"))
+assert _spec is not None
+active_run = importlib.util.module_from_spec(_spec)
+sys.modules.setdefault("active_run", active_run)
+_spec.loader.exec_module(active_run)
+
+
+class BatchRecorder(Callback):
+    """Keeps (epoch, batch, images' digest) of every batch, and the steps at which it was validated."""
+
+    def __init__(self, kill_at=None):
+        self.kill_at, self.batches, self.validated = kill_at, [], []
+
+    def on_train_batch_start(self, trainer, pl_module, batch, batch_idx):
+        if (trainer.current_epoch, batch_idx) == self.kill_at:
+            raise active_run.Killed
+        self.batches.append((trainer.current_epoch, batch_idx, active_run.digest(batch.image.numpy())))
+
+    def on_validation_start(self, trainer, pl_module):
+        if self.kill_at == ("validation", trainer.global_step):
+            raise active_run.Killed
+        self.validated.append(trainer.global_step)
+
+
+# Epochs of six batches of two frames.
+RUNS = {
+    "steps": {"settings": {"steps": 15}},
+    "epochs": {"settings": {"steps": None, "epochs": 3}},
+    "loader processes": {"settings": {"steps": 15, "num_workers": 2}},
+    "accumulated gradients": {"settings": {"steps": 7}, "trainer": {"accumulate_grad_batches": 2}},
+    "float64": {"settings": {"steps": None, "epochs": 3}, "trainer": {"precision": "64-true"}},
+    "validation": {"settings": {"steps": 15, "validations": 5}, "validate": True},
+}
+KILLS = [(0, 1), (0, 4), (0, 5), (1, 0), (1, 3)]
+"""Epoch and batch before which a run is killed."""
+
+CASES = [(kind, kill_at) for kind in RUNS for kill_at in KILLS]
+CASES += [("validation", ("validation", step)) for step in (3, 6)]  # within an epoch, and at its end
+
+
+@pytest.fixture(scope="module")
+def unbroken(tmp_path_factory):
+    """Weights, batches and validations of a run of this kind that nobody disturbed."""
+    found = {}
+
+    def run(kind):
+        if kind not in found:
+            found[kind] = recorded_run(tmp_path_factory.mktemp("unbroken"), kind)
+        return found[kind]
+
+    return run
+
+
+def recorded_run(folder, kind, kill_at=None, callbacks=(), checkpoint_minutes=0.0):
+    """Train until it is killed or over; with 0 minutes there is a checkpoint after every step."""
+    recorder, options = BatchRecorder(kill_at), RUNS[kind]
+    settings = {"batch_size": 2, "checkpoint_minutes": checkpoint_minutes} | options["settings"]
+    with nullcontext() if kill_at is None else pytest.raises(active_run.Killed):
+        model, _ = active_run.train(
+            folder, **(options | {"settings": settings}), rounds={"every": 99}, callbacks=[*callbacks, recorder]
+        )
+    if kill_at is not None:
+        return None, recorder.batches, recorder.validated
+    weights = torch.cat([value.flatten() for value in model.state_dict().values()])
+    return weights, recorder.batches, recorder.validated
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+@pytest.mark.parametrize(("kind", "kill_at"), CASES)
+def test_killed_within_an_epoch_it_goes_on_there_and_ends_like_an_unbroken_run(unbroken, tmp_path, kind, kill_at):
+    weights, batches, validated = unbroken(kind)
+    _, before, validated_before = recorded_run(tmp_path, kind, kill_at)
+    found, after, validated_after = recorded_run(tmp_path, kind)
+    assert torch.equal(found, weights)
+    assert before[: len(batches) - len(after)] + after == batches
+    assert len(before) + len(after) - len(batches) <= 2, "more than a step was made twice"
+    assert sorted(set(validated_before + validated_after)) == validated
+
+
+class Clock(Callback):
+    """Lets an hour pass during one batch of the first epoch."""
+
+    def __init__(self, monkeypatch, slow_batch):
+        self.slow_batch, self.hours = slow_batch, 0
+        real = time.monotonic
+        monkeypatch.setattr(time, "monotonic", lambda: real() + 3600 * self.hours)
+
+    def on_train_batch_start(self, trainer, pl_module, batch, batch_idx):
+        self.hours += (trainer.current_epoch, batch_idx) == (0, self.slow_batch)
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+def test_checkpoints_within_an_epoch_come_by_time_and_after_whole_steps(unbroken, tmp_path, monkeypatch):
+    """Time is up after the first of two batches whose gradients are accumulated."""
+    options, kind = {"checkpoint_minutes": 30.0}, "accumulated gradients"
+    clock = Clock(monkeypatch, slow_batch=2)
+    recorded_run(tmp_path, kind, kill_at=(0, 5), callbacks=[clock], **options)
+    assert [path.name for path in (tmp_path / "checkpoints").iterdir()] == ["within-epoch=0-step=2.ckpt"]
+    weights, batches, _ = recorded_run(tmp_path, kind, **options)
+    assert torch.equal(weights, unbroken(kind)[0])
+    assert batches == unbroken(kind)[1][4:]
 
 
 def test_only_the_newest_checkpoint_stays_and_it_loads_without_code(train, tmp_path):

@@ -5,7 +5,7 @@ from torch import nn
 
 from deux.contracts import Prediction
 from deux.errors import DeuxError
-from deux.metrics.depth_errors import DepthMetrics
+from deux.metrics.depth_errors import DepthErrors
 from deux.testing.losses import perfect_sample
 from deux.training.fit import make_trainer
 from deux.training.module import DepthCompletion
@@ -57,7 +57,7 @@ def two_steps(small_model, fit):
         torch.manual_seed(0)
         witness, model = Witness(), model or small_model()
         objective, poses = make_objective(model), make_pose_source("learned", model)
-        module = DepthCompletion(model, objective, poses, metrics=DepthMetrics())
+        module = DepthCompletion(model, objective, poses, metrics=DepthErrors())
         trainer = make_trainer(
             {
                 "precision": precision,

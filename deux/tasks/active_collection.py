@@ -32,7 +32,7 @@ from deux.tasks.datasets import Datasets
 from deux.tasks.run_folder import ROUNDS, RunFolder
 from deux.tasks.training import Recipe, Training
 from deux.training.active_collection import ActiveCollection
-from deux.training.ranks import leads
+from deux.training.ranks import decided_by_leader, leads
 from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings
 
 _ROUNDS_FILE = "rounds.json"
@@ -82,7 +82,7 @@ class ActiveTraining:
     def train(self, data: Reader, run: RunFolder, validation: Sequence[Reader] | None = None) -> DepthModel:
         """Train the configured model; arguments as of `Training.train`."""
         recipe = self._training.recipe
-        if self.active is None or (run.path / MODEL_FILE).exists():
+        if self.active is None or decided_by_leader((run.path / MODEL_FILE).exists):
             return self._training.train(recipe, data, run, validation, self._callbacks)
         validation = self._training.validation_readers() if validation is None else validation
         callback = self._collection(self.active, recipe, run, validation)

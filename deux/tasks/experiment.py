@@ -18,7 +18,7 @@ from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, Evaluator
 from deux.tasks.run_folder import RunFolder, open_run_folder
 from deux.tasks.training import Training
-from deux.training.ranks import leads
+from deux.training.ranks import decided_by_leader, leads
 
 
 def run(cfg: DictConfig) -> None:
@@ -56,7 +56,7 @@ class Experiment:
 
     def is_finished(self, run: RunFolder) -> bool:
         """Whether an earlier attempt has come to its end; says where the work goes on."""
-        finished = (run.path / RESULTS_FILE).exists()
+        finished = decided_by_leader((run.path / RESULTS_FILE).exists)
         say(f"{'This run is complete' if finished else 'Run folder'}: {run.path}")
         return finished
 

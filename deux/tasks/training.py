@@ -29,7 +29,7 @@ from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
 from deux.training.fit import TrainingSettings, fit, make_trainer
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
-from deux.training.ranks import leads, starts_the_command_again, wait_for_all
+from deux.training.ranks import decided_by_leader, leads, starts_the_command_again, wait_for_all
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class Training:
             The trained model, in eval mode.
         """
         path = run.path / MODEL_FILE
-        if path.exists():
+        if decided_by_leader(path.exists):
             say(f"  trained before: {path}")
             return load_model(path)
         model = self._make(recipe)
@@ -189,7 +189,7 @@ class Training:
         folder = self._outputs / kind / f"{recipe.model.name}-{short_hash(identity)}"
         # Processes that train together come here together; the leading one holds the lock for all.
         with locked(folder.with_name(f".{folder.name}.lock")) if leads() else nullcontext():
-            if (folder / MODEL_FILE).exists():
+            if decided_by_leader((folder / MODEL_FILE).exists):
                 say(f"  trained before: {folder}")
             else:
                 with open_run_folder(folder, identity) as run:

@@ -160,7 +160,7 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        (["callbacks=[activ_collection]"], "there is no callback called 'activ_collection': did you mean active_collec"),
+        (["callbacks=[activ_collection]"], "there is no callback called 'activ_collection': did you mean active"),
         (
             ["callbacks=[active_collection]", "callbacks.active_collection.mode=ad"],
             "callbacks.active_collection.mode cannot be 'ad': did you mean add?",

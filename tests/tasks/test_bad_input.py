@@ -80,7 +80,7 @@ MISTAKES = {
     "compare.explorers=[]": "compare.explorers is empty: name some, or null for all that are installed.",
     "compare.explorers=random": "compare.explorers must be a list",
     # what another option asks for
-    "task=evaluate": "a trained model is needed: name a run folder, a model file or a published checkpoint by evaluation",
+    "task=evaluate": "a trained model is needed: name a run folder, a model file or a published checkpoint by eva",
 }
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from deux.configuration import compose, sections_of
-from deux.report.conditions import Conditions, conditions
 from deux.registry import registry
+from deux.report.conditions import Conditions, conditions
 
 SWITCHES = {
     "explore.residual_pose": ("pose", "surface"),

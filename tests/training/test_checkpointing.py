@@ -158,7 +158,7 @@ RUNS = {
 KILLS = [(0, 1), (0, 4), (0, 5), (1, 0), (1, 3)]
 """Epoch and batch before which a run is killed."""
 
-CASES = [(kind, kill_at) for kind in RUNS for kill_at in KILLS]
+CASES = [(kind, kill_at) for kind in RUNS for kill_at in (KILLS if kind in ("steps", "epochs") else KILLS[1::3])]
 CASES += [("validation", ("validation", step)) for step in (3, 6)]  # within an epoch, and at its end
 
 

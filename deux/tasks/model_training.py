@@ -31,7 +31,6 @@ from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.ranks import decided_by_leader, leads, starts_the_command_again, wait_for_all
 
-
 _WITHOUT_EFFECT = ("num_workers", "validations", "checkpoint_minutes")
 """Options of `training` that the trained weights do not depend on."""
 

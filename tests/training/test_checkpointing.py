@@ -9,9 +9,9 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
+from deux.callbacks import make_callback
 from deux.metrics.depth_errors import DepthErrors
 from deux.testing.losses import perfect_sample
-from deux.training.callbacks import make_callback
 from deux.training.checkpointing import resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion

@@ -6,10 +6,10 @@ import torch
 from lightning.pytorch import Callback
 from lightning.pytorch.loggers import CSVLogger
 
+from deux import callbacks
+from deux.callbacks import ACTIVE_COLLECTION, CALLBACKS, callback_names, make_callback
 from deux.errors import DeuxError
 from deux.testing.losses import perfect_sample
-from deux.training import callbacks
-from deux.training.callbacks import ACTIVE_COLLECTION, CALLBACKS, callback_names, make_callback
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 
@@ -67,7 +67,7 @@ def test_each_works_in_a_training(name, small_model, fit, tmp_path):
 
 def test_names_are_known_without_lightning_and_torch():
     program = (
-        "import sys; from deux.training.callbacks import callback_names; print(*callback_names());"
+        "import sys; from deux.callbacks import callback_names; print(*callback_names());"
         "assert not {'torch', 'lightning', 'pytorch_lightning'} & set(sys.modules), 'imported'"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)

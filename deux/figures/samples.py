@@ -11,12 +11,17 @@ from deux.geometry.reprojection import reproject
 
 @torch.no_grad()
 def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
-    """Predict every frame of a batch that carries ground truth, and rebuild it from its source frames."""
+    """Predict every frame of a batch that carries ground truth, and rebuild it from its source frames.
+
+    Where the frames have no poses or no source frames, nothing can be rebuilt, and the residual is NaN.
+    """
     batch = move_data_to_device(batch, next(model.parameters()).device)
     assert batch.ground_truth is not None
     predicted = model.predict(batch.image, batch.sparse_depth, batch.intrinsics)
-    images, visible = reproject(batch.sources, predicted, batch.intrinsics, batch.source_from_target)
-    residual = photometric_residual(batch.image, images, visible)
+    residual = torch.full_like(predicted[:, 0], torch.nan)
+    if batch.source_from_target is not None:
+        images, visible = reproject(batch.sources, predicted, batch.intrinsics, batch.source_from_target)
+        residual = photometric_residual(batch.image, images, visible)
     return [
         DepthSample(
             rgb=(batch.image[i].permute(1, 2, 0) * 255.0).round().byte().cpu().numpy(),

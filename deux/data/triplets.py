@@ -104,7 +104,7 @@ class TripletDataset(Dataset[Batch]):
         return _batch(sample, settings.prepare)
 
     def _read(self, reader: Reader, triplet: Triplet, seed: int) -> dict[str, np.ndarray]:
-        """Read and crop a triplet's frames; `deux.data.transforms` says what a sample is. No array is the cache's."""
+        """Read and crop a triplet's frames, as copies of what the cache holds; see `deux.data.transforms`."""
         frames = (triplet.target, *triplet.sources)
         images = [self._image(reader, frame) for frame in frames]
         maps = {"sparse_depth": self._array(reader, "sparse_depth", triplet.target)}
@@ -143,6 +143,7 @@ class TripletDataset(Dataset[Batch]):
         return int(rng.integers(room[0] + 1)), int(rng.integers(room[1] + 1)), height, width
 
     def _ground_truth(self, reader: Reader, frame: FrameReference) -> np.ndarray:
+        """H x W float32 metres; raises DeuxError where there is none."""
         truth = self._cached(reader, "ground_truth", frame)
         if truth is None:
             raise DeuxError(
@@ -151,7 +152,7 @@ class TripletDataset(Dataset[Batch]):
         return truth
 
     def _image(self, reader: Reader, frame: FrameReference) -> np.ndarray:
-        """3 x H x W uint8; kept in this order, which takes longer to bring about than a batch has time for."""
+        """3 x H x W uint8, cached with the channels first, so that no sample pays for the transposition again."""
         array = self._cache.read(
             (reader, "image", frame), lambda: np.ascontiguousarray(reader.image(frame).transpose(2, 0, 1))
         )

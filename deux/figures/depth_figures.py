@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from lightning.fabric.utilities import move_data_to_device
-from lightning.pytorch import Callback, LightningModule, Trainer
-from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -16,7 +14,6 @@ from deux.contracts import Batch, DepthModel
 from deux.figures.drawing import DEPTH_COLORS, ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
 from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.reprojection import reproject
-from deux.training.module import DepthCompletion
 
 _COLUMNS = ("image", "sparse depth", "prediction", "ground truth", "error", "uncertainty")
 
@@ -71,27 +68,54 @@ def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
     ]
 
 
+class Scales(NamedTuple):
+    """Where the colours of each kind of panel end; all begin at 0.
+
+    Args:
+        depth: metres.
+        error: metres.
+        residual: photometric error.
+    """
+
+    depth: float
+    error: float
+    residual: float
+
+
+def depth_scales(samples: Sequence[DepthSample]) -> Scales:
+    """The scales that several samples share: high percentiles of what they show."""
+    errors = [np.abs(known(sample.ground_truth) - sample.predicted_depth) for sample in samples]
+    return Scales(
+        depth=_percentile([sample.ground_truth for sample in samples], 98, least=1.0),
+        error=_percentile(errors, 95, least=0.05),
+        residual=_percentile([sample.residual for sample in samples], 98, least=0.02),
+    )
+
+
+def known(depth: np.ndarray) -> np.ndarray:
+    """Depth with NaN instead of 0, so that "none" is drawn as the background."""
+    return np.where(depth > 0, depth, np.nan)
+
+
 def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
     """Draw one row for each sample; depth, error and uncertainty share one colour scale each over all rows.
 
     Depth runs from 0 to the 98th percentile of the ground truth. The error is absolute, in metres; the uncertainty is
     the per-pixel photometric residual whose mean enters Eq. 8.
     """
-    deepest = _percentile([sample.ground_truth for sample in samples], 98, least=1.0)
-    errors = [np.abs(_known(s.ground_truth) - s.predicted_depth) for s in samples]
-    worst = _percentile(errors, 95, least=0.05)
-    residual = _percentile([sample.residual for sample in samples], 98, least=0.02)
+    deepest, worst, most_unsure = depth_scales(samples)
     height, width = samples[0].rgb.shape[:2]
     figure = new_figure(1.9 * len(_COLUMNS), 1.95 * len(samples) * height / width + 0.9)
     grid = figure.add_gridspec(len(samples) + 1, len(_COLUMNS), height_ratios=[1.0] * len(samples) + [0.06])
-    for row, (sample, error) in enumerate(zip(samples, errors, strict=True)):
+    for row, sample in enumerate(samples):
         panels = [figure.add_subplot(grid[row, column]) for column in range(len(_COLUMNS))]
         panels[0].imshow(sample.rgb)
         _draw_sparse(panels[1], sample.sparse_depth, deepest)
         panels[2].imshow(sample.predicted_depth, cmap=DEPTH_COLORS, vmin=0.0, vmax=deepest)
-        depth = panels[3].imshow(_known(sample.ground_truth), cmap=DEPTH_COLORS, vmin=0.0, vmax=deepest)
+        depth = panels[3].imshow(known(sample.ground_truth), cmap=DEPTH_COLORS, vmin=0.0, vmax=deepest)
+        error = np.abs(known(sample.ground_truth) - sample.predicted_depth)
         wrong = panels[4].imshow(error, cmap=ERROR_COLORS, vmin=0.0, vmax=worst)
-        unsure = panels[5].imshow(sample.residual, cmap=UNCERTAINTY_COLORS, vmin=0.0, vmax=residual)
+        unsure = panels[5].imshow(sample.residual, cmap=UNCERTAINTY_COLORS, vmin=0.0, vmax=most_unsure)
         for panel, title in zip(panels, _COLUMNS, strict=True):
             panel.set_facecolor("0.85")
             hide_ticks(panel)
@@ -128,34 +152,6 @@ def draw_depth(depth: np.ndarray) -> Figure:
     return figure
 
 
-class PanelLogger(Callback):
-    """A callback that draws the first frames of each validation into the TensorBoard log.
-
-    Args:
-        frames: number of frames, at most one batch of them.
-    """
-
-    def __init__(self, frames: int = 3) -> None:
-        self.frames = frames
-
-    def on_validation_batch_end(
-        self,
-        trainer: Trainer,
-        pl_module: LightningModule,
-        outputs: Any,
-        batch: Batch,
-        batch_idx: int,
-        dataloader_idx: int = 0,
-    ) -> None:
-        """Draw the first batch."""
-        if batch_idx > 0 or batch.ground_truth is None or not isinstance(pl_module, DepthCompletion):
-            return
-        figure = draw_depth_panels(depth_samples(pl_module.model, batch)[: self.frames])
-        for logger in trainer.loggers:
-            if isinstance(logger, TensorBoardLogger):
-                logger.experiment.add_figure("validation/frames", figure, trainer.global_step)
-
-
 def _draw_sparse(panel: Axes, sparse_depth: np.ndarray, deepest: float) -> None:
     """Points as discs: at 1 % density single pixels would vanish in print."""
     rows, columns = np.nonzero(sparse_depth)
@@ -170,11 +166,6 @@ def _draw_sparse(panel: Axes, sparse_depth: np.ndarray, deepest: float) -> None:
         vmax=deepest,
         linewidths=0,
     )
-
-
-def _known(depth: np.ndarray) -> np.ndarray:
-    """Depth with NaN instead of 0, so that "none" is drawn as the background."""
-    return np.where(depth > 0, depth, np.nan)
 
 
 def _percentile(maps: Sequence[np.ndarray], percent: float, least: float) -> float:

@@ -14,8 +14,8 @@ from deux.contracts import DepthModel, Foundation, Reader
 from deux.data.dataset_reader import DatasetReader
 from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.errors import DeuxError, check_range
-from deux.figures.depth_figures import PanelLogger
 from deux.figures.drawing import save_figure
+from deux.figures.panel_logger import PanelLogger
 from deux.figures.training_curves import draw_training_curve
 from deux.inference.precision import FastPredictor
 from deux.io.locking import locked

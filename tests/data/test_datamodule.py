@@ -86,6 +86,7 @@ def fit(data: TripletDataModule, epochs: int = 2, **settings: Any) -> Recorder:
         enable_progress_bar=False,
         enable_model_summary=False,
         log_every_n_steps=1,
+        limit_val_batches=1.0 if data.validation else 0,
         **settings,
     )
     trainer.fit(recorder, datamodule=data)

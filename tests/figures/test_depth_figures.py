@@ -1,19 +1,15 @@
 from dataclasses import replace
-from types import SimpleNamespace
 
 import cv2
 import matplotlib
 import numpy as np
 import pytest
 import torch
-from lightning.pytorch.loggers import TensorBoardLogger
 from PIL import Image
-from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from deux.contracts import Batch, DepthModel, Prediction
-from deux.figures.depth_figures import DepthSample, PanelLogger, depth_samples, draw_depth, draw_depth_panels
+from deux.figures.depth_figures import DepthSample, depth_samples, draw_depth, draw_depth_panels
 from deux.figures.drawing import save_figure
-from deux.training.module import DepthCompletion
 
 
 def test_the_scale_tells_the_depth():
@@ -116,15 +112,3 @@ def test_frames_without_poses_have_no_residual_and_can_be_drawn(batch, tmp_path)
     assert np.isnan(samples[0].residual).all()
     assert (samples[0].predicted_depth == 2.0).all()
     save_figure(draw_depth_panels(samples), tmp_path / "panels.png")
-
-
-def test_each_validation_has_its_first_frames_in_the_tensorboard_log(batch, tmp_path):
-    logger = TensorBoardLogger(tmp_path)
-    trainer = SimpleNamespace(loggers=[logger], global_step=7)
-    module = DepthCompletion(Constant(), objective=None)
-    for index in range(2):
-        PanelLogger(frames=1).on_validation_batch_end(trainer, module, None, batch, index)
-    logger.experiment.flush()
-    log = EventAccumulator(logger.log_dir)
-    log.Reload()
-    assert [event.step for event in log.Images("validation/frames")] == [7]  # of the first batch alone

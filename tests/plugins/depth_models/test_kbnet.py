@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 import torch
+from scipy import stats
 from torch.nn import functional
 
 from deux.contracts import DepthModel
+from deux.data.transforms import augment
 from deux.errors import DeuxError
 from deux.testing.depth_models import DepthModelSuite, camera_data
 from deux_plugins.depth_models.kbnet import KBNet
@@ -25,6 +27,17 @@ def test_number_of_parameters_with_the_kitti_pools():
 def test_a_size_that_is_no_multiple_of_anything():
     depth = KBNet().predict(**camera_data((97, 131)))
     assert depth.shape == (2, 1, 97, 131)
+
+
+def test_half_of_the_training_samples_show_all_their_points():
+    points = np.ones((20, 50), np.float32)
+    sample = {"images": np.zeros((1, 3, 20, 50), np.uint8), "sparse_depth": points, "intrinsics": np.eye(3)}
+    shown = [augment(sample, KBNet.augmentation, seed)["input_sparse_depth"].sum() / 1000 for seed in range(1000)]
+    thinned = [left for left in shown if left < 1.0]
+    assert stats.binomtest(len(thinned), 1000, 0.5).pvalue > 0.01
+    assert 0.40 <= min(thinned) < 0.42
+    assert 0.68 < max(thinned) <= 0.70
+    assert points.all()
 
 
 def test_rays_of_the_full_size_are_those_of_the_inverse_intrinsics():

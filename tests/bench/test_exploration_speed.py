@@ -2,9 +2,9 @@ from itertools import product
 
 import pytest
 
-from deux.bench.explore import ExploreSettings, default_model, measure_exploration
+from deux.bench.exploration_speed import ExploreSettings, measure_exploration
 from deux.bench.timing import Spread
-from deux.collection.exploration import MODEL_NEEDS
+from deux.collection.perception import MODEL_NEEDS
 from deux.errors import DeuxError
 from deux.registry import registry
 
@@ -26,11 +26,6 @@ def test_every_installed_explorer_is_measured() -> None:
         share = row[f"{part}, %"]
         assert isinstance(share, Spread)
         assert 0.0 < share.low <= share.high < 100.0
-
-
-@pytest.mark.usefixtures("tiny_models")
-def test_the_default_model_is_the_first_that_can_be_made_and_needs_no_ground_truth() -> None:
-    assert default_model() == "tiny"  # "demanding" comes first but has an option without a default
 
 
 def test_a_model_that_is_not_installed() -> None:

@@ -1,45 +1,70 @@
-"""The scenes that are measured in."""
+"""The scenes that are measured in, what robots see of them, and where."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from deux.contracts import Robot, Scene, SceneMesh
+from deux.bench.installed_plugins import BUILT_IN_SIMULATOR
+from deux.contracts import Robot, Scene, SceneMesh, SceneReference, SceneSource, Simulator
+from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux.scenes.free_space import free_space
-from deux.scenes.sources import ApartmentReference, SceneReference
+from deux.registry import registry
+from deux.simulator.simulation import Simulation
 from deux.simulator.starts import random_starts
 
 
 @dataclass(frozen=True)
-class BenchScene:
-    """A scene, made finer if it is to have more triangles.
+class FinerScene(SceneReference):
+    """A scene whose faces are split; it looks the same.
 
     Args:
-        reference: the scene.
-        triangles: least number of triangles; None leaves them as they are.
+        name: the scene's name.
+        original: the scene as it is.
+        triangles: least number of triangles.
     """
 
-    reference: SceneReference
-    triangles: int | None = None
+    original: SceneReference
+    triangles: int
+
+    @property
+    def identity(self) -> str:
+        """That of the original and the number of triangles."""
+        return f"{self.original.identity}:{self.triangles}"
 
     def load(self) -> Scene:
-        """Make or read the scene."""
-        scene = self.reference.load()
-        return scene if self.triangles is None else replace(scene, mesh=split_faces(scene.mesh, self.triangles))
+        """Load the original and split its faces."""
+        scene = self.original.load()
+        return replace(scene, mesh=split_faces(scene.mesh, self.triangles), identity=self.identity)
 
 
-def flat(seed: int) -> ApartmentReference:
-    """A generated flat."""
-    return ApartmentReference(f"apartment_{seed:06d}", seed)
+def flats(count: int) -> tuple[SceneReference, ...]:
+    """Generated flats, always the same ones."""
+    return _training_scenes({"name": "apartments", "train": count, "validation": 0, "test": 0})
 
 
-def free_poses(scene: Scene, robot: Robot, count: int, seed: int) -> list[np.ndarray]:
-    """Camera poses at random places on the free floor, with random headings; each 4 x 4 camera-to-world."""
-    space = free_space(scene.mesh, scene.floor_height, robot)
-    height = scene.floor_height + robot.camera_height
+def scene_in(file: Path) -> SceneReference:
+    """The scene in a mesh file.
+
+    Raises:
+        DeuxError: the file is missing, or of no known kind.
+    """
+    return _training_scenes({"name": "files", "train": str(file)})[0]
+
+
+def simulation(size: int) -> Simulation:
+    """Makes the built-in simulator with its default options, the images `size` pixels high and wide."""
+    chosen = registry().choose("simulators", {"name": BUILT_IN_SIMULATOR})
+    return Simulation(Camera(size, size), Robot(), chosen)
+
+
+def free_poses(simulator: Simulator, count: int, seed: int) -> np.ndarray:
+    """Camera poses at random places of the main floor, with random headings; `count` x 4 x 4 camera-to-world."""
+    space = simulator.free_space()
+    height = space.floor_height + simulator.robot.camera_height
     starts = random_starts(space, count, np.random.default_rng(seed))
-    return [camera_pose(x, height, z, yaw) for x, z, yaw in starts]
+    return np.stack([camera_pose(x, height, z, yaw) for x, z, yaw in starts])
 
 
 def split_faces(mesh: SceneMesh, triangles: int) -> SceneMesh:
@@ -71,6 +96,12 @@ def split_faces(mesh: SceneMesh, triangles: int) -> SceneMesh:
         face_label=mesh.face_label[parent],
         vertex_colors=None if mesh.vertex_colors is None else np.rint(points[:, 5:]).astype(np.uint8),
     )
+
+
+def _training_scenes(chosen: dict[str, Any]) -> tuple[SceneReference, ...]:
+    """The training scenes of a source."""
+    source: SceneSource = registry().choose("scenes", chosen).create()
+    return source.splits().train
 
 
 def _quarters(corners: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from itertools import cycle
 
 import numpy as np
 
-from deux.bench.bench_scenes import flats, free_poses, simulation
+from deux.bench.bench_scenes import default_simulation, flats, free_poses
 from deux.bench.installed_plugins import Guide, make_guide
 from deux.bench.render_speed import usable_simulators
 from deux.bench.speed_tables import SpeedTable, Value
@@ -110,7 +110,7 @@ def _walks_table(settings: BatchingSettings, guide: Guide | None) -> SpeedTable:
     if guide is None:
         return SpeedTable("batching_walks", title, (), ("no depth model is installed.",))
     perception = Perception(guide.predict_depth, uncertainty=guide.uncertainty)
-    simulators = [simulation(size).make(scene) for scene in flats(robots)]
+    simulators = [default_simulation(size).make(scene) for scene in flats(robots)]
     calls = {count: partial(_steps_per_second, simulators, perception, count, settings) for count in settings.walks}
     for call in calls.values():  # allocates memory and chooses algorithms
         call()

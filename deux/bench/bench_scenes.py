@@ -53,7 +53,7 @@ def scene_in(file: Path) -> SceneReference:
     return _training_scenes({"name": "files", "train": str(file)})[0]
 
 
-def simulation(size: int) -> Simulation:
+def default_simulation(size: int) -> Simulation:
     """Makes the built-in simulator with its default options, the images `size` pixels high and wide."""
     chosen = registry().choose("simulators", {"name": BUILT_IN_SIMULATOR})
     return Simulation(Camera(size, size), Robot(), chosen)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deux.bench.bench_scenes import flats, simulation
+from deux.bench.bench_scenes import default_simulation, flats
 from deux.bench.installed_plugins import installed
 from deux.bench.speed_tables import SpeedTable
 from deux.bench.timing import Spread, in_turn, rate, times_the_slowest
@@ -43,7 +43,7 @@ def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
     ways: list[tuple[str, Sequence[Extra]]] = [(name, ()) for name in rewards]
     if plain is not None:
         ways += [(plain, ("depth",)), (plain, ("rgb",))]
-    pool = ScenePool(simulation(settings.size))
+    pool = ScenePool(default_simulation(settings.size))
     steps = {way: _stepper(rewards[way[0]], way[1], pool, settings.episode) for way in ways}
     for step in steps.values():  # compiles the kernels
         step()

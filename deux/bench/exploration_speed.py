@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from deux.bench.bench_scenes import flats, simulation
+from deux.bench.bench_scenes import default_simulation, flats
 from deux.bench.installed_plugins import Guide, installed, make_guide
 from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.timing import Spread, Stopwatch, in_turn, times_the_slowest
@@ -58,7 +58,7 @@ def measure_exploration(settings: ExploreSettings, model_name: str | None) -> It
     explorers, broken = installed("explorers")
     notes = [
         f"{settings.robots} robots in {settings.robots} flats take turns in one process. The explorer's share is all "
-        "that its act() does; what is left over is bookkeeping, sparse points and waiting for files to be written.",
+        "that its act() does; what is left over is bookkeeping, sparse points, the residual and waiting for files.",
         *broken,
     ]
     guided = {name: bool(explorer.needs & MODEL_NEEDS) for name, explorer in explorers.items()}
@@ -111,7 +111,8 @@ class _World:
         self._predict = guide and self._watch.timed("depth model", guide.predict_depth)
         self._rounds: dict[str, int] = {}
         self._simulators = {
-            scene: _timed_simulator(simulation(settings.size), scene, self._watch) for scene in flats(settings.robots)
+            scene: _timed_simulator(default_simulation(settings.size), scene, self._watch)
+            for scene in flats(settings.robots)
         }
 
     def run(self, name: str, steps: int) -> _Run:

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from deux.bench.bench_scenes import flats, simulation
+from deux.bench.bench_scenes import default_simulation, flats
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.contracts import Action, Batch, DepthModel, Frame
 from deux.data.triplets import collate
@@ -20,7 +20,7 @@ def render_batch(model: DepthModel, size: int, count: int) -> Batch:
         size: height and width in pixels.
         count: number of samples.
     """
-    simulator = simulation(size).make(flats(1)[0])
+    simulator = default_simulation(size).make(flats(1)[0])
     samples = []
     for start in random_starts(simulator.free_space(), count, np.random.default_rng(0)):
         simulator.reset(*start)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.bench.bench_scenes import FinerScene, flats, free_poses, simulation, split_faces
+from deux.bench.bench_scenes import FinerScene, default_simulation, flats, free_poses, split_faces
 from deux.contracts import Scene
 from deux.geometry.camera import Camera
 from deux.simulator.embree_renderer import EmbreeRenderer
@@ -23,7 +23,7 @@ def test_a_scene_with_split_faces_looks_the_same(scene: Scene) -> None:
     assert 20_000 <= len(finer.mesh.faces) < 20_003
     assert finer.identity != scene.identity
     camera = Camera(64, 64)
-    poses = free_poses(simulation(64).make(flat), count=4, seed=1)
+    poses = free_poses(default_simulation(64).make(flat), count=4, seed=1)
     drawn = [EmbreeRenderer(mesh, camera).render(poses, colors=True, faces=True) for mesh in (scene.mesh, finer.mesh)]
     for whole, split in zip(*drawn, strict=True):
         same = np.abs(whole.depth - split.depth) < 1e-3
@@ -44,7 +44,7 @@ def test_splitting_keeps_the_area_of_each_material(scene: Scene) -> None:
 
 
 def test_poses_stand_on_the_free_floor() -> None:
-    simulator = simulation(8).make(flats(1)[0])
+    simulator = default_simulation(8).make(flats(1)[0])
     space = simulator.free_space()
     poses = free_poses(simulator, count=50, seed=2)
     assert all(space.free[space.frame.cell(pose[0, 3], pose[2, 3])] for pose in poses)

@@ -1,3 +1,4 @@
+import importlib
 import json
 import subprocess
 import sys
@@ -44,6 +45,25 @@ def test_quick_is_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(render_speed, "measure_rendering", lambda settings, scene: asked.append(settings) or iter([]))
     assert main(["render", *THREADS]) == main(["render", "--quick", *THREADS]) == 0
     assert asked == [render_speed.RenderSettings(), render_speed.QUICK]
+
+
+@pytest.mark.parametrize(
+    ("part", "module", "function"),
+    [
+        ("render", "render_speed", "measure_rendering"),
+        ("batching", "batching_speed", "measure_batching"),
+        ("explore", "exploration_speed", "measure_exploration"),
+        ("environment", "environment_speed", "measure_environment"),
+        ("models", "model_speed", "measure_models"),
+    ],
+)
+def test_each_part_runs_alone(part: str, module: str, function: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[object, ...]] = []
+    measuring = importlib.import_module(f"deux.bench.{module}")
+    monkeypatch.setattr(measuring, function, lambda *given: asked.append(given) or iter([]))
+    assert main([part, "--quick", "--model", "tiny", *THREADS]) == 0
+    given = {"render": (None,), "batching": ("tiny",), "explore": ("tiny",)}.get(part, ())
+    assert asked == [(measuring.QUICK, *given)]
 
 
 def test_a_mistake_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,9 +7,8 @@ from itertools import cycle
 
 import numpy as np
 
-from deux.bench.bench_scenes import default_simulation, flats, free_poses
+from deux.bench.bench_scenes import default_simulation, flats, free_poses, usable_simulators
 from deux.bench.installed_plugins import Guide, make_guide
-from deux.bench.render_speed import usable_simulators
 from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.timing import Spread, Stopwatch, in_turn, rate, times
 from deux.collection.perception import SOURCES, Perception

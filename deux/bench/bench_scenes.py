@@ -1,4 +1,4 @@
-"""The scenes that are measured in, what robots see of them, and where."""
+"""The scenes that are measured in, the simulators that draw them, and the poses from which they are seen."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from deux.bench.installed_plugins import BUILT_IN_SIMULATOR
-from deux.contracts import Robot, Scene, SceneMesh, SceneReference, SceneSource, Simulator
+from deux.bench.installed_plugins import BUILT_IN_SIMULATOR, renderers
+from deux.contracts import COLOR, Robot, Scene, SceneMesh, SceneReference, SceneSource, Simulator
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
 from deux.registry import registry
@@ -57,6 +58,25 @@ def default_simulation(size: int) -> Simulation:
     """Makes the built-in simulator with its default options, the images `size` pixels high and wide."""
     chosen = registry().choose("simulators", {"name": BUILT_IN_SIMULATOR})
     return Simulation(Camera(size, size), Robot(), chosen)
+
+
+def usable_simulators(scene: SceneReference, camera: Camera) -> tuple[dict[str, Simulator], dict[str, str]]:
+    """A simulator of the scene for each renderer that works here.
+
+    Returns:
+        The simulators by renderer, and why each of the others is left out.
+    """
+    simulators: dict[str, Simulator] = {}
+    left_out: dict[str, str] = {}
+    for name, choice in renderers().items():
+        try:
+            simulator = Simulation(camera, Robot(), choice).make(scene)
+            simulator.observe(COLOR, free_poses(simulator, 1, seed=0))  # loads the renderer's libraries
+        except DeuxError as error:
+            left_out[name] = str(error)
+        else:
+            simulators[name] = simulator
+    return simulators, left_out
 
 
 def free_poses(simulator: Simulator, count: int, seed: int) -> np.ndarray:

@@ -9,16 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deux.bench.bench_scenes import FinerScene, flats, free_poses, scene_in
+from deux.bench.bench_scenes import FinerScene, flats, free_poses, scene_in, usable_simulators
 from deux.bench.concurrent_processes import at_once
-from deux.bench.installed_plugins import renderers
 from deux.bench.machine import cores
 from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.timing import Spread, in_turn, rate, times_the_slowest
-from deux.contracts import COLOR, Robot, SceneReference, Simulator
-from deux.errors import DeuxError
+from deux.contracts import COLOR, SceneReference, Simulator
 from deux.geometry.camera import Camera
-from deux.simulator.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -86,25 +83,6 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
         f"graphics card draws on as many as there are cores, {cores()}."
     )
     yield SpeedTable("render", "Rendering: colour and depth as numpy arrays", tuple(rows), (threads, *notes))
-
-
-def usable_simulators(scene: SceneReference, camera: Camera) -> tuple[dict[str, Simulator], dict[str, str]]:
-    """A simulator of the scene for each renderer that works here.
-
-    Returns:
-        The simulators by renderer, and why each of the others is left out.
-    """
-    simulators: dict[str, Simulator] = {}
-    left_out: dict[str, str] = {}
-    for name, choice in renderers().items():
-        try:
-            simulator = Simulation(camera, Robot(), choice).make(scene)
-            simulator.observe(COLOR, free_poses(simulator, 1, seed=0))  # loads the renderer's libraries
-        except DeuxError as error:
-            left_out[name] = str(error)
-        else:
-            simulators[name] = simulator
-    return simulators, left_out
 
 
 class _Job(NamedTuple):

@@ -1,10 +1,14 @@
-"""Callbacks of a training by name: those of Lightning that need no code, with their options from the constructor.
+"""Callbacks of a training by name: those of Lightning that a configuration can describe, by their constructor.
 
-The names are known without importing Lightning, so that the command line can list and check them fast.
+The names are known without importing Lightning, so that the command line can list and check them fast. Left out are
+those that need objects, that find settings instead of training (learning_rate_finder, batch_size_finder), that change
+the weights' names (model_pruning), that set the learning rate themselves (stochastic_weight_averaging) or that do what
+`deux.training.fit` does anyway (progress bars, on_exception_checkpoint).
 """
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from deux.errors import DeuxError, near_matches
@@ -25,9 +29,7 @@ _LIGHTNING: dict[str, str] = {
     "learning_rate_monitor": "LearningRateMonitor",
     "model_checkpoint": "ModelCheckpoint",
     "model_summary": "ModelSummary",
-    "on_exception_checkpoint": "OnExceptionCheckpoint",
     "rich_model_summary": "RichModelSummary",
-    "stochastic_weight_averaging": "StochasticWeightAveraging",
     "throughput_monitor": "ThroughputMonitor",
     "timer": "Timer",
     "weight_averaging": "WeightAveraging",
@@ -38,6 +40,9 @@ CALLBACKS: dict[str, str] = {name: f"lightning.pytorch.callbacks:{cls}" for name
 
 _GIVEN: dict[str, dict[str, Any]] = {"throughput_monitor": {"batch_size_fn": lambda batch: len(batch.image)}}
 """Arguments that no configuration can hold."""
+
+_PACKAGES = {"device_stats_monitor": "psutil"}
+"""Packages that a callback asks for in the middle of a run; deux does not install them."""
 
 
 def callback_names() -> list[str]:
@@ -53,10 +58,13 @@ def make_callback(name: str, settings: Mapping[str, Any]) -> "Callback":
         settings: options of its constructor.
 
     Raises:
-        DeuxError: the name is unknown, an option is unknown or missing, or a value is refused.
+        DeuxError: the name is unknown, an option is unknown or missing, a value is refused, or a package is missing.
     """
     if name not in CALLBACKS:
         raise DeuxError(f"callbacks.{name} is no callback: {near_matches(name, callback_names())}")
+    package = _PACKAGES.get(name)
+    if package is not None and find_spec(package) is None:
+        raise DeuxError(f"callbacks.{name} needs the package {package}: install it with pip install {package}.")
     module, _, attribute = CALLBACKS[name].partition(":")
     target: Callable[..., Callback] = getattr(import_module(module), attribute)
     return lightning_object(target, settings, f"callbacks.{name}", _GIVEN.get(name))

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.contracts import DepthPredictor, Frame, Need, Uncertainty, View
+from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view
 from deux.geometry.poses import source_from_target
-from deux.uncertainty import frame_of, frame_uncertainty, make_view
 
 MODEL_NEEDS = frozenset({Need.PREDICTED_DEPTH, Need.RESIDUAL})
 """The needs of an explorer that take a depth model."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -27,20 +27,6 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class Augmentation:
-    """A model's published training augmentation.
-
-    Args:
-        drop_points: (least, most) fraction of the sparse points that is hidden from the network (never from the
-            loss), drawn anew for each sample; None hides none.
-        flip: probability that a sample is mirrored left to right (intrinsics and poses with it).
-    """
-
-    drop_points: tuple[float, float] | None = None
-    flip: float = 0.0
-
-
-@dataclass(frozen=True)
 class Foundation:
     """A depth model inside another one: trained before it, and frozen while it trains.
 
@@ -55,6 +41,9 @@ class Foundation:
     module: nn.Module
 
 
+Augmentation = Callable[[dict[str, Tensor]], dict[str, Tensor]]
+"""A transform of a training sample, such as those of `torchvision.transforms.v2`; see `deux.data.transforms`."""
+
 LossSettings = Mapping[str, float | Mapping[str, Any]]
 """Loss terms by registered name: a weight, or {"weight": w, **options of the term's constructor}."""
 
@@ -68,8 +57,8 @@ class DepthModel(nn.Module, ABC):
     objective: ClassVar[LossSettings] = {}
     """The published loss terms and weights."""
 
-    augmentation: ClassVar[Augmentation] = Augmentation()
-    """The published augmentation."""
+    augmentation: ClassVar[Sequence[Augmentation]] = ()
+    """The published augmentation: applied in order to each training sample, after the crop, and never in evaluation."""
 
     min_depth: float
     """Nearest depth in metres that the model predicts."""

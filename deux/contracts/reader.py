@@ -1,14 +1,13 @@
 """The contract of a reader: frames on disk, recorded or collected, in somebody's layout."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 
-@dataclass(frozen=True)
-class FrameReference:
+class FrameReference(NamedTuple):
     """One frame of a folder, by name.
 
     Args:
@@ -20,13 +19,13 @@ class FrameReference:
     name: str
 
 
-@dataclass(frozen=True)
-class Triplet:
+class Triplet(NamedTuple):
     """A target frame and the source frames that it is rebuilt from.
 
     Args:
         target: frame t.
-        sources: of the same sequence; t-1 and t-2 in collected datasets.
+        sources: of the same sequence; t-1 and t-2 in collected datasets. May be none where a split has single frames,
+            which can be evaluated but not trained on without ground truth.
     """
 
     target: FrameReference
@@ -34,9 +33,14 @@ class Triplet:
 
 
 class Reader(ABC):
-    """Reads the frames of one folder.
+    """Reads the frames of one folder: images, the camera's matrix, sparse points, and truth and poses if there are any.
 
-    A reader is made as `cls(folder, **options)` and keeps the folder under that name. Making one reads no pixel.
+    A reader is made as `cls(folder, **options)` and keeps the folder under that name; further parameters of the
+    constructor are its options, each with a default. Making one reads no pixel. Readers are sent to worker processes;
+    those that were made alike are equal and have one hash, by which cached frames are found: a frozen
+    dataclass is both.
+
+    All methods raise `DeuxError`, which names the file, where one is missing, damaged or of another kind.
     """
 
     folder: Path
@@ -47,7 +51,8 @@ class Reader(ABC):
 
         Args:
             split: "train", "validation" or "test".
-            offsets: the source frames, in frames from the target, where the folder does not list them itself.
+            offsets: the source frames, in frames from the target, where the folder does not list them itself. Targets
+                at the ends of a sequence that lack one are left out.
 
         Raises:
             DeuxError: the folder has no such split, or the split no frame.
@@ -55,15 +60,15 @@ class Reader(ABC):
 
     @abstractmethod
     def image(self, frame: FrameReference) -> np.ndarray:
-        """The colour image, H x W x 3 uint8. Raises DeuxError, which names the file, as all that follow do."""
+        """The colour image, H x W x 3 uint8."""
 
     @abstractmethod
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """The camera's matrix, 3 x 3 float64."""
+        """The matrix of the camera that took the image, for pixel centres at integers, 3 x 3 float64."""
 
     @abstractmethod
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
-        """The sparse points, H x W float32 metres, 0 = none."""
+        """The sparse points, H x W float32 metres, 0 = none; the same at each call, if they are sampled."""
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
         """The true depth, H x W float32 metres, 0 = none; None where the folder has none."""

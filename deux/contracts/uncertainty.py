@@ -14,7 +14,7 @@ DepthPredictor = Callable[[Tensor, Tensor, Tensor], Tensor]
 class View:
     """A batch of frames with their source frames and what the depth model made of them. No ground truth is in it.
 
-    All tensors are on one device, the depth model's. `deux.uncertainty.make_view` makes one.
+    All tensors are on one device, the depth model's. `deux.frame_uncertainty.make_view` makes one.
 
     Args:
         image: N x 3 x H x W in [0, 1].

@@ -1,6 +1,6 @@
 """The Lightning data module: a model's training, validation and test frames as batches."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 
 import torch
 from lightning import LightningDataModule
@@ -43,15 +43,16 @@ class TripletLoader(DataLoader[Batch]):
 
 
 class TripletDataModule(LightningDataModule):
-    """Batches for one depth model. The list files are read whenever a loader is made, so frames may be added.
+    """Batches for one depth model.
 
     Each loader reads what it must and no more: ground truth in training only if the model is supervised. Processes that
     train together (`Trainer(use_distributed_sampler=False)`) share the training frames out and validate on all of them.
+    A loader, its worker processes and what these have cached are kept for as long as its datasets are the same.
 
     Args:
         model: says what the training needs: `supervised`, `augmentation`, `prepare`.
         train: readers of the datasets to train on. The list may be changed between epochs, with
-            `Trainer(reload_dataloaders_every_n_epochs=1)`.
+            `Trainer(reload_dataloaders_every_n_epochs=1)`; the split of a dataset that is new in it is read then.
         validation: readers of the validation datasets.
         test: readers of the test datasets.
         batch_size: samples in a batch.
@@ -81,22 +82,30 @@ class TripletDataModule(LightningDataModule):
         self._model = model
         self._offsets = offsets
         self._cache = FrameCache(cache_bytes)
+        self._loaders: dict[str, tuple[Hashable, TripletLoader]] = {}
 
     def train_dataloader(self) -> TripletLoader:
         """Shuffled, cropped at random and augmented."""
-        settings = SampleSettings(
-            crop=self.crop,
-            training=True,
-            ground_truth=self._model.supervised,
-            augmentation=self._model.augmentation,
-            prepare=self._model.prepare,
-        )
-        dataset = TripletDataset(self.train, "train", settings, self._cache, self._offsets)
-        epoch, share, shares = 0, 0, 1
+        epoch, rank, world_size = 0, 0, 1
         if self.trainer is not None:
-            epoch, share, shares = self.trainer.current_epoch, self.trainer.global_rank, self.trainer.world_size
-        sampler = ShuffledDraws(len(dataset), self.seed, epoch, share, shares)
-        return self._loader(dataset, sampler, drop_last=len(sampler) >= self.batch_size)
+            epoch, rank, world_size = self.trainer.current_epoch, self.trainer.global_rank, self.trainer.world_size
+
+        def make() -> TripletLoader:
+            settings = SampleSettings(
+                crop=self.crop,
+                training=True,
+                ground_truth=self._model.supervised,
+                augmentation=self._model.augmentation,
+                prepare=self._model.prepare,
+            )
+            dataset = TripletDataset(self.train, "train", settings, self._cache, self._offsets)
+            sampler = ShuffledDraws(len(dataset), self.seed, epoch, rank, world_size)
+            return self._loader(dataset, sampler, drop_last=len(sampler) >= self.batch_size)
+
+        loader = self._kept("train", self.train, make)
+        assert isinstance(loader.sampler, ShuffledDraws)
+        loader.sampler.set_epoch(epoch)  # Lightning does so only after it has asked a new loader for its first batch
+        return loader
 
     def val_dataloader(self) -> TripletLoader:
         """In order, the middle of each frame, with ground truth."""
@@ -107,8 +116,19 @@ class TripletDataModule(LightningDataModule):
         return self._evaluation_loader(self.test, "test")
 
     def _evaluation_loader(self, readers: Sequence[Reader], split: str) -> TripletLoader:
-        settings = SampleSettings(crop=self.crop, ground_truth=True, prepare=self._model.prepare)
-        return self._loader(TripletDataset(readers, split, settings, self._cache, self._offsets))
+        def make() -> TripletLoader:
+            settings = SampleSettings(crop=self.crop, ground_truth=True, prepare=self._model.prepare)
+            return self._loader(TripletDataset(readers, split, settings, self._cache, self._offsets))
+
+        return self._kept(split, readers, make)
+
+    def _kept(self, split: str, readers: Sequence[Reader], make: Callable[[], TripletLoader]) -> TripletLoader:
+        """The loader of a split, made anew only if something has changed that it was made from."""
+        made_from = (*readers, self.batch_size, self.crop, self.num_workers)
+        if split not in self._loaders or self._loaders[split][0] != made_from:
+            self._loaders.pop(split, None)  # ends the workers of the one before
+            self._loaders[split] = made_from, make()
+        return self._loaders[split][1]
 
     def _loader(
         self, dataset: TripletDataset, sampler: ShuffledDraws | None = None, drop_last: bool = False
@@ -118,6 +138,7 @@ class TripletDataModule(LightningDataModule):
             self.batch_size,
             sampler=sampler,
             num_workers=self.num_workers,
+            persistent_workers=self.num_workers > 0,
             collate_fn=collate,
             drop_last=drop_last,
             pin_memory=torch.cuda.is_available(),

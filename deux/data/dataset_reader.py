@@ -1,6 +1,7 @@
 """`data=deux`: the datasets that deux collects, and the VOID release, whose layout they have."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from deux.io.images import read_depth, read_image
 from deux.io.layout import SequencePaths, list_file, neighbours
 
 
+@dataclass(frozen=True)
 class DatasetReader(Reader):
     """Reads the layout of the VOID release, with or without the triplet list that deux adds (`deux.io.layout`).
 
@@ -23,10 +25,11 @@ class DatasetReader(Reader):
         DeuxError: the folder has no sequences in this layout.
     """
 
-    def __init__(self, folder: Path) -> None:
-        if not (folder / "data").is_dir():
-            raise DeuxError(f"{folder} is no dataset: it has no folder data/ with sequences in VOID's layout.")
-        self.folder = folder
+    folder: Path
+
+    def __post_init__(self) -> None:
+        if not (self.folder / "data").is_dir():
+            raise DeuxError(f"{self.folder} is no dataset: it has no folder data/ with sequences in VOID's layout.")
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         """Our own datasets list them. Elsewhere, as in the VOID release, the split's image list names the targets.
@@ -60,16 +63,20 @@ class DatasetReader(Reader):
         """H x W float32 metres, 0 = none."""
         return read_depth(self._paths(frame).file("sparse_depth", frame.name))
 
-    def ground_truth(self, frame: FrameReference) -> np.ndarray:
-        """H x W float32 metres, 0 = none."""
-        return read_depth(self._paths(frame).file("ground_truth", frame.name))
+    def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
+        """H x W float32 metres, 0 = none; None for a sequence without a folder of them."""
+        file = self._optional(frame, "ground_truth")
+        return None if file is None else read_depth(file)
 
     def pose(self, frame: FrameReference) -> np.ndarray | None:
-        """4 x 4 float64; None for a sequence without a folder of poses."""
-        paths = self._paths(frame)
-        if not (paths.folder / "absolute_pose").is_dir():
-            return None
-        return read_pose(paths.file("absolute_pose", frame.name))
+        """4 x 4 float64; None for a sequence without a folder of them."""
+        file = self._optional(frame, "absolute_pose")
+        return None if file is None else read_pose(file)
+
+    def _optional(self, frame: FrameReference, kind: str) -> Path | None:
+        """The frame's file of a kind; None if its sequence has no folder of that kind."""
+        file = self._paths(frame).file(kind, frame.name)
+        return file if file.parent.is_dir() else None
 
     def _paths(self, frame: FrameReference) -> SequencePaths:
         return SequencePaths(self.folder / "data" / frame.sequence)

@@ -1,9 +1,8 @@
 """The torch dataset of triplets and how its samples become batches."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -11,7 +10,7 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
-from deux.data.augmentation import Sample, augment, crop
+from deux.data.transforms import augment
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
 
@@ -25,7 +24,7 @@ class SampleSettings:
 
     Args:
         crop: height and width that are cut out; None takes the whole frame.
-        training: whether the crop lies at random and the augmentation is drawn; otherwise the crop is in the middle.
+        training: whether the crop lies at random and the augmentation is applied; otherwise the crop is in the middle.
         ground_truth: whether ground truth is read; without it its files are not touched.
         augmentation: the model's augmentation.
         prepare: the model's further inputs, from the points that the network is shown.
@@ -34,7 +33,7 @@ class SampleSettings:
     crop: tuple[int, int] | None = None
     training: bool = False
     ground_truth: bool = False
-    augmentation: Augmentation = field(default_factory=Augmentation)
+    augmentation: Sequence[Augmentation] = ()
     prepare: Prepare | None = None
 
 
@@ -49,14 +48,13 @@ class FrameCache:
 
     def __init__(self, capacity: int) -> None:
         self._left = capacity
-        self._arrays: dict[tuple[Path, str, FrameReference], np.ndarray | None] = {}
+        self._arrays: dict[Hashable, np.ndarray | None] = {}
 
-    def read(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray | None:
-        """What the reader's method of that name reads; the array is shared and must not be changed."""
-        key = reader.folder, kind, frame
+    def read(self, key: Hashable, load: Callable[[], np.ndarray | None]) -> np.ndarray | None:
+        """What was kept under `key`, or what `load` reads; the array is shared and must not be changed."""
         if key in self._arrays:
             return self._arrays[key]
-        array: np.ndarray | None = getattr(reader, kind)(frame)
+        array = load()
         size = 0 if array is None else array.nbytes
         if size <= self._left:
             self._left -= size
@@ -71,14 +69,15 @@ class TripletDataset(Dataset[Batch]):
     bare index stands for seed 0.
 
     Args:
-        readers: of the datasets.
+        readers: of the datasets. Those that are equal share the cache.
         split: "train", "validation" or "test".
         settings: how frames become samples.
         cache: keeps decoded files; by default everything is read anew.
         offsets: the source frames, where a dataset does not list them.
 
     Raises:
-        DeuxError: a dataset has no such split. Items raise it, naming the file, where one cannot be read.
+        DeuxError: a dataset has no such split. Items raise it where a file cannot be read, and where a dataset has no
+            ground truth though this is asked for.
     """
 
     def __init__(
@@ -98,49 +97,79 @@ class TripletDataset(Dataset[Batch]):
 
     def __getitem__(self, item: int | tuple[int, int]) -> Batch:
         index, seed = item if isinstance(item, tuple) else (item, 0)
-        settings, (reader, triplet) = self.settings, self.triplets[index]
-        sample = self._read(reader, triplet)
-        rng = np.random.default_rng(seed)
-        if settings.crop is not None:
-            sample = _crop(sample, settings.crop, rng if settings.training else None, reader, triplet)
-        if settings.training:
-            sample = augment(sample, settings.augmentation, rng)
-        return _tensors(sample, settings.prepare)
+        settings = self.settings
+        sample = self._read(*self.triplets[index], seed)
+        if settings.training and settings.augmentation:
+            sample = augment(sample, settings.augmentation, seed)
+        return _batch(sample, settings.prepare)
 
-    def _read(self, reader: Reader, triplet: Triplet) -> Sample:
-        """Read a triplet's frames; the sizes of its images and maps must agree."""
+    def _read(self, reader: Reader, triplet: Triplet, seed: int) -> dict[str, np.ndarray]:
+        """Read and crop a triplet's frames; `deux.data.transforms` says what a sample is. No array is the cache's."""
         frames = (triplet.target, *triplet.sources)
-        images = [self._array(reader, "image", frame) for frame in frames]
-        sparse_depth = self._array(reader, "sparse_depth", triplet.target)
-        truth = self._cache.read(reader, "ground_truth", triplet.target) if self.settings.ground_truth else None
-        for array in (*images[1:], sparse_depth, *([] if truth is None else [truth])):
-            if array.shape[:2] != images[0].shape[:2]:
+        images = [self._image(reader, frame) for frame in frames]
+        maps = {"sparse_depth": self._array(reader, "sparse_depth", triplet.target)}
+        if self.settings.ground_truth:
+            maps["ground_truth"] = self._ground_truth(reader, triplet.target)
+        size = images[0].shape[1:]
+        for shape in [image.shape[1:] for image in images] + [depth.shape for depth in maps.values()]:
+            if shape != size:
                 raise DeuxError(
-                    f"Of frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder} something has "
-                    f"{array.shape[0]} x {array.shape[1]} pixels where its image has {images[0].shape[0]} x "
-                    f"{images[0].shape[1]}."
+                    f"{_named(reader, triplet)} has something of {shape[0]} x {shape[1]} pixels where its image has "
+                    f"{size[0]} x {size[1]}."
                 )
-        poses = [self._cache.read(reader, "pose", frame) for frame in frames]
-        motions = None
-        if all(pose is not None for pose in poses):
-            motions = np.stack([source_from_target(poses[0], pose) for pose in poses[1:]])  # type: ignore[arg-type]
-        return Sample(
-            images=np.stack(images),
-            sparse_depth=sparse_depth,
-            input_sparse_depth=sparse_depth,
-            intrinsics=self._array(reader, "intrinsics", triplet.target),
-            source_from_target=motions,
-            ground_truth=truth,
-        )
+        top, left, height, width = self._window(size, seed, reader, triplet)
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        sample = {name: depth[rows, columns].copy() for name, depth in maps.items()}
+        sample["images"] = np.stack([image[:, rows, columns] for image in images])
+        sample["intrinsics"] = self._array(reader, "intrinsics", triplet.target).copy()
+        sample["intrinsics"][:2, 2] -= left, top
+        motions = self._cache.read((reader, "motions", triplet), lambda: _motions(reader, triplet))
+        if motions is not None:
+            sample["source_from_target"] = motions.copy()
+        return sample
 
-    def _array(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray:
-        array = self._cache.read(reader, kind, frame)
+    def _window(self, size: tuple[int, int], seed: int, reader: Reader, triplet: Triplet) -> tuple[int, int, int, int]:
+        """The part of a frame that is cut out: top, left, height and width."""
+        height, width = self.settings.crop or size
+        room = size[0] - height, size[1] - width
+        if min(room) < 0:
+            raise DeuxError(
+                f"{_named(reader, triplet)} has {size[0]} x {size[1]} pixels, in which a crop of {height} x {width} "
+                "does not fit."
+            )
+        if not self.settings.training or self.settings.crop is None:
+            return room[0] // 2, room[1] // 2, height, width
+        rng = np.random.default_rng(seed)
+        return int(rng.integers(room[0] + 1)), int(rng.integers(room[1] + 1)), height, width
+
+    def _ground_truth(self, reader: Reader, frame: FrameReference) -> np.ndarray:
+        truth = self._cached(reader, "ground_truth", frame)
+        if truth is None:
+            raise DeuxError(
+                f"{reader.folder} has no ground truth of {frame.sequence}: evaluation and supervised training need it."
+            )
+        return truth
+
+    def _image(self, reader: Reader, frame: FrameReference) -> np.ndarray:
+        """3 x H x W uint8; kept in this order, which takes longer to bring about than a batch has time for."""
+        array = self._cache.read(
+            (reader, "image", frame), lambda: np.ascontiguousarray(reader.image(frame).transpose(2, 0, 1))
+        )
         assert array is not None
         return array
 
+    def _array(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray:
+        array = self._cached(reader, kind, frame)
+        assert array is not None
+        return array
+
+    def _cached(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray | None:
+        """What the reader's method of that name reads."""
+        return self._cache.read((reader, kind, frame), lambda: getattr(reader, kind)(frame))
+
 
 class ShuffledDraws(Sampler[tuple[int, int]]):
-    """Every index once an epoch in random order, each with the seed of its own augmentation.
+    """Every index once an epoch in random order, each with the seed of its own crop and augmentation.
 
     Order and seeds depend on the seed and the epoch alone, so they are the same for any number of workers. Processes
     that train together share the items out; all get equally many, so a few are left out where they do not go round.
@@ -149,22 +178,22 @@ class ShuffledDraws(Sampler[tuple[int, int]]):
         size: number of items.
         seed: seed of all epochs.
         epoch: number of the first epoch; Lightning sets those that follow.
-        share: which of the shares is drawn, from 0.
-        shares: number of shares.
+        rank: number of this process among those that train together.
+        world_size: number of processes that train together.
     """
 
-    def __init__(self, size: int, seed: int, epoch: int = 0, share: int = 0, shares: int = 1) -> None:
+    def __init__(self, size: int, seed: int, epoch: int = 0, rank: int = 0, world_size: int = 1) -> None:
         self._size, self._seed, self._epoch = size, seed, epoch
-        self._share, self._shares = share, shares
+        self._rank, self._world_size = rank, world_size
         self._skipped: dict[int, int] = {}
 
     def __len__(self) -> int:
-        return self._size // self._shares
+        return self._size // self._world_size
 
     def __iter__(self) -> Iterator[tuple[int, int]]:
         rng = np.random.default_rng([self._seed, self._epoch])
         order, seeds = rng.permutation(self._size), rng.integers(2**62, size=self._size)
-        mine = slice(self._share, len(self) * self._shares, self._shares)
+        mine = slice(self._rank, len(self) * self._world_size, self._world_size)
         return islice(zip(order[mine].tolist(), seeds[mine].tolist(), strict=True), self.skipped, None)
 
     def set_epoch(self, epoch: int) -> None:
@@ -202,11 +231,19 @@ def collate(samples: Sequence[Batch]) -> LoadedBatch:
     """Stack samples to a batch.
 
     Raises:
-        DeuxError: the samples differ in size.
+        DeuxError: the samples differ in size, in the number of their source frames, or some have poses and some none.
     """
     sizes = {tuple(sample.image.shape[-2:]) for sample in samples}
     if len(sizes) > 1:
         raise DeuxError(f"Frames of the sizes {sorted(sizes)} (height, width) do not fit in one batch: give a crop.")
+    counts = {len(sample.sources) for sample in samples}
+    if len(counts) > 1:
+        raise DeuxError(f"Frames with {sorted(counts)} source frames do not fit in one batch.")
+    if len({sample.source_from_target is None for sample in samples}) > 1:
+        raise DeuxError(
+            "Some frames of one batch have poses and others have none: train on datasets that all have poses, or on "
+            "those without."
+        )
 
     def stack(name: str) -> Tensor:
         return _stack([getattr(sample, name) for sample in samples])
@@ -224,42 +261,40 @@ def collate(samples: Sequence[Batch]) -> LoadedBatch:
     )
 
 
-def _crop(
-    sample: Sample, size: tuple[int, int], rng: np.random.Generator | None, reader: Reader, triplet: Triplet
-) -> Sample:
-    """Cut a window out, at random or from the middle."""
-    room = sample.images.shape[1] - size[0], sample.images.shape[2] - size[1]
-    if min(room) < 0:
-        raise DeuxError(
-            f"A crop of {size[0]} x {size[1]} does not fit in the {sample.images.shape[1]} x {sample.images.shape[2]} "
-            f"pixels of frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder}."
-        )
-    top, left = (room[0] // 2, room[1] // 2) if rng is None else (rng.integers(room[0] + 1), rng.integers(room[1] + 1))
-    return crop(sample, int(top), int(left), *size)
+def _motions(reader: Reader, triplet: Triplet) -> np.ndarray | None:
+    """S x 4 x 4, carries points of the target camera into each source camera; None where a frame has no pose."""
+    if not triplet.sources:
+        return None
+    poses = [reader.pose(frame) for frame in (triplet.target, *triplet.sources)]
+    if any(pose is None for pose in poses):
+        return None
+    return source_from_target(poses[0], np.stack(poses[1:]))  # type: ignore[arg-type]
 
 
-def _tensors(sample: Sample, prepare: Prepare | None) -> Batch:
+def _named(reader: Reader, triplet: Triplet) -> str:
+    return f"Frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder}"
+
+
+def _batch(sample: Mapping[str, np.ndarray], prepare: Prepare | None) -> Batch:
+    """A sample as float32 tensors, the colours in [0, 1]."""
     # Numpy rather than torch: on a busy machine torch's threads wait for each other over arrays as small as these.
-    images = np.ascontiguousarray(sample.images.transpose(0, 3, 1, 2)) / np.float32(255.0)
-    sparse, shown = _map(sample.sparse_depth), _map(sample.input_sparse_depth)
-    motions = sample.source_from_target
-    prepared = prepare(np.ascontiguousarray(sample.input_sparse_depth)) if prepare is not None else {}
+    images, motions, truth = sample["images"], sample.get("source_from_target"), sample.get("ground_truth")
+    if images.dtype == np.uint8:
+        images = images / np.float32(255.0)
+    sparse = sample["sparse_depth"]
+    shown = sample.get("input_sparse_depth", sparse)
+    prepared = prepare(np.ascontiguousarray(shown)) if prepare is not None else {}
     return Batch(
         image=torch.from_numpy(images[0]),
         sources=torch.from_numpy(images[1:]),
-        sparse_depth=torch.from_numpy(sparse),
-        validity=torch.from_numpy((sparse > 0).astype(np.float32)),
-        input_sparse_depth=torch.from_numpy(shown),
-        intrinsics=torch.from_numpy(sample.intrinsics.astype(np.float32)),
-        source_from_target=motions if motions is None else torch.from_numpy(motions.astype(np.float32)),
-        ground_truth=None if sample.ground_truth is None else torch.from_numpy(_map(sample.ground_truth)),
+        sparse_depth=torch.from_numpy(sparse[None]),
+        validity=torch.from_numpy((sparse > 0).astype(np.float32)[None]),
+        input_sparse_depth=torch.from_numpy(shown[None]),
+        intrinsics=torch.from_numpy(sample["intrinsics"].astype(np.float32)),
+        source_from_target=None if motions is None else torch.from_numpy(motions.astype(np.float32)),
+        ground_truth=None if truth is None else torch.from_numpy(truth[None]),
         prepared={name: torch.from_numpy(value) for name, value in prepared.items()},
     )
-
-
-def _map(depth: np.ndarray) -> np.ndarray:
-    """1 x H x W of its own memory."""
-    return np.array(depth[None], order="C")
 
 
 def _stack(tensors: Sequence[Tensor]) -> Tensor:

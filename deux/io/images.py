@@ -1,6 +1,10 @@
 """Images, depth maps and label maps as PNG files.
 
 Depth is stored as 16-bit PNG, metres x 256, 0 = none, which is how the VOID release and KITTI store it.
+
+Pillow reads and OpenCV writes. torchvision's own reading and writing of images is deprecated since 0.29 and will be
+removed; its encoder knows 8 bits a channel only, and its decoder ends the process, by a fault in libpng's error path,
+where a file is damaged and an error should say which.
 """
 
 import io
@@ -101,6 +105,6 @@ def _read_png(path: Path, modes: tuple[str, ...], expected: str) -> np.ndarray:
             if image.mode in modes:
                 return np.array(image)
             found = f"an image of mode {image.mode}"
-    except (OSError, SyntaxError, ValueError) as error:
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise DeuxError(f"{path} is damaged ({len(content)} bytes): {error}.") from error
     raise DeuxError(f"{path} is {found} where {expected} is expected.")

@@ -11,9 +11,9 @@ from scipy import stats
 from torch import Tensor
 
 from deux.contracts import Uncertainty, View
+from deux.frame_uncertainty import frame_uncertainty
 from deux.geometry.camera import Camera
 from deux.metrics.sparsification import ause, sparsification_curve
-from deux.uncertainty import frame_uncertainty
 
 CONTROLS = ("distance", "chance")
 """Rows beside the measures: pixels in order of their predicted depth, and in an order drawn by lot."""

@@ -13,9 +13,9 @@ from deux.task_sections import Sections
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets, needs_model
 from deux.tasks.evaluate import EvaluationSettings
+from deux.tasks.model_training import Training
 from deux.tasks.run_folder import RunFolder, open_run_folder
 from deux.tasks.seed_model import SeedModel
-from deux.tasks.training import Training
 from deux.training.ranks import leads
 
 MOST_TRAJECTORIES = 6

@@ -55,8 +55,8 @@ class CompareSettings:
 
     def __post_init__(self) -> None:
         if self.explorers is not None and not self.explorers:
-            raise DeuxError("compare.explorers is empty: name the explorers to compare, or null for all of them.")
-        check_range("compare.steps", self.steps, 1)
+            raise DeuxError("compare.explorers is empty: name some, or null for all that are installed.")
+        check_range("compare.steps", self.steps, 2)
         check_range("compare.seeds", self.seeds, 1)
         check_range("compare.figure_scene", self.figure_scene, 0)
 

@@ -11,13 +11,13 @@ from deux.data.dataset_reader import DatasetReader
 from deux.metrics.model_errors import Evaluation
 from deux.report.results import RESULTS_FILE, Results
 from deux.task_sections import Sections
-from deux.tasks.active_collection import ActiveTraining, read_rounds
+from deux.tasks.active_training import ActiveTraining, read_rounds
 from deux.tasks.collect import Exploration
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, Evaluator
+from deux.tasks.model_training import Training
 from deux.tasks.run_folder import RunFolder, open_run_folder
-from deux.tasks.training import Training
 from deux.training.ranks import decided_by_leader, leads
 
 

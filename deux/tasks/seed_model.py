@@ -12,7 +12,7 @@ from deux.task_sections import Sections
 from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import say
 from deux.tasks.datasets import Datasets
-from deux.tasks.training import Recipe, Training
+from deux.tasks.model_training import Recipe, Training
 from deux.training.fit import TrainingSettings
 
 

@@ -17,9 +17,9 @@ from deux.task_sections import Sections
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
+from deux.tasks.model_training import Training
 from deux.tasks.run_folder import EPISODES, RunFolder, open_run_folder
 from deux.tasks.seed_model import SeedModel
-from deux.tasks.training import Training
 
 
 def run(cfg: DictConfig) -> None:

@@ -7,13 +7,13 @@ from deux.contracts import Reader
 from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
 from deux.task_sections import Sections
-from deux.tasks.active_collection import ActiveTraining
+from deux.tasks.active_training import ActiveTraining
 from deux.tasks.collect import Exploration
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, read_given
+from deux.tasks.model_training import Training
 from deux.tasks.run_folder import open_run_folder
-from deux.tasks.training import Training
 
 
 def run(cfg: DictConfig) -> None:

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from deux.contracts import DepthPredictor, Uncertainty, View
-from deux.uncertainty import frame_of, make_view
+from deux.frame_uncertainty import frame_of, make_view
 
 HEIGHT, WIDTH = 48, 64
 FOCAL = 40.0

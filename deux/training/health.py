@@ -1,4 +1,4 @@
-"""Noticing a training run that has gone wrong and says nothing."""
+"""Checks during training: finite loss, depth and weights, and depth that is stuck at an end of its range."""
 
 import math
 from collections.abc import Mapping
@@ -18,8 +18,8 @@ class HealthCheck(Callback):
     is the usual cause.
 
     Args:
-        every: look after every so many optimiser steps; a look waits for the device.
-        patience: warn after so many looks in a row that found the predictions stuck.
+        every: number of optimiser steps from one check to the next; a check waits for the device.
+        patience: number of checks in a row with stuck predictions after which to warn.
         margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
 
     Raises:
@@ -31,18 +31,18 @@ class HealthCheck(Callback):
         self.every = every
         self.patience = patience
         self.margin = margin
-        self.stuck_looks = 0
+        self.stuck_checks = 0
 
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Look at what `DepthCompletion.training_step` returned, if the optimiser has made a step with it."""
+        """Check what `DepthCompletion.training_step` returned, if the optimiser has made a step with it."""
         stepped = (batch_idx + 1) % trainer.accumulate_grad_batches == 0 or trainer.is_last_batch
         if stepped and trainer.global_step % self.every == 0 and isinstance(pl_module, DepthCompletion):
-            self._look(trainer.global_step, pl_module, outputs)
+            self._check(trainer.global_step, pl_module, outputs)
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Look at the weights: a broken pose network leaves nothing visible, and with it a finite loss."""
+        """Check the weights: a pose network that gives NaN leaves nothing visible, and the loss stays finite."""
         broken = [name for name, weight in pl_module.named_parameters() if not weight.isfinite().all()]
         if broken:
             raise DeuxError(
@@ -50,7 +50,7 @@ class HealthCheck(Callback):
                 "first: lower training.learning_rate, or set trainer.precision=32-true."
             )
 
-    def _look(self, step: int, module: DepthCompletion, outputs: Mapping[str, Any]) -> None:
+    def _check(self, step: int, module: DepthCompletion, outputs: Mapping[str, Any]) -> None:
         rate = module.trainer.optimizers[0].param_groups[0]["lr"]
         # Lightning has divided the loss by the number of batches whose gradients are accumulated.
         loss = float(outputs["loss"]) * module.trainer.accumulate_grad_batches
@@ -62,8 +62,8 @@ class HealthCheck(Callback):
             )
         near = depth <= model.min_depth * (1 + self.margin)
         far = depth >= model.max_depth * (1 - self.margin)
-        self.stuck_looks = self.stuck_looks + 1 if near or far else 0
-        if self.stuck_looks == self.patience:
+        self.stuck_checks = self.stuck_checks + 1 if near or far else 0
+        if self.stuck_checks == self.patience:
             end = "nearest" if near else "farthest"
             rank_zero_warn(
                 f"The predicted depth has stuck to its {end} value ({depth:.2f} m on average) for "

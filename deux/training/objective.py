@@ -24,7 +24,7 @@ from deux.training.pose_source import PoseSource, RelativePoses
 
 
 class Losses(NamedTuple):
-    """What the objective makes of one batch.
+    """The objective's values for one batch.
 
     Args:
         total: the weighted sum, a float32 scalar.

@@ -1,9 +1,11 @@
 """FusionNet: unsupervised depth completion from ScaffNet's topology and the image (Wong et al., RA-L 2021)."""
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor, nn
+from torchvision.transforms import v2
 
 from deux.contracts import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux.geometry.sliding_max import sliding_max
@@ -46,7 +48,7 @@ class FusionNet(DepthModel):
         "local_smoothness": 1.0,
         "topology_prior": 0.10,
     }
-    augmentation: ClassVar[Augmentation] = Augmentation(flip=0.5)
+    augmentation: ClassVar[Sequence[Augmentation]] = (v2.RandomHorizontalFlip(p=0.5),)
 
     def __init__(
         self,

@@ -1,9 +1,11 @@
 """ScaffNet: supervised densification of sparse depth without an image (Wong, Cicek and Soatto, RA-L 2021)."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
+from torchvision.transforms import v2
 
 from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
 from deux.geometry.sliding_max import sliding_max
@@ -54,7 +56,7 @@ class ScaffNet(DepthModel):
 
     supervised: ClassVar[bool] = True
     objective: ClassVar[LossSettings] = {"supervised_depth": 1.0}
-    augmentation: ClassVar[Augmentation] = Augmentation(flip=0.5)
+    augmentation: ClassVar[Sequence[Augmentation]] = (v2.RandomHorizontalFlip(p=0.5),)
 
     def __init__(
         self,

@@ -1,27 +1,28 @@
 """The data module under Lightning: order, workers, ground truth, frames that are added."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from lightning import LightningModule, Trainer
+from lightning import Callback, LightningModule, Trainer
 from lightning.fabric.utilities.apply_func import move_data_to_device
 from torch import Tensor, nn
+from torch.utils.data import get_worker_info
 from torch.utils.data._utils.pin_memory import pin_memory
-from toy_world import ToySimulator, Wanderer, specification
+from torchvision.transforms import v2
+from void_layout import dataset
 
-from deux.collection.pipeline import build_dataset
-from deux.contracts import Augmentation, Batch, DepthModel, Prediction
+from deux.contracts import Batch, DepthModel, Prediction
 from deux.data.datamodule import TripletDataModule
-from deux.data.reader import read_split
+from deux.data.dataset_reader import DatasetReader
+from deux.data.transforms import DropPoints
 from deux.errors import DeuxError
 
 
 class ToyModel(DepthModel):
-    augmentation = Augmentation(drop_points=(0.3, 0.6), flip=0.5)
+    augmentation = (v2.RandomHorizontalFlip(p=0.5), DropPoints((0.3, 0.6), p=0.5))
     min_depth, max_depth = 0.1, 10.0
 
     def forward(self, image: Tensor, *_: Tensor, **prepared: Tensor) -> Prediction:
@@ -35,6 +36,20 @@ class SupervisedModel(ToyModel):
     supervised = True
 
 
+class CountingModel(ToyModel):
+    """Says which worker prepared a sample, and how many that worker had prepared before."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.prepared = 0
+
+    def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
+        worker = get_worker_info()
+        assert worker is not None
+        self.prepared += 1
+        return {"worker": np.full((1, 1, 1), worker.id), "before": np.full((1, 1, 1), self.prepared - 1)}
+
+
 class Recorder(LightningModule):
     """Trains nothing and keeps the batches."""
 
@@ -42,6 +57,7 @@ class Recorder(LightningModule):
         super().__init__()
         self.weight = nn.Parameter(torch.zeros(()))
         self.batches: list[Batch] = []
+        self.validated: list[Batch] = []
 
     def training_step(self, batch: Batch, index: int) -> Tensor:
         self.batches.append(batch)
@@ -49,20 +65,18 @@ class Recorder(LightningModule):
 
     def validation_step(self, batch: Batch, index: int) -> None:
         assert batch.ground_truth is not None
+        self.validated.append(batch)
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         return torch.optim.SGD(self.parameters(), 0.1)
 
 
-def build(root: Path, **changes: Any) -> Path:
-    return build_dataset(specification(**changes), root, ToySimulator, Wanderer)
-
-
 def module(train: list[Path], model: DepthModel | None = None, **settings: Any) -> TripletDataModule:
-    return TripletDataModule(model or ToyModel(), train, batch_size=4, crop=(16, 20), seed=1, **settings)
+    readers = [DatasetReader(folder) for folder in train]
+    return TripletDataModule(model or ToyModel(), readers, batch_size=4, crop=(16, 20), seed=1, **settings)
 
 
-def fit(data: TripletDataModule, epochs: int = 2, **settings: Any) -> list[Batch]:
+def fit(data: TripletDataModule, epochs: int = 2, **settings: Any) -> Recorder:
     recorder = Recorder()
     trainer = Trainer(
         max_epochs=epochs,
@@ -75,15 +89,18 @@ def fit(data: TripletDataModule, epochs: int = 2, **settings: Any) -> list[Batch
         **settings,
     )
     trainer.fit(recorder, datamodule=data)
-    return recorder.batches
+    return recorder
+
+
+def workers_of(batch: Batch) -> set[int]:
+    return set(batch.prepared["worker"].flatten().tolist())
 
 
 @pytest.mark.filterwarnings("ignore:.*does not have many workers")
-@pytest.mark.filterwarnings("ignore:.*isinstance.treespec, LeafSpec.*:FutureWarning")  # Lightning itself
 def test_lightning_trains_on_it(tmp_path: Path) -> None:
-    data = module([build(tmp_path)])
-    data.validation = [build(tmp_path, split="validation")]
-    batches = fit(data)
+    data = module([dataset(tmp_path / "d")])
+    data.validation = [DatasetReader(dataset(tmp_path / "v", split="validation"))]
+    batches = fit(data).batches
     assert len(batches) == 2 * (12 // 4)
     assert all(batch.image.shape == (4, 3, 16, 20) for batch in batches)
     assert all(batch.sources.shape == (4, 2, 3, 16, 20) for batch in batches)
@@ -93,39 +110,76 @@ def test_lightning_trains_on_it(tmp_path: Path) -> None:
     assert not torch.equal(batches[0].intrinsics, batches[3].intrinsics)
 
 
+@pytest.mark.filterwarnings("ignore:.*does not have many workers")
+def test_reloading_the_loaders_changes_no_batch(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "d")
+    kept, reloaded = fit(module([folder]), 3), fit(module([folder]), 3, reload_dataloaders_every_n_epochs=1)
+    assert len(kept.batches) == 9
+    for one, two in zip(kept.batches, reloaded.batches, strict=True):
+        torch.testing.assert_close(one.image, two.image)
+        torch.testing.assert_close(one.input_sparse_depth, two.input_sparse_depth)
+
+
+@pytest.mark.filterwarnings("ignore:.*does not have many workers")
+def test_the_same_workers_serve_all_epochs_until_the_datasets_change(tmp_path: Path) -> None:
+    first, second = dataset(tmp_path / "first"), dataset(tmp_path / "second", frames=10)
+    data = module([first], CountingModel(), num_workers=2)
+    data.validation = [DatasetReader(dataset(tmp_path / "validation", split="validation"))]
+
+    class Explore(Callback):
+        def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+            if trainer.current_epoch == 1:  # an equal reader stands for the same dataset
+                data.train = [DatasetReader(first), DatasetReader(second)]
+            else:
+                data.train = [DatasetReader(reader.folder) for reader in data.train]
+
+    recorder = fit(data, 4, reload_dataloaders_every_n_epochs=1, callbacks=[Explore()])
+    epochs = [recorder.batches[:3], recorder.batches[3:6], recorder.batches[6:13], recorder.batches[13:]]
+    assert [len(epoch) for epoch in epochs] == [3, 3, 7, 7]
+    earliest = [min(int(batch.prepared["before"].min()) for batch in epoch) for epoch in epochs]
+    # A worker that is made anew begins to count again.
+    assert earliest[0] == earliest[2] == 0
+    assert earliest[1] >= 4
+    assert earliest[3] >= 12
+    assert {worker for epoch in epochs for batch in epoch for worker in workers_of(batch)} == {0, 1}
+    assert min(int(batch.prepared["before"].min()) for batch in recorder.validated[3:]) >= 4
+
+
 def drawn(data: TripletDataModule) -> list[Batch]:
     return list(data.train_dataloader())
 
 
 def test_the_number_of_workers_changes_nothing(tmp_path: Path) -> None:
-    dataset = build(tmp_path)
-    alone, together = drawn(module([dataset])), drawn(module([dataset], num_workers=2))
-    for one, two in zip(alone, together, strict=True):
+    folder = dataset(tmp_path / "d")
+    alone, together = module([folder]), module([folder], num_workers=2)
+    for one, two in zip(drawn(alone) + drawn(alone), drawn(together) + drawn(together), strict=True):
         torch.testing.assert_close(one.image, two.image)
         torch.testing.assert_close(one.input_sparse_depth, two.input_sparse_depth)
         torch.testing.assert_close(one.intrinsics, two.intrinsics)
 
 
 def test_ground_truth_reaches_supervised_models_alone(tmp_path: Path) -> None:
-    dataset = build(tmp_path)
-    assert all(batch.ground_truth is not None for batch in drawn(module([dataset], SupervisedModel())))
-    for folder in (dataset / "data").glob("*/ground_truth"):
-        for file in folder.iterdir():
+    folder = dataset(tmp_path / "d")
+    assert all(batch.ground_truth is not None for batch in drawn(module([folder], SupervisedModel())))
+    for truth in (folder / "data").glob("*/ground_truth"):
+        for file in truth.iterdir():
             file.write_bytes(b"poison")
-    assert all(batch.ground_truth is None for batch in drawn(module([dataset])))
+    assert all(batch.ground_truth is None for batch in drawn(module([folder])))
     with pytest.raises(DeuxError, match="ground_truth"):
-        drawn(module([dataset], SupervisedModel()))
+        drawn(module([folder], SupervisedModel()))
 
 
 def test_frames_may_be_added_between_epochs(tmp_path: Path) -> None:
-    data = module([build(tmp_path)])
+    data = module([dataset(tmp_path / "first")])
     assert len(data.train_dataloader().dataset) == 12  # type: ignore[arg-type]
-    data.train.append(build(tmp_path, seed=8))
+    data.train.append(DatasetReader(dataset(tmp_path / "second")))
     assert len(data.train_dataloader().dataset) == 24  # type: ignore[arg-type]
+    assert data.train_dataloader() is data.train_dataloader()
 
 
 def test_a_last_batch_that_is_not_full_is_left_out_of_training_alone(tmp_path: Path) -> None:
-    data = TripletDataModule(ToyModel(), [build(tmp_path)], test=[build(tmp_path, split="test")], batch_size=5)
+    train, test = dataset(tmp_path / "d"), dataset(tmp_path / "t", split="test")
+    data = TripletDataModule(ToyModel(), [DatasetReader(train)], test=[DatasetReader(test)], batch_size=5)
     assert [len(batch.image) for batch in data.train_dataloader()] == [5, 5]
     assert [len(batch.image) for batch in data.test_dataloader()] == [5, 5, 2]
     data.batch_size = 50
@@ -133,38 +187,53 @@ def test_a_last_batch_that_is_not_full_is_left_out_of_training_alone(tmp_path: P
 
 
 def test_evaluation_frames_come_in_order_and_whole(tmp_path: Path) -> None:
-    dataset = build(tmp_path, split="test")
-    data = TripletDataModule(ToyModel(), test=[dataset], batch_size=12)
-    (batch,) = data.test_dataloader()
+    reader = DatasetReader(dataset(tmp_path / "t", split="test"))
+    (batch,) = TripletDataModule(ToyModel(), test=[reader], batch_size=12).test_dataloader()
     assert batch.image.shape == (12, 3, 40, 48)
     torch.testing.assert_close(batch.input_sparse_depth, batch.sparse_depth)
     assert batch.ground_truth is not None
-    assert len(read_split(dataset, "test")) == 12
+    for truth, (target, _) in zip(batch.ground_truth, reader.triplets("test", (-1, -2)), strict=True):
+        np.testing.assert_array_equal(truth[0], reader.ground_truth(target))
+
+
+def test_evaluation_needs_no_poses_but_truth(tmp_path: Path) -> None:
+    video = dataset(tmp_path / "video", split="test", kinds=("image", "sparse_depth", "ground_truth"))
+    (batch,) = TripletDataModule(ToyModel(), test=[DatasetReader(video)], batch_size=12).test_dataloader()
+    assert batch.source_from_target is None
+    blind = dataset(tmp_path / "blind", split="test", kinds=("image", "sparse_depth"))
+    with pytest.raises(DeuxError, match=rf"^{blind} has no ground truth of hall-00"):
+        list(TripletDataModule(ToyModel(), test=[DatasetReader(blind)]).test_dataloader())
 
 
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_truncated_file_is_one_sentence_whoever_reads_it(tmp_path: Path, workers: int) -> None:
-    dataset = build(tmp_path)
-    file = dataset / "data/hall-00/image/000003.png"
+    folder = dataset(tmp_path / "d")
+    file = folder / "data/hall-00/image/000003.png"
     file.write_bytes(file.read_bytes()[:64])
     with pytest.raises(DeuxError) as caught:
-        drawn(module([dataset], num_workers=workers))
+        drawn(module([folder], num_workers=workers))
     assert str(caught.value) == f"{file} is truncated or no PNG file (64 bytes)."
 
 
-def test_batches_can_be_pinned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("poses", [True, False])
+def test_batches_can_be_pinned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, poses: bool) -> None:
     pinned: list[torch.Size] = []
     monkeypatch.setattr(Tensor, "pin_memory", lambda tensor: pinned.append(tensor.shape) or tensor)
-    (batch, *_) = drawn(module([build(tmp_path, sparse=replace(specification().sparse, density=0.05))]))
+    kinds = ("image", "sparse_depth", "ground_truth", "absolute_pose")
+    (batch, *_) = drawn(module([dataset(tmp_path / "d", kinds=kinds if poses else kinds[:-1])]))
     assert pin_memory(batch) is batch
-    assert len(pinned) == 8  # seven tensors and the prepared one
+    assert len(pinned) == (8 if poses else 7)  # the batch's own tensors and the prepared one
 
 
-def test_batches_can_be_moved_to_a_device(tmp_path: Path) -> None:
-    (batch, *_) = drawn(module([build(tmp_path)]))
+@pytest.mark.parametrize("poses", [True, False])
+def test_batches_can_be_moved_to_a_device(tmp_path: Path, poses: bool) -> None:
+    kinds = ("image", "sparse_depth", "ground_truth", "absolute_pose")
+    (batch, *_) = drawn(module([dataset(tmp_path / "d", kinds=kinds if poses else kinds[:-1])]))
     moved = move_data_to_device(batch, torch.device("meta"))
     for name in ("image", "sources", "sparse_depth", "validity", "intrinsics", "source_from_target"):
-        assert getattr(moved, name).device.type == "meta"
+        if name != "source_from_target" or poses:
+            assert getattr(moved, name).device.type == "meta"
+    assert (moved.source_from_target is not None) == poses
     assert moved.prepared["double"].device.type == "meta"
     assert moved.ground_truth is None
     assert batch.image.device.type == "cpu"

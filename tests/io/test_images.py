@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deux.data import images
 from deux.errors import DeuxError
+from deux.io import images
 
 
 def test_image_round_trip_keeps_channel_order(tmp_path: Path) -> None:
@@ -72,6 +72,13 @@ def test_the_wrong_kind_of_image_is_refused(tmp_path: Path) -> None:
     images.write_image(file, np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(DeuxError, match="where a 16-bit depth map is expected"):
         images.read_depth(file)
+
+
+def test_more_pixels_than_anybody_means_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images.write_image(tmp_path / "a.png", np.zeros((40, 40, 3), np.uint8))
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 10)
+    with pytest.raises(DeuxError, match=r"a\.png is damaged"):
+        images.read_image(tmp_path / "a.png")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

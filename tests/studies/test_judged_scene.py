@@ -8,11 +8,11 @@ import pytest
 import torch
 
 from deux.contracts import Uncertainty, View
+from deux.frame_uncertainty import make_view
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
 from deux.registry import registry
 from deux.studies.judged_scene import CONTROLS, JudgedScene, SceneJudge, rank_correlation
-from deux.uncertainty import make_view
 
 CAMERA = Camera(width=64, height=48, hfov=60.0)
 MEASURES: dict[str, Uncertainty] = {

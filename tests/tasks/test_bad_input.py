@@ -72,7 +72,7 @@ MISTAKES = {
     "training.validations=0": "training.validations is 0: it must be at least 1.",
     "evaluation.viewpoints=0": "evaluation.viewpoints is 0: it must be at least 1.",
     "compare.steps=1": "compare.steps is 1: it must be at least 2.",
-    "compare.figure_scene=20": "compare.figure_scene is 20: it must be at least 0 and at most 19.",
+    "compare.figure_scene=20": "compare.figure_scene is 20, but there are 1 scenes: the first one is 0.",
     "seed=-1": "seed is -1: the random seed is a whole number from 0 to 4294967295.",
     "objective.sparse_depth=-1": "objective.sparse_depth has the weight -1: a weight is a number of 0 or more",
     "scenes.test=0": "scenes.test names no scene: at least one is needed.",
@@ -329,7 +329,7 @@ def small_disk(tmp_path):
 
 def unfinished(folder: Path) -> list[Path]:
     """Files under a temporary name."""
-    return [path for path in folder.rglob(".*") if path.is_file() and path.suffix != ".lock"]
+    return [path for path in folder.rglob(".*") if path.is_file() and not path.name.endswith(".lock")]
 
 
 def test_a_full_disk_is_said_and_the_same_command_goes_on_when_there_is_room(tiny, small_disk):

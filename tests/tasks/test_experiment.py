@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from deux.metrics.depth_errors import METRIC_NAMES
+from deux.metrics.depth_errors import METRICS
 
 
 def test_everything_that_a_run_leaves_behind(finished):
@@ -23,7 +23,7 @@ def test_everything_that_a_run_leaves_behind(finished):
     }
     assert results["frames"] == 2 * (16 - 2)  # two flats; the first two frames of an episode have no source frames
     for predicted in ("metrics", "baseline", "constant"):
-        assert tuple(results[predicted]) == METRIC_NAMES
+        assert tuple(results[predicted]) == tuple(METRICS)
         assert all(math.isfinite(value) and value > 0 for value in results[predicted].values())
     assert set(results["seconds"]) == {"seed", "collect", "train", "evaluate"}
     assert {path.name for path in (run / "figures").iterdir()} == {

@@ -69,7 +69,7 @@ def test_an_explorer_collects_with_the_policy_and_anew_with_another_one(trained,
         if source is not None:
             copy.write_bytes(source.read_bytes())
         else:  # the same name, but the explorer that ships
-            from deux_plugins.explorers.novelty import NoveltyExplorer
+            from deux_plugins.explorers.learned import NoveltyExplorer
 
             copy.write_bytes(NoveltyExplorer.shipped_weights.read_bytes())
         outcome = tiny(folder.parent, *collect)

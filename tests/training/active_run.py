@@ -76,7 +76,9 @@ def digest(image: np.ndarray) -> str:
 
 def dataset(root: Path, name: str, model: nn.Module, **changes: Any) -> Path:
     """What robots collect that a model guides; the dataset's name holds the model's weights."""
-    weights = hashlib.sha256(b"".join(value.numpy().tobytes() for value in model.state_dict().values())).hexdigest()
+    weights = hashlib.sha256(
+        b"".join(value.double().numpy().tobytes() for value in model.state_dict().values())
+    ).hexdigest()
     spec = specification(name=name, model=weights, uncertainty=L1, **changes)
     return build_dataset(spec, root, ToySimulator, guided_explorer, model.predict)
 

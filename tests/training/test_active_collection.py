@@ -230,6 +230,12 @@ def test_a_round_leaves_no_trace_in_the_model_and_in_what_is_random(tmp_path):
     assert with_rounds.kept[0] == without.kept[0]
 
 
+@pytest.mark.parametrize("precision", ["64-true", "bf16-true"])
+def test_the_model_explores_in_any_precision(tmp_path, precision):
+    _, active = active_run.train(tmp_path, {"steps": 5}, trainer={"precision": precision})
+    assert [one.frames for one in active.rounds] == [FIRST]
+
+
 def test_a_trainer_that_would_not_read_new_frames_is_refused(tmp_path):
     with pytest.raises(DeuxError, match=r"reload_dataloaders_every_n_epochs=2 would leave out"):
         active_run.train(tmp_path, trainer={"reload_dataloaders_every_n_epochs": 2})

@@ -9,6 +9,7 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
+from deux.callbacks import make_callback
 from deux.metrics.depth_errors import DepthErrors
 from deux.testing.losses import perfect_sample
 from deux.training.checkpointing import resume_checkpoints, resume_point
@@ -151,12 +152,13 @@ RUNS = {
     "loader processes": {"settings": {"steps": 15, "num_workers": 2}},
     "accumulated gradients": {"settings": {"steps": 7}, "trainer": {"accumulate_grad_batches": 2}},
     "float64": {"settings": {"steps": None, "epochs": 3}, "trainer": {"precision": "64-true"}},
+    "averaged weights": {"settings": {"steps": 15}, "averaged": True},
     "validation": {"settings": {"steps": 15, "validations": 5}, "validate": True},
 }
 KILLS = [(0, 1), (0, 4), (0, 5), (1, 0), (1, 3)]
 """Epoch and batch before which a run is killed."""
 
-CASES = [(kind, kill_at) for kind in RUNS for kill_at in KILLS]
+CASES = [(kind, kill_at) for kind in RUNS for kill_at in (KILLS if kind in ("steps", "epochs") else KILLS[1::3])]
 CASES += [("validation", ("validation", step)) for step in (3, 6)]  # within an epoch, and at its end
 
 
@@ -175,7 +177,9 @@ def unbroken(tmp_path_factory):
 
 def recorded_run(folder, kind, kill_at=None, callbacks=(), checkpoint_minutes=0.0):
     """Train until it is killed or over; with 0 minutes there is a checkpoint after every step."""
-    recorder, options = BatchRecorder(kill_at), RUNS[kind]
+    recorder, options = BatchRecorder(kill_at), dict(RUNS[kind])
+    if options.pop("averaged", False):
+        callbacks = [make_callback("ema_weight_averaging", {"decay": 0.5})]
     settings = {"batch_size": 2, "checkpoint_minutes": checkpoint_minutes} | options["settings"]
     with nullcontext() if kill_at is None else pytest.raises(active_run.Killed):
         model, _ = active_run.train(

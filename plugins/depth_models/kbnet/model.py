@@ -1,10 +1,12 @@
 """KBNet as a depth model of the framework."""
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 from torch import Tensor, nn
 
 from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
+from deux.data.transforms import DropPoints
 from deux_plugins.depth_models.kbnet.encoder import KBNetEncoder
 from deux_plugins.depth_models.kbnet.sparse_to_dense import SparseToDensePool
 from deux_plugins.depth_models.parts.decoder import Decoder
@@ -35,7 +37,7 @@ class KBNet(DepthModel):
         "sparse_depth": 2.0,
         "local_smoothness": 2.0,
     }
-    augmentation: ClassVar[Augmentation] = Augmentation(drop_points=(0.30, 0.60))
+    augmentation: ClassVar[Sequence[Augmentation]] = (DropPoints(fraction=(0.30, 0.60), p=0.5),)
 
     def __init__(
         self,

@@ -31,6 +31,9 @@ from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.ranks import decided_by_leader, leads, starts_the_command_again, wait_for_all
 
+_WITHOUT_EFFECT = ("num_workers", "validations", "checkpoint_minutes")
+"""Options of `training` that the trained weights do not depend on."""
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -180,7 +183,7 @@ class Training:
             "model": recipe.model.description,
             "objective": dict(recipe.objective),
             "pose": recipe.pose,
-            "training": asdict(recipe.training),
+            "training": {k: v for k, v in asdict(recipe.training).items() if k not in _WITHOUT_EFFECT},
             "trainer": self._trainer,
             "dataset": dataset.name,
             "seed": self.seed,

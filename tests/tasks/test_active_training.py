@@ -15,11 +15,11 @@ from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
 from deux.metrics.model_errors import evaluate
 from deux.options import construct
-from deux.tasks import active_collection
-from deux.tasks.active_collection import ActiveCollectionSettings, RoundCollector
+from deux.tasks import active_training
+from deux.tasks.active_training import ActiveCollectionSettings, RoundCollector
 from deux.tasks.checkpoints import weights_identity
 from deux.tasks.datasets import Datasets
-from deux.tasks.training import Training
+from deux.tasks.model_training import Training
 from deux.training.rounds import RankResult, RoundRequest
 
 ACTIVE = [
@@ -103,10 +103,10 @@ def test_interrupted_in_a_round_it_ends_like_an_unbroken_run(tiny, active, tmp_p
             raise KeyboardInterrupt
         return seen_area(*arguments)
 
-    seen_area = active_collection.seen_area
+    seen_area = active_training.seen_area
     folder = f"hydra.run.dir={tmp_path}/run"
     with monkeypatch.context() as patch:
-        patch.setattr(active_collection, "seen_area", area_or_end)
+        patch.setattr(active_training, "seen_area", area_or_end)
         assert tiny(active.parent, *ACTIVE, folder).code == 130
     collected = {path: path.stat().st_mtime_ns for path in tmp_path.glob("run/rounds/round*/**/*")}
     assert len([path for path in collected if path.name == "manifest.json"]) == 2

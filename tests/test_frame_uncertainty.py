@@ -5,9 +5,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view
 from deux.geometry.reprojection import reproject
 from deux.testing.uncertainties import WALL, wall_view
-from deux.uncertainty import frame_of, frame_uncertainty, make_view
 
 
 def test_frame_uncertainty_is_equation_eight_over_the_known_pixels():

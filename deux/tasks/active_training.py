@@ -29,8 +29,8 @@ from deux.task_sections import Sections
 from deux.tasks.checkpoints import weights_identity
 from deux.tasks.console import say
 from deux.tasks.datasets import Datasets
+from deux.tasks.model_training import Recipe, Training
 from deux.tasks.run_folder import ROUNDS, RunFolder
-from deux.tasks.training import Recipe, Training
 from deux.training.active_collection import ActiveCollection
 from deux.training.ranks import decided_by_leader, leads
 from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings

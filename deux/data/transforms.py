@@ -1,0 +1,305 @@
+"""Training samples as torchvision's transforms v2 take them: images, depth maps, camera and poses change together.
+
+A sample is a dictionary of tensors whose types say what they are:
+
+    "images"              tv_tensors.Image    (1 + S) x 3 x H x W, frame t first
+    "sparse_depth"        DepthMap            H x W metres, what the losses compare with
+    "input_sparse_depth"  InputSparseDepth    H x W metres, what the network is shown
+    "ground_truth"        DepthMap            H x W metres; only where it was read
+    "intrinsics"          Intrinsics          3 x 3
+    "source_from_target"  RelativePoses       S x 4 x 4; only where the frames have poses
+
+Any transform of `torchvision.transforms.v2` applies to it. Photometric ones change the images, all frames alike. Crops,
+paddings, flips and changes of size also change the depth maps, the intrinsics and the poses, so that a point of the
+scene still lies on its pixel in every frame. Transforms after which the camera is no pinhole camera with the matrix
+(fx s cx, 0 fy cy, 0 0 1) are refused. Random ones draw from torch's default generator, which is seeded for each sample.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NoReturn
+
+import numpy as np
+import torch
+from torch import Tensor
+from torchvision.transforms import InterpolationMode, v2
+from torchvision.transforms.v2 import functional
+from torchvision.tv_tensors import Image, Mask, TVTensor, wrap
+
+from deux.contracts import Augmentation
+from deux.errors import DeuxError, check_range
+
+
+class DepthMap(Mask):
+    """H x W float32 metres along the optical axis, 0 = none.
+
+    A mask to torchvision: moved as the images are, untouched by what changes colours, never interpolated.
+    """
+
+
+class InputSparseDepth(DepthMap):
+    """The sparse depth that the network is shown; the losses read another one."""
+
+
+class Intrinsics(TVTensor):
+    """A camera's 3 x 3 matrix, for pixel centres at integers.
+
+    Args:
+        matrix: 3 x 3.
+        canvas_size: height and width of the images that it belongs to.
+    """
+
+    canvas_size: tuple[int, int]
+
+    def __new__(cls, matrix: Tensor, canvas_size: tuple[int, int]) -> "Intrinsics":
+        """The matrix itself, not a copy."""
+        intrinsics = matrix.as_subclass(cls)
+        intrinsics.canvas_size = canvas_size
+        return intrinsics
+
+
+class RelativePoses(TVTensor):
+    """S x 4 x 4, each carries points of the target camera into a source camera."""
+
+
+_TYPES: Mapping[str, type[TVTensor]] = {
+    "images": Image,
+    "sparse_depth": DepthMap,
+    "ground_truth": DepthMap,
+    "intrinsics": Intrinsics,
+    "source_from_target": RelativePoses,
+}
+
+
+def augment(sample: Mapping[str, np.ndarray], augmentation: Sequence[Augmentation], seed: int) -> dict[str, np.ndarray]:
+    """Apply a model's augmentation to a sample.
+
+    Args:
+        sample: the arrays of a sample by name, without "input_sparse_depth"; the transforms may change them.
+        augmentation: the transforms, in order.
+        seed: of all that the transforms draw from torch's default generator on the CPU.
+
+    Returns:
+        The arrays of the sample, "input_sparse_depth" among them.
+
+    Raises:
+        DeuxError: a transform makes no sense for a camera, or has changed the size of one part without the others.
+    """
+    tensors: dict[str, Tensor] = {
+        name: torch.from_numpy(array).as_subclass(_TYPES[name]) for name, array in sample.items()
+    }
+    shown = torch.from_numpy(sample["sparse_depth"].copy())
+    tensors["input_sparse_depth"] = shown.as_subclass(InputSparseDepth)
+    height, width = sample["images"].shape[-2:]
+    tensors["intrinsics"] = Intrinsics(tensors["intrinsics"], (height, width))
+    state = torch.get_rng_state()
+    torch.default_generator.manual_seed(seed)  # not torch.manual_seed, which would set the GPUs' generators as well
+    try:
+        for transform in augmentation:
+            tensors = transform(tensors)
+    finally:
+        torch.set_rng_state(state)
+    augmented = {name: tensor.as_subclass(Tensor).numpy() for name, tensor in tensors.items()}
+    _check_sizes(augmented, getattr(tensors["intrinsics"], "canvas_size", None))
+    return augmented
+
+
+class DropPoints(v2.Transform):
+    """Hide a random part of the sparse points from the network; the losses keep all of them.
+
+    Args:
+        fraction: least and most of the points that are hidden, drawn evenly for each sample.
+        p: probability that any are hidden.
+
+    Raises:
+        DeuxError: a fraction or the probability is not in [0, 1].
+    """
+
+    def __init__(self, fraction: tuple[float, float], p: float = 0.5) -> None:
+        super().__init__()
+        for name, value in (("fraction", fraction[0]), ("fraction", fraction[1]), ("p", p)):
+            check_range(f"DropPoints: {name}", value, 0.0, 1.0)
+        self.fraction, self.p = fraction, p
+
+    def make_params(self, flat_inputs: list[Any]) -> dict[str, float]:
+        """Draw the fraction that this sample loses."""
+        drop, position = torch.rand(2).tolist()
+        least, most = self.fraction
+        return {"fraction": least + (most - least) * position if drop < self.p else 0.0}
+
+    def transform(self, inpt: Any, params: dict[str, float]) -> Any:
+        """Remove the points from an `InputSparseDepth`; everything else is left as it is."""
+        if not isinstance(inpt, InputSparseDepth) or params["fraction"] == 0.0:
+            return inpt
+        depth = inpt.as_subclass(Tensor).numpy().copy()
+        points = np.flatnonzero(depth)
+        order = torch.randperm(len(points)).numpy()
+        depth.flat[points[order[: round(params["fraction"] * len(points))]]] = 0.0
+        return torch.from_numpy(depth).as_subclass(type(inpt))
+
+
+@functional.register_kernel(functional.crop, Intrinsics)
+def crop_intrinsics(intrinsics: Intrinsics, top: int, left: int, height: int, width: int) -> Intrinsics:
+    """Move the principal point with the window's corner, which may lie outside of the image."""
+    return _shifted(intrinsics, (height, width), -left, -top)
+
+
+@functional.register_kernel(functional.center_crop, Intrinsics)
+def center_crop_intrinsics(intrinsics: Intrinsics, output_size: int | Sequence[int]) -> Intrinsics:
+    """Move the principal point with the window in the middle, which may be larger than the image."""
+    sides = [output_size] * 2 if isinstance(output_size, int) else [*output_size] * (2 // len(output_size))
+    new = sides[0], sides[1]
+    top, left = (
+        (after - before) // 2 if after > before else -round((before - after) / 2)
+        for before, after in zip(intrinsics.canvas_size, new, strict=True)
+    )
+    return _shifted(intrinsics, new, left, top)
+
+
+@functional.register_kernel(functional.pad, Intrinsics)
+def pad_intrinsics(
+    intrinsics: Intrinsics, padding: int | Sequence[int], fill: Any = None, padding_mode: str = "constant"
+) -> Intrinsics:
+    """Move the principal point by what is added on the left and above.
+
+    Raises:
+        DeuxError: the padding repeats or mirrors pixels, which no camera sees there.
+    """
+    if padding_mode != "constant":
+        raise DeuxError(
+            f"The augmentation pads the frames by repeating their pixels (padding_mode={padding_mode!r}), which no "
+            "camera sees there: only 'constant' is possible."
+        )
+    sides = [padding] * 4 if isinstance(padding, int) else [*padding] * (4 // len(padding))
+    left, top, right, bottom = sides
+    height, width = intrinsics.canvas_size
+    return _shifted(intrinsics, (height + top + bottom, width + left + right), left, top)
+
+
+@functional.register_kernel(functional.resize, Intrinsics)
+def resize_intrinsics(
+    intrinsics: Intrinsics, size: Sequence[int] | None, max_size: int | None = None, **options: Any
+) -> Intrinsics:
+    """Scale the focal lengths; the image's corners, half a pixel outside of the outermost centres, stay its corners."""
+    # A tensor without memory: torchvision computes the size alone.
+    resized = functional.resize(torch.empty(1, *intrinsics.canvas_size, device="meta"), size, max_size=max_size)
+    height, width = resized.shape[-2:]
+    x, y = width / intrinsics.canvas_size[1], height / intrinsics.canvas_size[0]
+    pixels = ((x, 0.0, x / 2 - 0.5), (0.0, y, y / 2 - 0.5), (0.0, 0.0, 1.0))
+    return _moved(intrinsics, pixels, (height, width))
+
+
+@functional.register_kernel(functional.resized_crop, Intrinsics)
+def resized_crop_intrinsics(
+    intrinsics: Intrinsics, top: int, left: int, height: int, width: int, size: Sequence[int], **options: Any
+) -> Intrinsics:
+    """Crop, then resize."""
+    return resize_intrinsics(crop_intrinsics(intrinsics, top, left, height, width), size)
+
+
+@functional.register_kernel(functional.horizontal_flip, Intrinsics)
+def horizontal_flip_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
+    """The camera of the mirrored world, in which x is -x: cx becomes W - 1 - cx, and the skew changes its sign."""
+    pixels = ((-1.0, 0.0, intrinsics.canvas_size[1] - 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    return _moved(intrinsics, pixels, intrinsics.canvas_size, mirror=(-1.0, 1.0, 1.0))
+
+
+@functional.register_kernel(functional.vertical_flip, Intrinsics)
+def vertical_flip_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
+    """The camera of the mirrored world, in which y is -y: cy becomes H - 1 - cy, and the skew changes its sign."""
+    pixels = ((1.0, 0.0, 0.0), (0.0, -1.0, intrinsics.canvas_size[0] - 1.0), (0.0, 0.0, 1.0))
+    return _moved(intrinsics, pixels, intrinsics.canvas_size, mirror=(1.0, -1.0, 1.0))
+
+
+@functional.register_kernel(functional.horizontal_flip, RelativePoses)
+def horizontal_flip_poses(poses: RelativePoses) -> RelativePoses:
+    """The motions of the mirrored world: T becomes M T M with M = diag(-1, 1, 1, 1)."""
+    return _conjugated(poses, (-1.0, 1.0, 1.0, 1.0))
+
+
+@functional.register_kernel(functional.vertical_flip, RelativePoses)
+def vertical_flip_poses(poses: RelativePoses) -> RelativePoses:
+    """The motions of the mirrored world: T becomes M T M with M = diag(1, -1, 1, 1)."""
+    return _conjugated(poses, (1.0, -1.0, 1.0, 1.0))
+
+
+@functional.register_kernel(functional.pad, DepthMap)
+def pad_depth(
+    depth: DepthMap, padding: int | Sequence[int], fill: Any = None, padding_mode: str = "constant"
+) -> DepthMap:
+    """Nothing is known in what is added, whatever the images are filled with there."""
+    sides = [padding] if isinstance(padding, int) else [*padding]
+    return wrap(
+        functional.pad(depth.as_subclass(Tensor)[None], sides, fill=0, padding_mode=padding_mode)[0], like=depth
+    )
+
+
+@functional.register_kernel(functional.resize, DepthMap)
+def resize_depth(depth: DepthMap, size: Sequence[int] | None, max_size: int | None = None, **options: Any) -> DepthMap:
+    """The nearest pixel's depth, of pixel centres; torchvision's masks are off by half a pixel."""
+    exact = InterpolationMode.NEAREST_EXACT
+    return wrap(functional.resize(depth.as_subclass(Tensor)[None], size, exact, max_size)[0], like=depth)
+
+
+@functional.register_kernel(functional.resized_crop, DepthMap)
+def resized_crop_depth(
+    depth: DepthMap, top: int, left: int, height: int, width: int, size: Sequence[int], **options: Any
+) -> DepthMap:
+    """Crop, then resize."""
+    return resize_depth(functional.crop(depth, top, left, height, width), size)
+
+
+def _refuse(operation: Callable[..., Any]) -> None:
+    """Refuse a functional of torchvision under which a pinhole camera does not stay one."""
+
+    @functional.register_kernel(operation, Intrinsics)
+    def refuse(intrinsics: Intrinsics, *arguments: Any, **options: Any) -> NoReturn:
+        raise DeuxError(
+            f"The augmentation uses torchvision's {operation.__name__}, after which no pinhole camera fits the frames: "
+            "crops, paddings, flips, changes of size and of colours are possible."
+        )
+
+
+for _operation in (functional.affine, functional.elastic, functional.perspective, functional.rotate):
+    _refuse(_operation)
+
+
+def _shifted(intrinsics: Intrinsics, canvas_size: tuple[int, int], left: int, top: int) -> Intrinsics:
+    """The camera after every pixel has moved by (left, top)."""
+    return _moved(intrinsics, ((1.0, 0.0, left), (0.0, 1.0, top), (0.0, 0.0, 1.0)), canvas_size)
+
+
+def _moved(
+    intrinsics: Intrinsics,
+    pixels: Sequence[Sequence[float]],
+    canvas_size: tuple[int, int],
+    mirror: Sequence[float] = (1.0, 1.0, 1.0),
+) -> Intrinsics:
+    """The camera whose pixels are A times those of K, in a mirrored world: A K M.
+
+    Args:
+        intrinsics: K.
+        pixels: A, 3 x 3, carries homogeneous pixels to where they are now.
+        canvas_size: height and width of the images now.
+        mirror: the diagonal of M.
+    """
+    # In numpy, for which nine numbers are less work.
+    matrix = np.array(pixels) @ intrinsics.as_subclass(Tensor).numpy() * np.array(mirror)
+    return Intrinsics(torch.from_numpy(matrix), canvas_size)
+
+
+def _conjugated(poses: RelativePoses, mirror: Sequence[float]) -> RelativePoses:
+    """Each T as M T M, where `mirror` is the diagonal of M."""
+    sign = np.array(mirror)
+    motions = sign[:, None] * poses.as_subclass(Tensor).numpy() * sign
+    return torch.from_numpy(motions).as_subclass(RelativePoses)
+
+
+def _check_sizes(sample: Mapping[str, np.ndarray], canvas_size: tuple[int, int] | None) -> None:
+    """Raise DeuxError if images and depth maps are not of the intrinsics' size."""
+    for name, array in sample.items():
+        if name not in ("intrinsics", "source_from_target") and array.shape[-2:] != canvas_size:
+            raise DeuxError(
+                f"The augmentation left {name} of {array.shape[-2:]} pixels with intrinsics of {canvas_size} pixels "
+                "(height, width): its transforms must treat all parts of a sample alike, as those of "
+                "torchvision.transforms.v2 do."
+            )

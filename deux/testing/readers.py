@@ -1,0 +1,231 @@
+"""The conformance suite of readers: what every `deux.contracts.Reader` must do.
+
+A plugin's test file subclasses it, says how recordings are written in its layout, and pytest runs the whole suite:
+
+    class TestMyReader(ReaderSuite):
+        def write_dataset(self, folder: Path, recordings: Recordings) -> None:
+            ...  # all frames of all sequences, as the split "train"
+
+        def make_reader(self, folder: Path) -> Reader:
+            return MyReader(folder)
+
+The recordings are walks through the room of `deux.testing.box_world`, each with a camera of its own, so that the reader
+is compared with what was written rather than with itself.
+"""
+
+import pickle
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from deux.contracts import Action, FrameReference, Reader, Triplet
+from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.testing.box_world import Box, BoxWorld
+
+
+@dataclass(frozen=True)
+class RecordedFrame:
+    """One frame of a recording.
+
+    Args:
+        image: H x W x 3 uint8.
+        sparse_depth: H x W float32 metres, 0 = none; a tenth of the pixels, in multiples of 1/256 m.
+        ground_truth: H x W float32 metres, 0 = none, in multiples of 1/256 m.
+        intrinsics: 3 x 3 float64.
+        pose: 4 x 4 float64, camera-to-world.
+    """
+
+    image: np.ndarray
+    sparse_depth: np.ndarray
+    ground_truth: np.ndarray
+    intrinsics: np.ndarray
+    pose: np.ndarray
+
+
+Recordings = Mapping[str, Sequence[RecordedFrame]]
+"""The frames of each sequence, by its name, in the order of time."""
+
+OFFSETS = (-1, -2)
+
+
+def record(frames: int = 5) -> Recordings:
+    """Two walks of that many frames, taken by cameras of different sizes."""
+    rng = np.random.default_rng(0)
+    recordings = {}
+    for name, camera in (("corridor", Camera(24, 16)), ("office", Camera(20, 18, hfov=70.0))):
+        world = BoxWorld(4.0, 5.0, (Box(0.5, 0.5, 1.0, 1.2, 0.8),), camera)
+        world.reset(2.0, 4.0, 0.2)
+        recordings[name] = [_frame(world, rng) for _ in range(frames)]
+    return recordings
+
+
+def _frame(world: BoxWorld, rng: np.random.Generator) -> RecordedFrame:
+    world.step(Action.FORWARD)
+    world.step(Action.LEFT)
+    frame = world.observe()
+    depth = (np.rint(frame.depth * 256.0) / 256.0).astype(np.float32)
+    sparse = np.where(rng.random(depth.shape) < 0.1, depth, np.float32(0.0))
+    return RecordedFrame(frame.rgb, sparse, depth, world.camera.intrinsics, frame.pose)
+
+
+class ReaderSuite:
+    """Tests of one reader. Subclass it and give `write_dataset` and `make_reader`; see this module's docstring.
+
+    Set `has_poses` or `has_ground_truth` to False for a layout that has none, `takes_offsets` to False for one that
+    lists each target's source frames itself, and the tolerances for one that does not store values as they are.
+    """
+
+    has_poses: ClassVar[bool] = True
+    has_ground_truth: ClassVar[bool] = True
+    takes_offsets: ClassVar[bool] = True
+    image_tolerance: ClassVar[int] = 0
+    depth_tolerance: ClassVar[float] = 1e-6
+
+    def write_dataset(self, folder: Path, recordings: Recordings) -> None:
+        """Write all frames into an empty folder, as the split "train"; sources, if listed, lie at `OFFSETS`."""
+        raise NotImplementedError
+
+    def make_reader(self, folder: Path) -> Reader:
+        """A new reader of that folder, as a user would make it."""
+        raise NotImplementedError
+
+    @pytest.fixture
+    def recordings(self) -> Recordings:
+        """What is recorded."""
+        return record()
+
+    @pytest.fixture
+    def folder(self, tmp_path: Path, recordings: Recordings) -> Path:
+        """The recordings on disk."""
+        folder = tmp_path / "dataset"
+        folder.mkdir()
+        self.write_dataset(folder, recordings)
+        return folder
+
+    def test_keeps_its_folder(self, folder: Path) -> None:
+        """`folder` is where it reads."""
+        assert self.make_reader(folder).folder == folder
+
+    def test_lists_targets_in_order_with_their_sources(self, folder: Path, recordings: Recordings) -> None:
+        """Every frame that has both its source frames is a target, and the frames sort in the order of time."""
+        reader = self.make_reader(folder)
+        for offsets in (OFFSETS, (-1, 1)) if self.takes_offsets else (OFFSETS,):
+            found = reader.triplets("train", offsets)
+            assert found == reader.triplets("train", offsets), "the order changes from call to call"
+            first, last = max(0, -min(offsets)), max(0, *offsets)
+            expected = sum(len(frames) - first - last for frames in recordings.values())
+            assert len(found) == expected, f"{len(found)} targets where {expected} have sources at {offsets}"
+            times = self._times(reader)
+            for target, sources in found:
+                steps = [times[source] - times[target] for source in sources]
+                assert steps == list(offsets), f"the sources of {target} lie at {steps}, not at {list(offsets)}"
+                assert {source.sequence for source in sources} == {target.sequence}, "a source of another sequence"
+
+    def test_reads_what_was_recorded(self, folder: Path, recordings: Recordings) -> None:
+        """Images, intrinsics, depth and poses of every frame, in the types and units of the contract."""
+        reader = self.make_reader(folder)
+        frames = self._frames(reader)
+        assert len({frame.sequence for frame in frames}) == len(recordings), "the sequences are not kept apart"
+        for frame, recorded in zip(frames, _all(recordings), strict=True):
+            self._check(reader, frame, recorded)
+
+    def test_a_split_that_is_not_there_is_an_error(self, folder: Path) -> None:
+        """Only "train" was written."""
+        with pytest.raises(DeuxError):
+            self.make_reader(folder).triplets("validation", OFFSETS)
+
+    def test_a_folder_without_frames_is_an_error(self, tmp_path: Path) -> None:
+        """Raised when the reader is made or when it is asked for frames."""
+        (tmp_path / "empty").mkdir()
+        with pytest.raises(DeuxError):
+            self.make_reader(tmp_path / "empty").triplets("train", OFFSETS)
+
+    def test_a_damaged_file_is_an_error_or_does_not_matter(self, folder: Path, recordings: Recordings) -> None:
+        """Half of any file: what is still read is what was recorded, and everything else raises DeuxError."""
+        recorded = dict(zip(self._frames(self.make_reader(folder)), _all(recordings), strict=True))
+        for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+            content = file.read_bytes()
+            file.write_bytes(content[: len(content) // 2])
+            # Any other error than DeuxError fails the test by itself.
+            with suppress(DeuxError):
+                reader = self.make_reader(folder)
+                for frame in self._frames(reader):
+                    reader.image(frame)  # a name in a list may have been cut, too
+                    self._check(reader, frame, recorded[frame])
+            file.write_bytes(content)
+
+    def test_reads_no_pixel_before_it_must(self, folder: Path) -> None:
+        """Making a reader and listing its frames opens no image."""
+        expected = self.make_reader(folder).triplets("train", OFFSETS)
+        for file in folder.rglob("*"):
+            if file.suffix in (".png", ".jpg", ".jpeg"):
+                file.write_bytes(b"")
+        assert self.make_reader(folder).triplets("train", OFFSETS) == expected
+
+    def test_can_be_sent_and_compared(self, folder: Path) -> None:
+        """Readers go to worker processes, and those that are made alike share a cache."""
+        reader = self.make_reader(folder)
+        assert pickle.loads(pickle.dumps(reader)) == reader, "a reader that was sent differs"
+        assert self.make_reader(folder) == reader, "two readers of one folder differ"
+        assert hash(self.make_reader(folder)) == hash(reader), "equal readers have different hashes"
+
+    def test_gives_arrays_away(self, folder: Path) -> None:
+        """Who changes an array changes nothing that is read later."""
+        reader = self.make_reader(folder)
+        frame = self._frames(reader)[0]
+        for read in (reader.image, reader.intrinsics, reader.sparse_depth, reader.ground_truth, reader.pose):
+            array = read(frame)
+            if array is not None and array.flags.writeable:
+                before = array.copy()
+                array[...] = 0
+                np.testing.assert_array_equal(read(frame), before)
+
+    def _frames(self, reader: Reader) -> list[FrameReference]:
+        """All frames that triplets lead to, sequence by sequence in the order of time."""
+        return sorted(set(_frames_of(reader.triplets("train", OFFSETS))))
+
+    def _times(self, reader: Reader) -> dict[FrameReference, int]:
+        frames = self._frames(reader)
+        first = {frame.sequence: number for number, frame in reversed(list(enumerate(frames)))}
+        return {frame: number - first[frame.sequence] for number, frame in enumerate(frames)}
+
+    def _check(self, reader: Reader, frame: FrameReference, recorded: RecordedFrame) -> None:
+        image = reader.image(frame)
+        assert (image.dtype, image.shape) == (np.uint8, recorded.image.shape), (
+            f"the image is {image.dtype} {image.shape}"
+        )
+        np.testing.assert_allclose(image.astype(int), recorded.image, atol=self.image_tolerance, rtol=0.0)
+        intrinsics = reader.intrinsics(frame)
+        assert intrinsics.dtype == np.float64, f"the intrinsics are {intrinsics.dtype}"
+        np.testing.assert_allclose(intrinsics, recorded.intrinsics, rtol=1e-6)
+        self._check_depth(reader.sparse_depth(frame), recorded.sparse_depth)
+        truth, pose = reader.ground_truth(frame), reader.pose(frame)
+        assert (truth is not None) == self.has_ground_truth, "ground truth, or none, against `has_ground_truth`"
+        assert (pose is not None) == self.has_poses, "a pose, or none, against `has_poses`"
+        if truth is not None:
+            self._check_depth(truth, recorded.ground_truth)
+        if pose is not None:
+            assert pose.dtype == np.float64, f"the pose is {pose.dtype}"
+            np.testing.assert_allclose(pose, recorded.pose, atol=1e-6)
+
+    def _check_depth(self, depth: np.ndarray, recorded: np.ndarray) -> None:
+        assert (depth.dtype, depth.shape) == (np.float32, recorded.shape), f"depth is {depth.dtype} {depth.shape}"
+        np.testing.assert_array_equal(depth > 0, recorded > 0)
+        np.testing.assert_allclose(depth, recorded, atol=self.depth_tolerance, rtol=0.0)
+
+
+def _all(recordings: Recordings) -> Iterator[RecordedFrame]:
+    """All frames, sequence by sequence in the order of the names."""
+    for name in sorted(recordings):
+        yield from recordings[name]
+
+
+def _frames_of(triplets: Sequence[Triplet]) -> Iterator[FrameReference]:
+    for target, sources in triplets:
+        yield from (target, *sources)

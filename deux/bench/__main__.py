@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from deux.errors import DeuxError
 
 if TYPE_CHECKING:
-    from deux.bench.report import Table
+    from deux.bench.speed_tables import SpeedTable
 
-BENCHMARKS = ("render", "explore", "environment", "models")
+BENCHMARKS = ("render", "batching", "explore", "environment", "models")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -57,7 +57,7 @@ def _positive(text: str) -> int:
 def _run(options: argparse.Namespace) -> None:
     # Imported here because they bring torch, which `--help` must not wait for.
     from deux.bench.machine import prepare_machine
-    from deux.bench.report import make_console, print_table
+    from deux.bench.speed_tables import make_console, print_table
     from deux.io.atomic import write_json
 
     console = make_console()
@@ -73,22 +73,30 @@ def _run(options: argparse.Namespace) -> None:
         write_json(options.json, {"machine": machine.as_json(), "tables": [table.as_json() for table in tables]})
 
 
-def _tables(name: str, options: argparse.Namespace) -> "Iterator[Table]":
+def _tables(name: str, options: argparse.Namespace) -> "Iterator[SpeedTable]":
     if name == "render":
-        from deux.bench import render
+        from deux.bench import render_speed as render
 
         return render.measure_rendering(render.QUICK if options.quick else render.RenderSettings(), options.scene)
+    if name == "batching":
+        from deux.bench import batching_speed as batching
+
+        return batching.measure_batching(
+            batching.QUICK if options.quick else batching.BatchingSettings(), options.model
+        )
     if name == "explore":
-        from deux.bench import explore
+        from deux.bench import exploration_speed as exploration
 
-        settings = explore.QUICK if options.quick else explore.ExploreSettings()
-        return explore.measure_exploration(settings, options.model)
+        return exploration.measure_exploration(
+            exploration.QUICK if options.quick else exploration.ExploreSettings(), options.model
+        )
     if name == "environment":
-        from deux.bench import environment
+        from deux.bench import environment_speed as environment
 
-        chosen = environment.QUICK if options.quick else environment.EnvironmentSettings()
-        return environment.measure_environment(chosen)
-    from deux.bench import models
+        return environment.measure_environment(
+            environment.QUICK if options.quick else environment.EnvironmentSettings()
+        )
+    from deux.bench import model_speed as models
 
     return models.measure_models(models.QUICK if options.quick else models.ModelSettings())
 

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from torch import nn
 
@@ -21,7 +20,7 @@ class StepClock(Callback):
     """
 
     def __init__(self, warm_up: int = 1) -> None:
-        self.watch = Stopwatch(torch.cuda.synchronize if torch.cuda.is_available() else lambda: None)
+        self.watch = Stopwatch()
         self._warm_up = warm_up
         self._hooks: list[Any] = []
 

@@ -6,8 +6,12 @@ from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from functools import wraps
+from typing import ParamSpec, TypeVar
 
+import torch
+
+P = ParamSpec("P")
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
 
@@ -37,14 +41,20 @@ class Spread:
         return f"{_digits(self.median)} ({_digits(self.low)} to {_digits(self.high)})"
 
 
+def wait_for_device() -> None:
+    """Wait until the graphics card, if this process uses one, has done what it was given."""
+    if torch.cuda.is_initialized():
+        torch.cuda.synchronize()
+
+
 class Stopwatch:
     """Durations of the named parts of repeated work, in seconds.
 
     Args:
-        synchronize: waits until a device has done what it was given; nothing to wait for by default.
+        synchronize: waits until a device has done what it was given; called before each reading of the clock.
     """
 
-    def __init__(self, synchronize: Callable[[], object] = lambda: None) -> None:
+    def __init__(self, synchronize: Callable[[], object] = wait_for_device) -> None:
         self.durations: dict[str, list[float]] = defaultdict(list)
         self._synchronize = synchronize
         self._started: dict[str, float] = {}
@@ -63,6 +73,16 @@ class Stopwatch:
         self.start(part)
         yield
         self.stop(part)
+
+    def timed(self, part: str, call: Callable[P, T]) -> Callable[P, T]:
+        """`call` with every call of it timed. The function that is returned has the attributes of `call`, too."""
+
+        @wraps(call)
+        def timed(*args: P.args, **kwargs: P.kwargs) -> T:
+            with self.measure(part):
+                return call(*args, **kwargs)
+
+        return timed
 
     def total(self, part: str) -> float:
         """Seconds of all durations of a part."""
@@ -100,9 +120,13 @@ def times_the_slowest(rates: Mapping[K, Sequence[float]]) -> dict[K, Spread]:
     """Ratio of each rate to that of the slowest, formed within each round."""
     if not rates:
         return {}
-    slowest = rates[min(rates, key=lambda name: statistics.median(rates[name]))]
+    return times(rates, min(rates, key=lambda name: statistics.median(rates[name])))
+
+
+def times(rates: Mapping[K, Sequence[float]], reference: K) -> dict[K, Spread]:
+    """Ratio of each rate to that of `reference`, formed within each round."""
     return {
-        name: Spread.of([own / other for own, other in zip(values, slowest, strict=True)])
+        name: Spread.of([own / other for own, other in zip(values, rates[reference], strict=True)])
         for name, values in rates.items()
     }
 

@@ -1,3 +1,4 @@
+import importlib
 import json
 import subprocess
 import sys
@@ -6,14 +7,14 @@ from pathlib import Path
 import pytest
 import torch
 
-from deux.bench import render
+from deux.bench import render_speed
 from deux.bench.__main__ import main
-from deux.bench.report import Table
+from deux.bench.speed_tables import SpeedTable
 from deux.bench.timing import Spread
 from deux.errors import DeuxError
 
 THREADS = ["--threads", str(torch.get_num_threads())]
-TABLE = Table(
+TABLE = SpeedTable(
     "render", "Rendering", ({"renderer": "embree", "frames per second": Spread(2.0, 1.0, 3.0)},), ("A note.",)
 )
 
@@ -21,7 +22,7 @@ TABLE = Table(
 def test_numbers_go_to_the_screen_and_to_a_file(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(render, "measure_rendering", lambda settings, scene: iter([TABLE]))
+    monkeypatch.setattr(render_speed, "measure_rendering", lambda settings, scene: iter([TABLE]))
     assert main(["render", "--quick", "--json", str(tmp_path / "numbers.json"), *THREADS]) == 0
     printed = capsys.readouterr().out
     assert "| embree   | 2.00 (1.00 to 3.00) |" in printed
@@ -41,16 +42,35 @@ def test_numbers_go_to_the_screen_and_to_a_file(
 
 def test_quick_is_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
-    monkeypatch.setattr(render, "measure_rendering", lambda settings, scene: asked.append(settings) or iter([]))
+    monkeypatch.setattr(render_speed, "measure_rendering", lambda settings, scene: asked.append(settings) or iter([]))
     assert main(["render", *THREADS]) == main(["render", "--quick", *THREADS]) == 0
-    assert asked == [render.RenderSettings(), render.QUICK]
+    assert asked == [render_speed.RenderSettings(), render_speed.QUICK]
+
+
+@pytest.mark.parametrize(
+    ("part", "module", "function"),
+    [
+        ("render", "render_speed", "measure_rendering"),
+        ("batching", "batching_speed", "measure_batching"),
+        ("explore", "exploration_speed", "measure_exploration"),
+        ("environment", "environment_speed", "measure_environment"),
+        ("models", "model_speed", "measure_models"),
+    ],
+)
+def test_each_part_runs_alone(part: str, module: str, function: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[object, ...]] = []
+    measuring = importlib.import_module(f"deux.bench.{module}")
+    monkeypatch.setattr(measuring, function, lambda *given: asked.append(given) or iter([]))
+    assert main([part, "--quick", "--model", "tiny", *THREADS]) == 0
+    given = {"render": (None,), "batching": ("tiny",), "explore": ("tiny",)}.get(part, ())
+    assert asked == [(measuring.QUICK, *given)]
 
 
 def test_a_mistake_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     def fail(*_: object) -> None:
         raise DeuxError("there is no such scene.")
 
-    monkeypatch.setattr(render, "measure_rendering", fail)
+    monkeypatch.setattr(render_speed, "measure_rendering", fail)
     assert main(["render", *THREADS]) == 1
     assert capsys.readouterr().err == "deux: there is no such scene.\n"
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.bench.timing import Spread, Stopwatch, in_turn, rate, times_the_slowest
+from deux.bench.timing import Spread, Stopwatch, in_turn, rate, times, times_the_slowest
 
 
 def test_spread_is_the_median_and_the_tenth_and_ninetieth_percentile() -> None:
@@ -26,6 +26,7 @@ def test_ratios_are_formed_within_each_round() -> None:
     ratios = times_the_slowest({"fast": [20.0, 2.0, 40.0], "slow": [10.0, 1.0, 10.0]})
     assert ratios == {"fast": Spread(2.0, 2.0, 4.0), "slow": Spread(1.0, 1.0, 1.0)}
     assert times_the_slowest({}) == {}
+    assert times({"fast": [20.0, 4.0, 40.0], "slow": [10.0, 1.0, 10.0]}, "fast")["slow"] == Spread(0.25, 0.25, 0.5)
 
 
 @pytest.fixture
@@ -54,3 +55,21 @@ def test_stopwatch_keeps_the_durations_of_each_part_and_waits_for_the_device(clo
     assert watch.durations == {"inner": [1.0], "outer": [3.0]}
     assert watch.total("inner") == 1.0
     assert watch.total("nothing") == 0.0
+
+
+def test_a_timed_function_does_what_it_did_and_keeps_its_attributes(clock: list[float]) -> None:
+    class Predictor:
+        device = "not an attribute of the instance"
+
+        def __init__(self) -> None:
+            self.device = "cpu"
+
+        def __call__(self, number: int, factor: int = 1) -> int:
+            clock[0] += 2.0
+            return number * factor
+
+    watch = Stopwatch()
+    predict = watch.timed("prediction", Predictor())
+    assert predict(3, factor=2) == 6
+    assert watch.durations == {"prediction": [2.0]}
+    assert predict.device == "cpu"  # type: ignore[attr-defined]

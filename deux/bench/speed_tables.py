@@ -6,7 +6,7 @@ from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.table import Table as RichTable
+from rich.table import Table
 
 from deux.bench.timing import Spread
 
@@ -14,7 +14,7 @@ Value = str | int | Spread
 
 
 @dataclass(frozen=True)
-class Table:
+class SpeedTable:
     """What one benchmark found.
 
     Args:
@@ -48,10 +48,10 @@ def make_console() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=1000)
 
 
-def print_table(console: Console, table: Table) -> None:
+def print_table(console: Console, table: SpeedTable) -> None:
     """Print a table with its title above and its notes below it."""
     plain = not console.is_terminal
-    drawn = RichTable(box=box.MARKDOWN if plain else box.SIMPLE)
+    drawn = Table(box=box.MARKDOWN if plain else box.SIMPLE)
     for column in table.rows[0] if table.rows else ():
         drawn.add_column(column, justify="left" if isinstance(table.rows[0][column], str) else "right")
     for row in table.rows:

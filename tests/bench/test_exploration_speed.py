@@ -1,11 +1,17 @@
+from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import pytest
 
-from deux.bench.explore import ExploreSettings, default_model, measure_exploration
+from deux.bench import exploration_speed
+from deux.bench.exploration_speed import ExploreSettings, measure_exploration
 from deux.bench.timing import Spread
-from deux.collection.exploration import MODEL_NEEDS
+from deux.collection.episodes import EpisodePlan
+from deux.collection.perception import MODEL_NEEDS
+from deux.contracts import Action, Episode, Explorer, Observation
 from deux.errors import DeuxError
+from deux.io.progress import Progress
 from deux.registry import registry
 
 TINY = ExploreSettings(size=32, robots=2, steps=6, warm_up=3, rounds=2)
@@ -28,9 +34,34 @@ def test_every_installed_explorer_is_measured() -> None:
         assert 0.0 < share.low <= share.high < 100.0
 
 
+class Stopping(Explorer):
+    def reset(self, episode: Episode) -> None:
+        pass
+
+    def act(self, observation: Observation) -> Action:
+        return Action.STOP
+
+
 @pytest.mark.usefixtures("tiny_models")
-def test_the_default_model_is_the_first_that_can_be_made_and_needs_no_ground_truth() -> None:
-    assert default_model() == "tiny"  # "demanding" comes first but has an option without a default
+def test_steps_that_an_explorer_leaves_out_are_not_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = [0.0]
+
+    def explore(plans: Sequence[EpisodePlan], *given: Any, progress: Progress, **settings: Any) -> None:
+        explorer = given[1]()
+        for done in range(1, 5):
+            seconds[0] += 0.5
+            explorer.act(None)
+            progress("exploration", done, 10)
+        seconds[0] += 7.0
+        progress("exploration", 10, 10)  # the collector's report on the steps that were left out
+
+    registry().names("explorers")  # fills the table, so that it comes back afterwards
+    monkeypatch.setitem(registry()._plugins, "explorers", [])
+    registry().register("explorers", "stopping", Stopping)
+    monkeypatch.setattr(exploration_speed, "explore", explore)
+    monkeypatch.setattr("time.perf_counter", lambda: seconds[0])
+    (table,) = measure_exploration(TINY, None)
+    assert table.rows[0]["steps per second"] == Spread(2.0, 2.0, 2.0)
 
 
 def test_a_model_that_is_not_installed() -> None:

@@ -1,29 +1,35 @@
 import numpy as np
 import pytest
 
-from deux.bench.scenes import BenchScene, flat, free_poses, split_faces
-from deux.contracts import Robot, Scene
+from deux.bench.bench_scenes import FinerScene, default_simulation, flats, free_poses, split_faces
+from deux.contracts import Scene
 from deux.geometry.camera import Camera
-from deux.scenes.free_space import free_space
 from deux.simulator.embree_renderer import EmbreeRenderer
 
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    return flat(0).load()
+    return flats(1)[0].load()
+
+
+def test_there_are_as_many_flats_as_asked_for_and_always_the_same() -> None:
+    assert flats(3)[:2] == flats(2)
+    assert len({flat.identity for flat in flats(3)}) == 3
 
 
 def test_a_scene_with_split_faces_looks_the_same(scene: Scene) -> None:
-    finer = BenchScene(flat(0), 20_000).load()
+    (flat,) = flats(1)
+    finer = FinerScene(flat.name, flat, 20_000).load()
     assert 20_000 <= len(finer.mesh.faces) < 20_003
+    assert finer.identity != scene.identity
     camera = Camera(64, 64)
-    renderers = EmbreeRenderer(scene, camera), EmbreeRenderer(finer, camera)
-    for pose in free_poses(scene, Robot(), count=4, seed=1):
-        whole, split = (renderer.render(pose) for renderer in renderers)
-        assert whole.labels is not None
+    poses = free_poses(default_simulation(64).make(flat), count=4, seed=1)
+    drawn = [EmbreeRenderer(mesh, camera).render(poses, colors=True, faces=True) for mesh in (scene.mesh, finer.mesh)]
+    for whole, split in zip(*drawn, strict=True):
         same = np.abs(whole.depth - split.depth) < 1e-3
         assert same.mean() > 0.999
-        assert (whole.labels == split.labels).mean() > 0.999
+        labels = scene.mesh.face_label[whole.face], finer.mesh.face_label[split.face]
+        assert (labels[0] == labels[1]).mean() > 0.999
         # A face's colours are interpolated linearly, and its quarters' colours are rounded once more.
         assert np.abs(whole.rgb.astype(int) - split.rgb).max(axis=-1)[same].mean() < 1.0
 
@@ -37,8 +43,10 @@ def test_splitting_keeps_the_area_of_each_material(scene: Scene) -> None:
     np.testing.assert_allclose(areas(split_faces(scene.mesh, 60_000)), areas(scene.mesh), rtol=1e-4)
 
 
-def test_poses_stand_on_the_free_floor(scene: Scene) -> None:
-    space = free_space(scene.mesh, scene.floor_height, Robot())
-    poses = free_poses(scene, Robot(), count=50, seed=2)
+def test_poses_stand_on_the_free_floor() -> None:
+    simulator = default_simulation(8).make(flats(1)[0])
+    space = simulator.free_space()
+    poses = free_poses(simulator, count=50, seed=2)
     assert all(space.free[space.frame.cell(pose[0, 3], pose[2, 3])] for pose in poses)
+    assert np.allclose(poses[:, 1, 3], space.floor_height + simulator.robot.camera_height)
     assert len({pose.tobytes() for pose in poses}) == 50

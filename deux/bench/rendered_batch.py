@@ -3,13 +3,12 @@
 import numpy as np
 import torch
 
-from deux.bench.scenes import flat
+from deux.bench.bench_scenes import default_simulation, flats
 from deux.collection.sparse import SparseSettings, sample_sparse
-from deux.contracts import Action, Batch, DepthModel, Frame, Robot
+from deux.contracts import Action, Batch, DepthModel, Frame
 from deux.data.triplets import collate
 from deux.geometry.camera import Camera
 from deux.geometry.poses import source_from_target
-from deux.simulator.mesh_simulator import MeshSimulator
 from deux.simulator.starts import random_starts
 
 
@@ -21,7 +20,7 @@ def render_batch(model: DepthModel, size: int, count: int) -> Batch:
         size: height and width in pixels.
         count: number of samples.
     """
-    simulator = MeshSimulator(flat(0).load(), Camera(size, size), Robot())
+    simulator = default_simulation(size).make(flats(1)[0])
     samples = []
     for start in random_starts(simulator.free_space(), count, np.random.default_rng(0)):
         simulator.reset(*start)

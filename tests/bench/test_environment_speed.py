@@ -1,7 +1,7 @@
 import pytest
 
-from deux.bench import environment
-from deux.bench.environment import EnvironmentSettings, measure_environment
+from deux.bench import environment_speed
+from deux.bench.environment_speed import EnvironmentSettings, measure_environment
 from deux.bench.timing import Spread
 from deux.registry import registry
 
@@ -23,7 +23,7 @@ def test_every_installed_reward_is_measured_and_what_else_can_be_seen() -> None:
 
 
 def test_a_reward_that_cannot_be_made_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(environment, "installed", lambda kind: ({}, ("odd is left out: it is broken.",)))
+    monkeypatch.setattr(environment_speed, "installed", lambda kind: ({}, ("odd is left out: it is broken.",)))
     (table,) = measure_environment(TINY)
     assert table.rows == ()
     assert table.notes[1:] == ("odd is left out: it is broken.",)

@@ -5,15 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deux.bench.installed import installed
-from deux.bench.report import Table
-from deux.bench.scenes import flat
+from deux.bench.bench_scenes import default_simulation, flats
+from deux.bench.installed_plugins import installed
+from deux.bench.speed_tables import SpeedTable
 from deux.bench.timing import Spread, in_turn, rate, times_the_slowest
-from deux.contracts import Reward, Robot
+from deux.contracts import Reward
 from deux.environment.exploration_env import ExplorationEnv, Extra
 from deux.environment.memory import MOVES
 from deux.environment.scene_pool import ScenePool
-from deux.geometry.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -37,14 +36,14 @@ QUICK = EnvironmentSettings(rounds=3, seconds=0.2)
 """Settings for a quick look."""
 
 
-def measure_environment(settings: EnvironmentSettings) -> Iterator[Table]:
+def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
     """Measure the environment with every installed reward, and with each thing that an observation can also hold."""
     rewards, broken = installed("rewards")
     plain = next((name for name, reward in rewards.items() if not reward.needs), None)
     ways: list[tuple[str, Sequence[Extra]]] = [(name, ()) for name in rewards]
     if plain is not None:
         ways += [(plain, ("depth",)), (plain, ("rgb",))]
-    pool = ScenePool(Camera(settings.size, settings.size), Robot())
+    pool = ScenePool(default_simulation(settings.size))
     steps = {way: _stepper(rewards[way[0]], way[1], pool, settings.episode) for way in ways}
     for step in steps.values():  # compiles the kernels
         step()
@@ -65,12 +64,12 @@ def measure_environment(settings: EnvironmentSettings) -> Iterator[Table]:
     )
     note = "One environment in one process, random moves; beginning an episode and judging each step are counted in."
     title = f"Environment: steps in a generated flat, depth images of {settings.size} x {settings.size}"
-    yield Table("environment", title, rows, (note, *broken))
+    yield SpeedTable("environment", title, rows, (note, *broken))
 
 
 def _stepper(reward: Reward, extras: Sequence[Extra], pool: ScenePool, episode: int) -> Callable[[], None]:
     """A function that takes one step, and begins another episode where one ended."""
-    environment = ExplorationEnv([flat(0)], reward, extras=extras, steps=episode, pool=pool)
+    environment = ExplorationEnv(flats(1), reward, extras=extras, steps=episode, pool=pool)
     environment.reset(seed=0)
     rng = np.random.default_rng(0)
 

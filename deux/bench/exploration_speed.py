@@ -8,30 +8,17 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from torch import Tensor
-
-from deux.bench.installed import installed
-from deux.bench.report import Table, Value
-from deux.bench.scenes import flat
+from deux.bench.bench_scenes import default_simulation, flats
+from deux.bench.installed_plugins import Guide, installed, make_guide
+from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.timing import Spread, Stopwatch, in_turn, times_the_slowest
 from deux.collection.episodes import EpisodePlan
-from deux.collection.exploration import MODEL_NEEDS, explore
-from deux.contracts import (
-    Action,
-    DepthModel,
-    DepthPredictor,
-    Episode,
-    Explorer,
-    ExplorerMap,
-    Frame,
-    Observation,
-    Robot,
-    Scene,
-)
+from deux.collection.exploration import explore
+from deux.collection.perception import MODEL_NEEDS
+from deux.contracts import Explorer, SceneReference, Simulator
 from deux.errors import DeuxError
-from deux.geometry.camera import Camera
 from deux.registry import registry
-from deux.simulator.mesh_simulator import MeshSimulator
+from deux.simulator.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -57,39 +44,29 @@ QUICK = ExploreSettings(steps=10, warm_up=3, rounds=2)
 """Settings for a quick look."""
 
 
-def default_model() -> str | None:
-    """Name of the first installed depth model that trains without ground truth; None if there is none."""
-    models, _ = installed("depth_models")
-    return next((name for name, model in models.items() if not model.supervised), None)
-
-
-def measure_exploration(settings: ExploreSettings, model_name: str | None) -> Iterator[Table]:
+def measure_exploration(settings: ExploreSettings, model_name: str | None) -> Iterator[SpeedTable]:
     """Measure every installed explorer, with its default options.
 
     Args:
         settings: what is explored.
-        model_name: the depth model for explorers that need one, untrained; `default_model` if None.
+        model_name: the depth model for explorers that need one, as of `make_guide`.
 
     Raises:
         DeuxError: there is no such model.
     """
-    model_name = model_name or default_model()
-    model: DepthModel | None = None
-    if model_name is not None:
-        model = registry().create("depth_models", model_name, {}).eval()
+    guide = make_guide(model_name)
     explorers, broken = installed("explorers")
     notes = [
         f"{settings.robots} robots in {settings.robots} flats take turns in one process. The explorer's share is all "
-        "that its act() does; what is left over is bookkeeping, sparse points and waiting for files to be written.",
+        "that its act() does; what is left over is bookkeeping, sparse points, the residual and waiting for files.",
         *broken,
     ]
     guided = {name: bool(explorer.needs & MODEL_NEEDS) for name, explorer in explorers.items()}
-    if model is None:
+    if guide is None:
         notes += [f"{name} is left out: no depth model is installed." for name in guided if guided[name]]
         guided = {name: False for name in guided if not guided[name]}
-    world = _World(settings)
-    predict = None if model is None else model.predict
-    runs = {name: partial(world.run, name, predict, steps=settings.steps) for name in guided}
+    world = _World(settings, guide)
+    runs = {name: partial(world.run, name, steps=settings.steps) for name in guided}
     for run in runs.values():  # compiles the kernels, builds the free floors
         run(steps=settings.warm_up + 1)
     found = in_turn(runs, settings.rounds)
@@ -97,7 +74,7 @@ def measure_exploration(settings: ExploreSettings, model_name: str | None) -> It
     rows = tuple(
         {
             "explorer": name,
-            "depth model": model_name if guided[name] and model_name else "none",
+            "depth model": guide.name if guide is not None and guided[name] else "none",
             "steps per second": Spread.of([run.steps_per_second for run in found[name]]),
             "times the slowest": ratios[name],
             "act(), ms": Spread.of([1e3 * duration for run in found[name] for duration in run.acts]),
@@ -106,7 +83,7 @@ def measure_exploration(settings: ExploreSettings, model_name: str | None) -> It
         for name in found
     )
     title = f"Exploration: whole steps of the collector at {settings.size} x {settings.size}, and where their time goes"
-    yield Table("explore", title, rows, tuple(notes))
+    yield SpeedTable("explore", title, rows, tuple(notes))
 
 
 class _Run(NamedTuple):
@@ -127,89 +104,73 @@ def _shares(runs: list[_Run]) -> dict[str, Value]:
 class _World:
     """The flats, which are loaded once, and the episodes in them."""
 
-    def __init__(self, settings: ExploreSettings) -> None:
+    def __init__(self, settings: ExploreSettings, guide: Guide | None) -> None:
         self._settings = settings
         self._watch = Stopwatch()
+        self._guide = guide
+        self._predict = guide and self._watch.timed("depth model", guide.predict_depth)
         self._rounds: dict[str, int] = {}
-        self._scenes = [flat(seed) for seed in range(settings.robots)]
-        camera = Camera(settings.size, settings.size)
         self._simulators = {
-            scene: _TimedSimulator(scene.load(), camera, Robot(), self._watch) for scene in self._scenes
+            scene: _timed_simulator(default_simulation(settings.size), scene, self._watch)
+            for scene in flats(settings.robots)
         }
 
-    def run(self, name: str, predict: DepthPredictor | None, steps: int) -> _Run:
+    def run(self, name: str, steps: int) -> _Run:
         """Collect one episode in each flat, with a seed of its own in each round, into files that are then deleted."""
         number = self._rounds[name] = self._rounds.get(name, -1) + 1
-        watch = self._watch
-        clock = _Clock(watch, warm_up=self._settings.warm_up)
+        clock = _Clock(self._watch, warm_up=self._settings.warm_up)
         with tempfile.TemporaryDirectory() as folder:
             explore(
-                [EpisodePlan(Path(folder) / scene.name, scene, number, steps) for scene in self._scenes],
+                [EpisodePlan(Path(folder) / scene.name, scene, number, steps) for scene in self._simulators],
                 self._simulators.__getitem__,
-                lambda: _TimedExplorer(registry().create("explorers", name, {}), watch),
-                predict and _timed(predict, watch),
-                batch_size=len(self._scenes),
+                lambda: _timed_explorer(name, self._watch),
+                self._predict,
+                uncertainty=self._guide and self._guide.uncertainty,
+                batch_size=len(self._simulators),
                 progress=clock,
             )
         return clock.result()
 
 
 class _Clock:
-    """Counts the steps that the collector reports, but for the first ones of each robot."""
+    """Times the steps of all robots, but for the first ones of each; told of progress by the collector.
+
+    Steps are counted by the explorers' calls: the collector reports those that an explorer leaves out by stopping
+    early as well.
+    """
 
     def __init__(self, watch: Stopwatch, warm_up: int) -> None:
         self._watch, self._warm_up = watch, warm_up
-        self._reports = 0
-        self._began = self._ended = (0.0, 0)
+        self._reports = self._steps = 0
+        self._began = self._ended = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        now = (time.perf_counter(), done)
+        now = time.perf_counter()
         self._reports += 1
         if self._reports == self._warm_up:
             self._watch.durations.clear()
             self._began = now
-        if done > self._ended[1]:  # what comes after the last step, such as writing maps, reports no more steps
-            self._ended = now
+        steps = len(self._watch.durations["explorer"])
+        if self._reports > self._warm_up and steps > self._steps:
+            self._steps, self._ended = steps, now
 
     def result(self) -> _Run:
         """What was measured."""
-        seconds, steps = (end - begin for begin, end in zip(self._began, self._ended, strict=True))
-        if steps <= 0:
+        if self._steps == 0:
             raise DeuxError("no step is left to measure: an explorer stopped during the warm-up.")
+        seconds = self._ended - self._began
         shares = {part: 100.0 * self._watch.total(part) / seconds for part in PARTS}
         shares["rest"] = 100.0 - sum(shares.values())
-        return _Run(steps / seconds, self._watch.durations["explorer"].copy(), shares)
+        return _Run(self._steps / seconds, self._watch.durations["explorer"].copy(), shares)
 
 
-class _TimedSimulator(MeshSimulator):
-    def __init__(self, scene: Scene, camera: Camera, robot: Robot, watch: Stopwatch) -> None:
-        super().__init__(scene, camera, robot)
-        self._watch = watch
-
-    def observe(self, labels: bool = False) -> Frame:
-        with self._watch.measure("render"):
-            return super().observe(labels)
+def _timed_simulator(simulation: Simulation, scene: SceneReference, watch: Stopwatch) -> Simulator:
+    simulator = simulation.make(scene)
+    simulator.render = watch.timed("render", simulator.render)  # type: ignore[method-assign]
+    return simulator
 
 
-class _TimedExplorer(Explorer):
-    def __init__(self, explorer: Explorer, watch: Stopwatch) -> None:
-        self._explorer, self._watch = explorer, watch
-        self.needs = explorer.needs
-
-    def reset(self, episode: Episode) -> None:
-        self._explorer.reset(episode)
-
-    def act(self, observation: Observation) -> Action:
-        with self._watch.measure("explorer"):
-            return self._explorer.act(observation)
-
-    def map(self) -> ExplorerMap | None:
-        return self._explorer.map()
-
-
-def _timed(predict: DepthPredictor, watch: Stopwatch) -> DepthPredictor:
-    def timed(*inputs: Tensor) -> Tensor:
-        with watch.measure("depth model"):
-            return predict(*inputs)
-
-    return timed
+def _timed_explorer(name: str, watch: Stopwatch) -> Explorer:
+    explorer: Explorer = registry().create("explorers", name, {})
+    explorer.act = watch.timed("explorer", explorer.act)  # type: ignore[method-assign]
+    return explorer

@@ -4,10 +4,11 @@ from typing import Any
 
 import pytest
 
-from deux.bench import render
-from deux.bench.render import RenderSettings, measure_rendering
+from deux.bench import render_speed
+from deux.bench.render_speed import RenderSettings, measure_rendering
 from deux.bench.timing import Spread
 from deux.errors import DeuxError
+from deux.simulator import mesh_simulator
 
 TINY = RenderSettings(sizes=(16, 24), processes=(1, 2), triangles=14_000, rounds=2, seconds=0.01, poses=4)
 
@@ -16,7 +17,7 @@ def test_every_renderer_is_measured_in_every_way(monkeypatch: pytest.MonkeyPatch
     def in_this_process(work: Callable[..., Any], job: object, processes: int, opengl_threads: int) -> list[Any]:
         return [work(job, lambda: None)] * processes
 
-    monkeypatch.setattr(render, "at_once", in_this_process)
+    monkeypatch.setattr(render_speed, "at_once", in_this_process)
     (table,) = measure_rendering(TINY, None)
     rows = [row for row in table.rows if row["renderer"] == "embree"]
     ways = [(row["processes"], row["pixels"]) for row in rows]
@@ -36,9 +37,9 @@ def test_a_renderer_without_its_libraries_is_left_out(monkeypatch: pytest.Monkey
             raise DeuxError("there is no EGL.")
         return original(name, *rest)
 
-    original = render.make_renderer
-    monkeypatch.setattr(render, "make_renderer", make_renderer)
-    monkeypatch.setattr(render, "at_once", lambda work, job, processes, threads: [work(job, lambda: None)])
+    original = mesh_simulator.make_renderer
+    monkeypatch.setattr(mesh_simulator, "make_renderer", make_renderer)
+    monkeypatch.setattr(render_speed, "at_once", lambda work, job, processes, threads: [work(job, lambda: None)])
     (table,) = measure_rendering(RenderSettings((16,), (1,), 14_000, 1, 0.01, 2), None)
     assert [row["renderer"] for row in table.rows] == ["embree", "embree"]
     assert table.notes[1:] == ("pyrender is left out: there is no EGL.",)

@@ -2,7 +2,7 @@
 
 import logging
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -10,22 +10,23 @@ from typing import Literal, NamedTuple
 
 import torch
 from lightning import Trainer
+from torch import Tensor
 from torch.utils.data import DataLoader
 
-from deux.bench.inference import measure_inference
-from deux.bench.installed import installed
-from deux.bench.report import Table
-from deux.bench.samples import render_batch
+from deux.bench.installed_plugins import installed
+from deux.bench.rendered_batch import render_batch
+from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.step_clock import PARTS, StepClock
-from deux.bench.timing import Spread, in_turn, times_the_slowest
+from deux.bench.timing import Spread, Stopwatch, in_turn, times_the_slowest
 from deux.contracts import Batch, DepthModel
+from deux.inference.precision import default_device
 from deux.registry import registry
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 
 PRECISIONS: dict[str, Literal["32-true", "bf16-mixed"]] = {"float32": "32-true", "bfloat16": "bf16-mixed"}
-"""Lightning's names of the precisions."""
+"""What the networks' layers compute in, and Lightning's names of it."""
 
 POSES: tuple[PoseKind, ...] = ("simulator", "learned")
 
@@ -61,12 +62,12 @@ QUICK = ModelSettings(batch_size=1, size=128, steps=1, inference_size=128, round
 """Settings for a quick look."""
 
 
-def measure_models(settings: ModelSettings) -> Iterator[Table]:
+def measure_models(settings: ModelSettings) -> Iterator[SpeedTable]:
     """Measure every installed depth model, with its published objective and default options."""
     models, broken = installed("depth_models")
     notes = broken if models else (*broken, "no depth model is installed.")
     yield from _step_tables(settings, models, notes)
-    yield measure_inference(models, settings.inference_size, settings.rounds, notes)
+    yield _inference_table(settings, models, notes)
 
 
 class _Variant(NamedTuple):
@@ -75,7 +76,9 @@ class _Variant(NamedTuple):
     poses: PoseKind
 
 
-def _step_tables(settings: ModelSettings, models: dict[str, DepthModel], notes: tuple[str, ...]) -> Iterator[Table]:
+def _step_tables(
+    settings: ModelSettings, models: dict[str, DepthModel], notes: tuple[str, ...]
+) -> Iterator[SpeedTable]:
     """The rate of training steps, and the shares of their parts."""
     variants = [
         _Variant(name, precision, poses)
@@ -92,9 +95,9 @@ def _step_tables(settings: ModelSettings, models: dict[str, DepthModel], notes: 
         {**variant._asdict(), "seconds per step": Spread.of(seconds[variant]), "times the slowest": ratios[variant]}
         for variant in variants
     )
-    yield Table("models", f"Training steps: forward, losses, backward and Adam at {shape}", steps, notes)
+    yield SpeedTable("models", f"Training steps: forward, losses, backward and Adam at {shape}", steps, notes)
     parts = tuple({**variant._asdict(), **_shares(found[variant])} for variant in variants)
-    yield Table("models_parts", "Training steps: where their time goes", parts)
+    yield SpeedTable("models_parts", "Training steps: where their time goes", parts)
 
 
 def _train(variant: _Variant, batch: Batch, steps: int) -> StepClock:
@@ -126,3 +129,37 @@ def _shares(clocks: Sequence[StepClock]) -> dict[str, Spread]:
         f"{part}, %": Spread.of([share for clock in clocks for share in clock.shares[part]])
         for part in (*PARTS, "rest")
     }
+
+
+def _inference_table(settings: ModelSettings, models: Mapping[str, DepthModel], notes: tuple[str, ...]) -> SpeedTable:
+    """The time of predicting the depth of one image, from points as sampled to metres."""
+    size, device = settings.inference_size, default_device()
+    calls = {}
+    for name, model in models.items():
+        batch = render_batch(model, size, count=1)
+        inputs = [tensor.to(device) for tensor in (batch.image, batch.sparse_depth, batch.intrinsics)]
+        for precision in PRECISIONS:
+            calls[name, precision] = partial(_predict, model.eval().to(device), inputs, precision)
+    for call in calls.values():  # allocates memory and chooses algorithms
+        call()
+    found = in_turn(calls, settings.rounds)
+    ratios = times_the_slowest({variant: [1.0 / second for second in found[variant]] for variant in calls})
+    rows: tuple[dict[str, Value], ...] = tuple(
+        {
+            "model": name,
+            "precision": precision,
+            "seconds per image": Spread.of(found[name, precision]),
+            "times the slowest": ratios[name, precision],
+        }
+        for name, precision in calls
+    )
+    return SpeedTable("inference", f"Inference: one image of {size} x {size}", rows, notes)
+
+
+def _predict(model: DepthModel, inputs: Sequence[Tensor], precision: str) -> float:
+    """Seconds of one prediction."""
+    watch = Stopwatch()
+    autocast = torch.autocast(inputs[0].device.type, torch.bfloat16, enabled=precision == "bfloat16")
+    with autocast, watch.measure("prediction"):
+        model.predict(*inputs)
+    return watch.total("prediction")

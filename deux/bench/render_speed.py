@@ -2,20 +2,20 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import cycle
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
+from deux.bench.bench_scenes import FinerScene, flats, free_poses, scene_in, usable_simulators
+from deux.bench.concurrent_processes import at_once
 from deux.bench.machine import cores
-from deux.bench.processes import at_once
-from deux.bench.report import Table, Value
-from deux.bench.scenes import BenchScene, flat, free_poses
+from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.timing import Spread, in_turn, rate, times_the_slowest
-from deux.contracts import Robot
-from deux.errors import DeuxError
+from deux.contracts import COLOR, SceneReference, Simulator
 from deux.geometry.camera import Camera
-from deux.simulator.renderers import RENDERERS, make_renderer
-from deux_plugins.scenes.files import FileReference, check_scene_file
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ QUICK = RenderSettings(sizes=(128,), rounds=3, seconds=0.1, poses=16)
 """Settings for a quick look."""
 
 
-def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iterator[Table]:
+def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iterator[SpeedTable]:
     """Measure every renderer on a generated flat and on a larger scene.
 
     Args:
@@ -53,13 +53,12 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
     Raises:
         DeuxError: the file is no scene.
     """
-    larger = BenchScene(flat(0), settings.triangles)
-    if scene_file is not None:
-        path = check_scene_file(scene_file)
-        larger = BenchScene(FileReference(path.stem, path))
+    (flat,) = flats(1)
+    larger = FinerScene(flat.name, flat, settings.triangles) if scene_file is None else scene_in(scene_file)
     rows: list[dict[str, Value]] = []
     left_out: dict[str, str] = {}
-    for scene in (BenchScene(flat(0)), larger):
+    for scene in (flat, larger):
+        triangles = len(scene.load().mesh.faces)
         for processes in settings.processes:
             parts = at_once(_render, _Job(scene, settings), processes, cores())
             left_out |= parts[0].left_out
@@ -69,8 +68,8 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
                 for name, values in rates.items():
                     rows.append(
                         {
-                            "scene": scene.reference.name,
-                            "triangles": parts[0].triangles,
+                            "scene": scene.name,
+                            "triangles": triangles,
                             "pixels": f"{size} x {size}",
                             "processes": processes,
                             "renderer": name,
@@ -83,18 +82,17 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
         "Frames are of random free poses, a new one each. embree renders on 1 thread in each process; OpenGL without a "
         f"graphics card draws on as many as there are cores, {cores()}."
     )
-    yield Table("render", "Rendering: colour and depth as numpy arrays", tuple(rows), (threads, *notes))
+    yield SpeedTable("render", "Rendering: colour and depth as numpy arrays", tuple(rows), (threads, *notes))
 
 
 class _Job(NamedTuple):
-    scene: BenchScene
+    scene: SceneReference
     settings: RenderSettings
 
 
 class _Rates(NamedTuple):
     """What one process measured: frames a second in each round, by image size and renderer."""
 
-    triangles: int
     rates: dict[int, dict[str, list[float]]]
     left_out: dict[str, str]
 
@@ -102,26 +100,21 @@ class _Rates(NamedTuple):
 def _render(job: _Job, together: Callable[[], None]) -> _Rates:
     """Measure in this process, at the same times as the others."""
     settings = job.settings
-    scene = job.scene.load()
-    poses = cycle(free_poses(scene, Robot(), settings.poses, seed=0))
-    found = _Rates(len(scene.mesh.faces), {}, {})
+    simulators, left_out = usable_simulators(job.scene, Camera(settings.sizes[0], settings.sizes[0]))
+    poses = {name: cycle(free_poses(simulator, settings.poses, seed=0)) for name, simulator in simulators.items()}
+
+    def frames_per_second(simulator: Simulator, poses: Iterator[np.ndarray]) -> float:
+        together()
+        return rate(lambda: simulator.observe(COLOR, next(poses)[None]), settings.seconds)
+
+    rates = {}
     for size in settings.sizes:
-        frames: dict[str, Callable[[], float]] = {}
-        for name in RENDERERS:
-            try:
-                renderer = make_renderer(name, scene, Camera(size, size))
-                renderer.render(next(poses), labels=False)  # compiles the kernels and uploads the scene
-            except DeuxError as error:
-                found.left_out[name] = str(error)
-                continue
-
-            def frames_per_second(render: Callable[..., object] = renderer.render) -> float:
-                together()
-                return rate(lambda: render(next(poses), labels=False), settings.seconds)
-
-            frames[name] = frames_per_second
-        found.rates[size] = in_turn(frames, settings.rounds)
-    return found
+        sized = {name: simulator.another(Camera(size, size)) for name, simulator in simulators.items()}
+        for name, simulator in sized.items():  # compiles the kernels and uploads the scene
+            simulator.observe(COLOR, next(poses[name])[None])
+        calls = {name: partial(frames_per_second, simulator, poses[name]) for name, simulator in sized.items()}
+        rates[size] = in_turn(calls, settings.rounds)
+    return _Rates(rates, left_out)
 
 
 def _summed(parts: list[dict[str, list[float]]]) -> dict[str, list[float]]:

@@ -4,7 +4,7 @@ from operator import call, methodcaller
 
 import pytest
 
-from deux.bench.processes import at_once
+from deux.bench.concurrent_processes import at_once
 
 
 def test_processes_wait_for_each_other() -> None:

@@ -2,8 +2,8 @@ from itertools import product
 
 import pytest
 
-from deux.bench.models import ModelSettings, measure_models
-from deux.bench.samples import render_batch
+from deux.bench.model_speed import ModelSettings, measure_models
+from deux.bench.rendered_batch import render_batch
 from deux.bench.step_clock import PARTS
 from deux.bench.timing import Spread
 from deux.registry import registry

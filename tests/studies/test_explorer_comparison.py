@@ -3,29 +3,9 @@ import io
 import math
 
 import pytest
+from compared_episodes import episode
 
-from deux.studies.exploration_meter import Exploration
-from deux.studies.explorer_comparison import ExplorationEpisode, ExplorerComparison
-
-
-def episode(explorer: str, scene: str, area: float, number: int = 0, **changes) -> ExplorationEpisode:
-    numbers = {"floor_covered": 0.5, "objects_seen": 3, "collisions": 2, "path_length": 1.5}
-    rewards = {"growth": area / 10.0}
-    exploration = Exploration(**{"area_seen": area, "rewards": rewards, **numbers, **changes})
-    return ExplorationEpisode(explorer, scene, number, 7, exploration, [(0.0, 0.0, 0.0)] * 4, 1.0)
-
-
-@pytest.fixture
-def comparison() -> ExplorerComparison:
-    """Two scenes that differ more than the two explorers do; two episodes of `still` in the first scene."""
-    episodes = [
-        episode("still", "small", 9.0),
-        episode("still", "small", 11.0, number=1),
-        episode("still", "large", 30.0),
-        episode("eager", "small", 13.0, collisions=0),
-        episode("eager", "large", 33.5, collisions=1),
-    ]
-    return ExplorerComparison(episodes, {"eager": "growth"})
+from deux.studies.explorer_comparison import ExplorerComparison
 
 
 def test_episodes_of_one_scene_are_averaged_first(comparison):

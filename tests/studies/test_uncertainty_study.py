@@ -1,44 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.studies.judged_scene import JudgedFrame, JudgedScene, Judgement, Place
-from deux.studies.uncertainty_study import UncertaintyStudy
-
 MEASURES = ("l1", "parallax", "flip", "sparse_error")
-
-
-def judgement(delta: float, rank: float) -> Judgement:
-    oracle = np.linspace(1.0, 0.05, 20)
-    return Judgement(delta, 0.5, rank, (1.0 - rank) / 2.0, (rank * oracle + (1.0 - rank)).tolist(), oracle.tolist())
-
-
-def scene(name: str, sign: float, rank: float) -> JudgedScene:
-    """Ten frames whose l1 goes with the motion, and whose sparse_error goes with the error (or against it)."""
-    rng = np.random.default_rng(0)
-    frames = [
-        JudgedFrame(
-            step=step,
-            moved=(moved := 0.5 * (step % 2)),
-            turned=10.0,
-            distance=2.0,
-            texture=0.1,
-            error=(error := 100.0 + 10.0 * step),
-            judgements={
-                "l1": judgement(moved + 0.01 * rng.random(), 0.1),
-                "sparse_error": judgement(sign * error, rank),
-                **({"parallax": judgement(error, 0.3)} if moved else {}),
-                "chance": judgement(rng.random(), 0.0),
-            },
-        )
-        for step in range(10)
-    ]
-    places = [Place(uncertainty=float(i), error=float(i * i)) for i in range(5)]
-    return JudgedScene(name, frames, {"l1": places[::-1], "sparse_error": places})
-
-
-@pytest.fixture
-def study() -> UncertaintyStudy:
-    return UncertaintyStudy([scene("a", 1.0, 0.6), scene("b", 1.0, 0.8)], MEASURES)
 
 
 def test_numbers_are_means_over_scenes_with_their_interval(study):

@@ -57,9 +57,6 @@ class DepthModel(nn.Module, ABC):
     objective: ClassVar[LossSettings] = {}
     """The published loss terms and weights."""
 
-    augmentation: ClassVar[Sequence[Augmentation]] = ()
-    """The published augmentation: applied in order to each training sample, after the crop, and never in evaluation."""
-
     min_depth: float
     """Nearest depth in metres that the model predicts."""
 
@@ -83,6 +80,13 @@ class DepthModel(nn.Module, ABC):
     def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
         """Further inputs computed on the CPU in the data workers, from H x W metres; each C x H x W float32."""
         return {}
+
+    def augmentation(self) -> Sequence[Augmentation]:
+        """The published augmentation: applied in order to each training sample, after the crop, never in evaluation.
+
+        torchvision is best imported inside: it takes as long as all the rest that a model needs for inference.
+        """
+        return ()
 
     def pose_network(self) -> nn.Module | None:
         """The model's published pose network, newly made, or None if the model has none.

@@ -36,9 +36,9 @@ class Reader(ABC):
     """Reads the frames of one folder: images, the camera's matrix, sparse points, and truth and poses if there are any.
 
     A reader is made as `cls(folder, **options)` and keeps the folder under that name; further parameters of the
-    constructor are its options, each with a default. Making one reads no pixel. Readers are sent to worker processes;
-    those that were made alike are equal and have one hash, by which cached frames are found: a frozen
-    dataclass is both.
+    constructor are its options, each with a default. Making one reads no pixel. Readers are sent to worker processes,
+    and what is cached of frames is found by its reader, so those that were made alike must be equal and have one hash,
+    as a frozen dataclass does.
 
     All methods raise `DeuxError`, which names the file, where one is missing, damaged or of another kind.
     """

@@ -95,7 +95,7 @@ class TripletDataModule(LightningDataModule):
                 crop=self.crop,
                 training=True,
                 ground_truth=self._model.supervised,
-                augmentation=self._model.augmentation,
+                augmentation=self._model.augmentation(),
                 prepare=self._model.prepare,
             )
             dataset = TripletDataset(self.train, "train", settings, self._cache, self._offsets)

@@ -5,7 +5,6 @@ from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor, nn
-from torchvision.transforms import v2
 
 from deux.contracts import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux.geometry.sliding_max import sliding_max
@@ -48,7 +47,6 @@ class FusionNet(DepthModel):
         "local_smoothness": 1.0,
         "topology_prior": 0.10,
     }
-    augmentation: ClassVar[Sequence[Augmentation]] = (v2.RandomHorizontalFlip(p=0.5),)
 
     def __init__(
         self,
@@ -104,6 +102,12 @@ class FusionNet(DepthModel):
         factor = MIN_FACTOR + (MAX_FACTOR - MIN_FACTOR) * torch.sigmoid(logits)
         depth = factor * scaffold + offset.clamp(-MAX_OFFSET, MAX_OFFSET)
         return Prediction(depth.clamp(self.min_depth, self.max_depth), {"prior": prior})
+
+    def augmentation(self) -> Sequence[Augmentation]:
+        """Half of the samples are mirrored left to right."""
+        from torchvision.transforms import v2  # slow, and of no use to inference
+
+        return (v2.RandomHorizontalFlip(p=0.5),)
 
     def pose_network(self) -> PoseNetwork:
         """The pose network of seven convolutions, newly made."""

@@ -5,7 +5,6 @@ from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
-from torchvision.transforms import v2
 
 from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
 from deux.geometry.sliding_max import sliding_max
@@ -56,7 +55,6 @@ class ScaffNet(DepthModel):
 
     supervised: ClassVar[bool] = True
     objective: ClassVar[LossSettings] = {"supervised_depth": 1.0}
-    augmentation: ClassVar[Sequence[Augmentation]] = (v2.RandomHorizontalFlip(p=0.5),)
 
     def __init__(
         self,
@@ -87,6 +85,12 @@ class ScaffNet(DepthModel):
         joins = [[skip] for skip in (*reversed(skips), pyramid)]
         logits = self.decoder(latent, joins, [*sizes(features), full_size])
         return Prediction(depth_from_logits(logits, self.min_depth, self.max_depth))
+
+    def augmentation(self) -> Sequence[Augmentation]:
+        """Half of the samples are mirrored left to right."""
+        from torchvision.transforms import v2  # slow, and of no use to inference
+
+        return (v2.RandomHorizontalFlip(p=0.5),)
 
     def published_modules(self) -> dict[str, nn.Module]:
         """The modules that scaffnet-*.pth holds."""

@@ -1,5 +1,6 @@
 """The data module under Lightning: order, workers, ground truth, frames that are added."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from torch.utils.data._utils.pin_memory import pin_memory
 from torchvision.transforms import v2
 from void_layout import dataset
 
-from deux.contracts import Batch, DepthModel, Prediction
+from deux.contracts import Augmentation, Batch, DepthModel, Prediction
 from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
 from deux.data.transforms import DropPoints
@@ -22,8 +23,10 @@ from deux.errors import DeuxError
 
 
 class ToyModel(DepthModel):
-    augmentation = (v2.RandomHorizontalFlip(p=0.5), DropPoints((0.3, 0.6), p=0.5))
     min_depth, max_depth = 0.1, 10.0
+
+    def augmentation(self) -> Sequence[Augmentation]:
+        return (v2.RandomHorizontalFlip(p=0.5), DropPoints((0.3, 0.6), p=0.5))
 
     def forward(self, image: Tensor, *_: Tensor, **prepared: Tensor) -> Prediction:
         return Prediction(image[:, :1])

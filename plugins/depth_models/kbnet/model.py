@@ -6,7 +6,6 @@ from typing import ClassVar
 from torch import Tensor, nn
 
 from deux.contracts import Augmentation, DepthModel, LossSettings, Prediction
-from deux.data.transforms import DropPoints
 from deux_plugins.depth_models.kbnet.encoder import KBNetEncoder
 from deux_plugins.depth_models.kbnet.sparse_to_dense import SparseToDensePool
 from deux_plugins.depth_models.parts.decoder import Decoder
@@ -37,7 +36,6 @@ class KBNet(DepthModel):
         "sparse_depth": 2.0,
         "local_smoothness": 2.0,
     }
-    augmentation: ClassVar[Sequence[Augmentation]] = (DropPoints(fraction=(0.30, 0.60), p=0.5),)
 
     def __init__(
         self,
@@ -67,6 +65,12 @@ class KBNet(DepthModel):
         depth_features = self.sparse_to_dense_pool(sparse_depth, validity)
         logits = self.decoder(*self.encoder(image, depth_features, intrinsics))
         return Prediction(depth_from_logits(logits, self.min_depth, self.max_depth))
+
+    def augmentation(self) -> Sequence[Augmentation]:
+        """Half of the samples lose 30 to 60 % of the points that the network is shown."""
+        from deux.data.transforms import DropPoints  # brings torchvision, slow and of no use to inference
+
+        return (DropPoints(fraction=(0.30, 0.60), p=0.5),)
 
     def pose_network(self) -> PoseNetwork:
         """KBNet's ResNet18-style pose network, newly made."""

@@ -1,6 +1,7 @@
 """FusionNet: the suite of all depth models, and what is particular to it."""
 
 import torch
+from torchvision.transforms import v2
 
 from deux.contracts import DepthModel
 from deux.registry import registry
@@ -11,6 +12,12 @@ from deux_plugins.depth_models.fusionnet import FusionNet, match_scale
 class TestFusionNet(DepthModelSuite):
     def make_model(self) -> DepthModel:
         return FusionNet()
+
+
+def test_half_of_the_training_samples_are_mirrored():
+    (flip,) = FusionNet().augmentation()
+    assert isinstance(flip, v2.RandomHorizontalFlip)
+    assert flip.p == 0.5
 
 
 def test_scaffnet_is_frozen_whatever_the_mode():

@@ -32,7 +32,8 @@ def test_a_size_that_is_no_multiple_of_anything():
 def test_half_of_the_training_samples_show_all_their_points():
     points = np.ones((20, 50), np.float32)
     sample = {"images": np.zeros((1, 3, 20, 50), np.uint8), "sparse_depth": points, "intrinsics": np.eye(3)}
-    shown = [augment(sample, KBNet.augmentation, seed)["input_sparse_depth"].sum() / 1000 for seed in range(1000)]
+    published = KBNet().augmentation()
+    shown = [augment(sample, published, seed)["input_sparse_depth"].sum() / 1000 for seed in range(1000)]
     thinned = [left for left in shown if left < 1.0]
     assert stats.binomtest(len(thinned), 1000, 0.5).pvalue > 0.01
     assert 0.40 <= min(thinned) < 0.42

@@ -1,5 +1,8 @@
 """The parts of the published depth models against other ways to compute the same."""
 
+import subprocess
+import sys
+
 import pytest
 import torch
 from scipy.spatial.transform import Rotation
@@ -78,3 +81,14 @@ def test_seven_convolution_pose_network_is_the_published_one(published_case, nam
         pose = network(case.arrays["image0"], case.arrays["image1"])
     # float32 rounds the matrix's ones to 1e-7; the untrained network's rotations are hardly larger.
     torch.testing.assert_close(pose, case.arrays["pose01"], rtol=1e-4, atol=1e-7)
+
+
+def test_models_are_made_for_inference_without_torchvision():
+    """It takes as long to import as everything else that they need."""
+    code = """
+import sys
+from deux_plugins.depth_models import fusionnet, kbnet, scaffnet, voiced
+fusionnet.FusionNet(), kbnet.KBNet(), scaffnet.ScaffNet(), voiced.VOICED()
+sys.exit("torchvision" in sys.modules)
+"""
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from torchvision.transforms import v2
 
 from deux.contracts import DepthModel
 from deux.errors import DeuxError
@@ -12,6 +13,12 @@ from deux_plugins.depth_models.scaffnet import ScaffNet, SpatialPyramidPool
 class TestScaffNet(DepthModelSuite):
     def make_model(self) -> DepthModel:
         return ScaffNet()
+
+
+def test_half_of_the_training_samples_are_mirrored():
+    (flip,) = ScaffNet().augmentation()
+    assert isinstance(flip, v2.RandomHorizontalFlip)
+    assert flip.p == 0.5
 
 
 def test_it_does_not_look_at_the_image_nor_at_the_camera():

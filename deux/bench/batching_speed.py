@@ -33,16 +33,16 @@ class BatchingSettings:
     """
 
     sizes: tuple[int, ...] = (64, 128)
-    poses: tuple[int, ...] = (1, 4, 16)
+    poses: tuple[int, ...] = (1, 16)
     places: int = 64
     seconds: float = 0.4
     walk_size: int = 128
-    walks: tuple[int, ...] = (1, 2, 4)
+    walks: tuple[int, ...] = (1, 4)
     steps: int = 15
-    rounds: int = 6
+    rounds: int = 5
 
 
-QUICK = BatchingSettings(sizes=(64,), poses=(1, 16), places=16, seconds=0.1, walks=(1, 4), steps=4, rounds=3)
+QUICK = BatchingSettings(sizes=(64,), places=16, seconds=0.1, steps=4, rounds=3)
 """Settings for a quick look."""
 
 

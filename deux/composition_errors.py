@@ -28,6 +28,7 @@ RENAMED = {
     "scenes.source": "scenes.name",
     "foundation.flats": "foundation.scenes",
     "explorer_training.flats": "explorer_training.scenes",
+    "collect.together": "collect.batch_size",
     "compare.flats": "scenes.test",
     **{f"callbacks.{option}": f"callbacks.active_collection.{option}" for option in
        ("every", "unit", "rounds", "steps", "episodes", "mode")},

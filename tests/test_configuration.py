@@ -1,11 +1,15 @@
+import json
 import logging
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
+from deux.collection.collect_settings import CollectSettings
+from deux.collection.sparse import SparseSettings
+from deux.collection.verification import VerificationSettings
 from deux.configuration import (
     OPEN_NODES,
     compose,
@@ -21,6 +25,15 @@ from deux.geometry.camera import Camera
 from deux.options import REQUIRED, Option, construct, options
 from deux.registry import KINDS, registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS
+from deux.tasks.compare_explorers import CompareSettings
+from deux.tasks.evaluate import EvaluationSettings
+from deux.tasks.export import ExportSettings
+from deux.tasks.model_training import FoundationSettings
+from deux.tasks.predict import PredictSettings
+from deux.tasks.report import ReportSettings
+from deux.tasks.seed_model import SeedModelSettings
+from deux.tasks.train_explorer import ExplorerTrainingSettings
+from deux.training.fit import TrainingSettings
 
 CHOICES = [
     f"{path.parent.name}={path.stem}"
@@ -97,6 +110,39 @@ def test_every_option_of_every_plugin_can_be_given(section: str, name: str, opti
     cfg[section][option.name] = option.default if not isinstance(option.default, tuple) else list(option.default)
     chosen = sections_of(cfg).plugin(section)
     assert chosen.settings[option.name] == cfg[section][option.name]
+
+
+SECTION_OPTIONS = [
+    ("evaluate", "camera", Camera),
+    ("experiment", "robot", Robot),
+    ("experiment", "collect", CollectSettings),
+    ("experiment", "sampling", SparseSettings),
+    ("experiment", "verification", VerificationSettings),
+    ("experiment", "seed_model", SeedModelSettings),
+    ("experiment", "foundation", FoundationSettings),
+    ("experiment", "training", TrainingSettings),
+    ("experiment", "evaluation", EvaluationSettings),
+    ("train_explorer", "explorer_training", ExplorerTrainingSettings),
+    ("compare_explorers", "compare", CompareSettings),
+    ("predict", "predict", PredictSettings),
+    ("export", "export", ExportSettings),
+    ("report", "report", ReportSettings),
+]
+
+
+@pytest.mark.parametrize(("task", "section", "settings"), SECTION_OPTIONS, ids=lambda value: str(value))
+def test_every_option_of_every_section_can_be_given(task: str, section: str, settings: type) -> None:
+    made = sections_of(compose([f"task={task}"])).read(section, settings)
+    given = [
+        f"{section}.{name}={json.dumps(plain_value(getattr(made, name)))}"
+        for name in options(settings)
+        if not isinstance(getattr(made, name), Mapping | tuple) or not getattr(made, name)
+    ]
+    assert sections_of(compose([f"task={task}", *given])).read(section, settings) == made
+
+
+def plain_value(value: object) -> object:
+    return [] if value == () else value
 
 
 @pytest.mark.parametrize("task", TASKS)

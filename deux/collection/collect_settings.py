@@ -19,7 +19,7 @@ class CollectSettings:
         episodes: episodes in each training scene.
         uncertainty: the measure by which the depth model's predictions are judged (Eq. 8).
         uncertainty_options: options of its constructor.
-        together: robots that explore in lock-step.
+        batch_size: robots that explore in lock-step, sharing each call of the depth model.
         processes: processes that collect, for explorers that need no depth model.
 
     Raises:
@@ -29,14 +29,14 @@ class CollectSettings:
     steps: int
     episodes: int
     uncertainty: str
-    together: int
+    batch_size: int
     processes: int
     uncertainty_options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_range("collect.steps", self.steps, FRAMES_OF_A_TRIPLET)
         check_range("collect.episodes", self.episodes, 1)
-        check_range("collect.together", self.together, 1)
+        check_range("collect.batch_size", self.batch_size, 1)
         check_range("collect.processes", self.processes, 1)
 
     @property

@@ -38,7 +38,7 @@ class DatasetSpec:
         seed: seed of the starts, the explorers and the viewpoints.
         model: what identifies the depth model that guides the explorer; None without one.
         uncertainty: how that model's predictions are judged (Eq. 8); None without one.
-        batch_size: episodes that run in lock-step (`collect.together`).
+        batch_size: episodes that run in lock-step (`collect.batch_size`).
         split: the prefix of the list files.
         explorer_settings: all the explorer's options, defaults included; JSON values only.
     """

@@ -149,7 +149,7 @@ class Datasets:
             seed=self._seed,
             model=predictor_identity,
             uncertainty=self.collect.measure if predictor_identity else None,
-            batch_size=self.collect.together,
+            batch_size=self.collect.batch_size,
         )
 
     def _viewpoints(self, name: str, split: Split, scenes: tuple[SceneReference, ...], count: int) -> Path:

@@ -17,7 +17,7 @@ CONFIGURATION = {
     "camera": {"width": 64, "hfov": 90.0},
     "robot": {},
     "objective": {"sparse_depth": 0.5},
-    "collect": {"steps": 20, "processes": 1, "together": 4},
+    "collect": {"steps": 20, "processes": 1, "batch_size": 4},
     "seed_model": {"name": None, "checkpoint": None, "steps": 5},
     "foundation": {"scenes": 1},
     "training": {"batch_size": 4, "steps": 10, "epochs": 25, "crop": [32, 32], "validations": 1},
@@ -93,7 +93,7 @@ def test_a_run_of_an_older_version_has_the_same_conditions():
         {"trainer": {"accelerator": "cpu", "devices": 4, "enable_progress_bar": False}},
         {"camera": {"width": 64.0, "hfov": 90}},
         {"report": {"runs": "x"}, "explorer_training": {"steps": 1}, "compare": {"seeds": 2}},
-        {"collect": {"steps": 20, "processes": 8, "together": 1}},
+        {"collect": {"steps": 20, "processes": 8, "batch_size": 1}},
         {"telemetry": {"people": 3}},  # a section that nobody knows yet
         {"data": {"name": "void"}},  # how recorded frames are read, and there are none
     ],

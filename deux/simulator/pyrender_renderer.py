@@ -8,6 +8,7 @@ import numpy as np
 
 from deux.contracts import SceneMesh
 from deux.geometry.camera import Camera
+from deux.scenes.ray_caster import RayCaster
 from deux.simulator.egl_context import EGLContext, load_pyrender
 from deux.simulator.renderers import RenderedImage
 
@@ -21,12 +22,13 @@ class PyrenderRenderer:
     Args:
         mesh: what is drawn.
         camera: the camera that sees it.
+        caster: not used, as OpenGL casts no rays.
 
     Raises:
         DeuxError: the system's OpenGL libraries are missing.
     """
 
-    def __init__(self, mesh: SceneMesh, camera: Camera) -> None:
+    def __init__(self, mesh: SceneMesh, camera: Camera, caster: RayCaster | None = None) -> None:
         pyrender = load_pyrender()
         self.camera = camera
         self._mesh = mesh

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -11,8 +12,11 @@ from deux.errors import DeuxError, near_matches
 from deux.geometry.camera import Camera
 from deux.scenes.ray_caster import RayCaster
 
-RENDERERS = ("embree", "pyrender")
-"""The names that `make_renderer` knows."""
+RENDERERS = {
+    "embree": "deux.simulator.embree_renderer:EmbreeRenderer",
+    "pyrender": "deux.simulator.pyrender_renderer:PyrenderRenderer",
+}
+"""The renderers by name, imported only when chosen, so that one works without the other's libraries."""
 
 
 class RenderedImage(NamedTuple):
@@ -56,11 +60,6 @@ def make_renderer(name: str, mesh: SceneMesh, camera: Camera, caster: RayCaster 
     """
     if name not in RENDERERS:
         raise DeuxError(f"simulator.renderer cannot be {name!r}: {near_matches(name, RENDERERS)}")
-    # Imported only when chosen, so that one renderer works without the other's libraries.
-    if name == "embree":
-        from deux.simulator.embree_renderer import EmbreeRenderer
-
-        return EmbreeRenderer(mesh, camera, caster)
-    from deux.simulator.pyrender_renderer import PyrenderRenderer
-
-    return PyrenderRenderer(mesh, camera)
+    module, _, attribute = RENDERERS[name].partition(":")
+    made: Renderer = getattr(import_module(module), attribute)(mesh, camera, caster)
+    return made

@@ -31,7 +31,8 @@ class Recovery:
         robot: its motion.
         rng: where the random turns come from.
         most_failures: failed forward actions in a row.
-        most_confined: failed forward actions within `patience` steps.
+        most_confined: failed forward actions within `patience` steps; with 0, a robot that stays in one place is
+            confined even if it touches nothing.
         least_move: share of a step.
         extent: metres.
         patience: steps.

@@ -56,7 +56,8 @@ class LearnedExplorer(Explorer):
     def reset(self, episode: Episode) -> None:
         """Begin an episode; raises DeuxError as `policy` does."""
         self._rng = np.random.default_rng(episode.seed)
-        self._recovery = Recovery(episode.robot, self._rng)
+        # A policy may also turn on the spot for ever, without touching anything.
+        self._recovery = Recovery(episode.robot, self._rng, most_confined=0)
         self._memory = ExplorationMemory(episode.camera, episode.robot, self.policy.crops, self.policy.resolution)
 
     def act(self, observation: Observation) -> Action:

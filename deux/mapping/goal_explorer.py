@@ -2,31 +2,39 @@
 
 import math
 from abc import abstractmethod
+from typing import Literal
 
 import numpy as np
 
-from deux.contracts import Action, Episode, Explorer, ExplorerMap, Observation
+from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
+from deux.errors import DeuxError
 from deux.mapping.finished_frontiers import FinishedFrontiers
 from deux.mapping.frontier_targets import FrontierCandidates, frontier_candidates, frontier_target
-from deux.mapping.occupancy import EXACT, DepthErrors, OccupancyMap
+from deux.mapping.occupancy import EXACT, PREDICTED, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Point, Pursuit, Target
 from deux.mapping.recovery import Recovery
 from deux.mapping.traversable import process_map
 
+DepthSource = Literal["predicted", "sensor"]
+
 
 class GoalExplorer(Explorer):
     """Maps what it sees, chooses a target, goes there, and chooses the next: the loop of Algorithm 1.
 
-    A subclass says which depth image the map is built from and how a target is chosen. A robot that is stuck frees
+    A subclass says how a target is chosen. A robot that is stuck frees
     itself (`deux.mapping.recovery`); where there is nowhere to go, or the map walls it in, it goes at random.
 
     Args:
+        depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
-        errors: how wrong the depth may be that the map is built from.
+        depth_option: what the subclass calls its option `depth`, for the message.
+
+    Raises:
+        DeuxError: `depth` is neither of the two.
     """
 
     frontier_reach = 0.3
@@ -49,21 +57,21 @@ class GoalExplorer(Explorer):
 
     def __init__(
         self,
+        depth: DepthSource,
         resolution: float,
         max_range: float,
         safety_margin: float,
         unknown_traversable: bool,
-        errors: DepthErrors = EXACT,
+        depth_option: str = "depth",
     ) -> None:
+        if depth not in ("predicted", "sensor"):
+            raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
+        self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
+        self._depth = depth
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin
         self._unknown_traversable = unknown_traversable
-        self._errors = errors
-
-    @abstractmethod
-    def map_depth(self, observation: Observation) -> np.ndarray:
-        """The H x W depth image that the map is built from."""
 
     @abstractmethod
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
@@ -84,7 +92,8 @@ class GoalExplorer(Explorer):
         """Forget everything and begin an episode."""
         self.rng = np.random.default_rng(episode.seed)
         self.robot = episode.robot
-        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, self._errors)
+        errors = PREDICTED if self._depth == "predicted" else EXACT
+        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, errors)
         self._recovery = Recovery(episode.robot, self.rng)
         self._pursuit: Pursuit | None = None
         self.frontier: Point | None = None
@@ -99,6 +108,12 @@ class GoalExplorer(Explorer):
         if self._recovery.failures > 0:
             self.occupancy.mark_contact(observation.pose)
         return self._go_on(observation.pose) if action is None else action
+
+    def map_depth(self, observation: Observation) -> np.ndarray:
+        """The depth image that the map is built from, H x W float32 metres."""
+        depth = observation.predicted_depth if self._depth == "predicted" else observation.sensor_depth
+        assert depth is not None
+        return depth
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map as it stands; None before the first step."""

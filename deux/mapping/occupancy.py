@@ -32,7 +32,15 @@ class DepthErrors:
 
 
 EXACT = DepthErrors()
-"""A simulated depth sensor's."""
+"""Errors of a simulated depth sensor: none."""
+
+PREDICTED = DepthErrors(relative=0.1, border=6)
+"""Errors of the depth that a briefly trained seed model predicts, as measured.
+
+KBNet after 300 steps, 128 x 128 pixels: 90 % of the floor's pixels are off by less than 20 %, but the outermost rows
+and columns are predicted at 0.25 to 0.8 of the true depth. With them in the map a ring of false obstacles half a
+metre from the robot imprisons it.
+"""
 
 # What one frame adds to a cell's log-odds of being occupied, and the range that they are kept in, which is what
 # lets later frames correct earlier ones. A hit prevails over free floor within a frame and so weighs less than it:

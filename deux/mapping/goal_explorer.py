@@ -23,7 +23,7 @@ class GoalExplorer(Explorer):
     """Maps what it sees, chooses a target, goes there, and chooses the next: the loop of Algorithm 1.
 
     A subclass says how a target is chosen. A robot that is stuck frees
-    itself (`deux.mapping.recovery`); where there is nowhere to go, or the map walls it in, it goes at random.
+    itself (`deux.mapping.recovery`); where there is no target, or the map confines it, it goes at random.
 
     Args:
         depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
@@ -50,10 +50,10 @@ class GoalExplorer(Explorer):
     """
 
     most_targets_a_step = 10
-    """Targets that may turn out to be reached already, or out of reach, before a step of the robot's."""
+    """Targets that are tried in one step; each may be reached already, or out of reach."""
 
     escape_distance = 1.0
-    """Metres that the robot tries to go straight on where the map walls it in."""
+    """Metres that the robot goes straight on, after a random turn, where the map confines it."""
 
     def __init__(
         self,
@@ -163,11 +163,10 @@ class GoalExplorer(Explorer):
         self.frontier = self._pursuit = None
 
     def _next_target(self, pose: np.ndarray, here: tuple[int, int]) -> Target | None:
-        """The subclass's choice; None where the map walls the robot in, for which the answer is to go at random.
+        """The subclass's choice; None where the map confines the robot (`least_area`), which then goes at random.
 
-        Among the few places that such a map leaves the robot would wander for ever. Random moves, "unstuck" in
-        Algorithm 1, test the map: floor driven over is free whatever the depth said, and only what the body meets
-        stays an obstacle.
+        Such a map is wrong, and leaves few places to choose from. Random moves, "unstuck" in Algorithm 1, correct it:
+        floor that the robot drives over is free whatever the depth said, and only what its body meets stays occupied.
         """
         reach = self._reach(here)
         if reach is None:
@@ -176,7 +175,7 @@ class GoalExplorer(Explorer):
         return self.choose_target(pose, candidates, distance)
 
     def _reach(self, here: tuple[int, int]) -> tuple[float, np.ndarray, FrontierCandidates] | None:
-        """With which clearance to plan, how far it then is to where (`choose_target`), and to which frontiers.
+        """The clearance to plan with, the distance field that it gives (`choose_target`), and the frontiers in reach.
 
         It is the greatest clearance with which there is a frontier to go to; a robot that keeps its margins would not
         get through every passage that it fits through. Where no frontier is left at all, it is the greatest one that
@@ -194,7 +193,7 @@ class GoalExplorer(Explorer):
         return best
 
     def _clearances(self) -> tuple[float, float]:
-        """Cells by which obstacles are grown: for comfort, and for passages that the robot only just fits through.
+        """Cells by which obstacles are grown: with the safety margin, and for passages that are as wide as the robot.
 
         The second is a cell less than the robot's radius: an obstacle fills every cell that it touches, so on the map
         passages are up to two cells narrower than they are.

@@ -16,7 +16,7 @@ UNKNOWN, OCCUPIED, FREE = 0, 1, 2
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """How wrong a depth image may be, as far as a map of the floor has to know.
+    """Errors of a depth image that a map of the floor allows for.
 
     A relative error moves a point along its ray. It lifts a point of the floor by `relative` x camera height at any
     distance, and moves a wall by `relative` x distance.
@@ -59,7 +59,7 @@ _NOTHING, _BEYOND, _BELOW, _FLOOR, _OBSTACLE = 0, 1, 2, 3, 4
 
 
 class OccupancyMap:
-    """A top-down grid built from depth images and poses; it knows nothing of the scene's extent and grows.
+    """Top-down occupancy grid from depth images and poses, with log-odds; it grows with what is seen.
 
     A pixel that falls between `robot.max_climb` and `robot.height` above the floor marks its cell as hit. A cell
     whose floor point projects onto a pixel that shows floor, or something behind that point, is seen free. Each

@@ -31,7 +31,7 @@ def unchanged(observation: Observation) -> Observation:
 
 
 def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool) -> Observation:
-    """What an explorer with these needs sees, and nothing else.
+    """The observation that an explorer with these needs gets, and nothing else.
 
     The residual is 0.1 on boxes and 0.02 elsewhere; before the third frame it is NaN, as in the collector.
     """

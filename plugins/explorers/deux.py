@@ -14,7 +14,7 @@ from deux.mapping.residual_field import PoseResidualField, ResidualField, Surfac
 
 
 class DeuxExplorer(GoalExplorer):
-    """Goes where the depth model has been wrong.
+    """Goes where the depth model's uncertainty is high.
 
     Each target is drawn among places on the frontiers with probability proportional to u ** (1 / temperature),
     where u is the uncertainty recorded nearby (Eq. 8); a target is kept until the robot is there or gives it up.

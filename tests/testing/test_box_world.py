@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.contracts import Action
+from deux.contracts import COLOR, DEPTH, Action, Channel
 from deux.geometry.camera import Camera
 from deux.testing.box_world import Box, BoxWorld
 
@@ -22,7 +22,7 @@ def test_points_of_the_depth_image_lie_on_the_surfaces_that_are_labelled():
     box = Box(2.0, 0.5, 3.0, 1.5, 0.9)
     world = BoxWorld(5.0, 4.0, (box,))
     world.reset(2.3, 3.0, 0.2)
-    frame = world.observe(labels=True)
+    frame = world.observe(frozenset({Channel.LABELS}))
     points = (world.camera.rays() * frame.depth[..., None]) @ frame.pose[:3, :3].T + frame.pose[:3, 3]
     room = np.minimum.reduce(
         [np.abs(points[..., i] - side) for i, high in ((0, 5.0), (1, 2.5), (2, 4.0)) for side in (0.0, high)]
@@ -56,9 +56,13 @@ def test_free_space_is_what_the_robot_can_reach():
     assert not space.free[:, 40:].any()
 
 
-def test_depth_alone_is_that_of_the_frame():
+def test_what_is_drawn_does_not_depend_on_what_else_is_asked_for():
     world = BoxWorld(5.0, 4.0, (Box(2.0, 0.5, 3.0, 1.5, 0.9),))
     world.reset(2.3, 3.0, 0.2)
-    seen = world.observe(labels=True)
-    np.testing.assert_array_equal(world.depth(), seen.depth)
-    np.testing.assert_array_equal(world.labelled_depth(), (seen.depth, seen.labels))
+    seen = world.observe(COLOR | {Channel.LABELS, Channel.OBJECTS})
+    depth, labelled = world.observe(DEPTH), world.observe(frozenset({Channel.LABELS}))
+    np.testing.assert_array_equal(depth.depth, seen.depth)
+    np.testing.assert_array_equal(labelled.labels, seen.labels)
+    assert depth.rgb.size == labelled.rgb.size == 0
+    assert depth.labels is None
+    assert labelled.objects is None

@@ -22,7 +22,7 @@ Extra = Literal["depth", "rgb"]
 
 
 class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
-    """A robot explores scenes; `deux/Exploration-v0`.
+    """Gymnasium environment in which a robot explores scenes; `deux/Exploration-v0`.
 
     Actions are `MOVES`: 0 forward, 1 left, 2 right. Observations are a dictionary: "near" and "far", crops of the map
     that the robot made so far, its heading up (`deux.environment.egocentric`); "body", its last move and whether

@@ -8,14 +8,14 @@ from deux.geometry.camera import Camera
 from deux.mapping.occupancy import OccupancyMap
 
 MOVES = (Action.FORWARD, Action.LEFT, Action.RIGHT)
-"""What a learned explorer chooses from; it never stops before its time."""
+"""The actions of a learned explorer; it never stops an episode."""
 
 RESOLUTION = 0.1
 """Edge of a map cell in metres; as in exploring_exploration."""
 
 
 class ExplorationMemory:
-    """The map and the last move of one episode.
+    """The occupancy map and the last action of one episode, and the observation that a policy gets of them.
 
     Args:
         camera: the camera that the depth images come from.
@@ -34,7 +34,7 @@ class ExplorationMemory:
         self._steps = 0
 
     def experience(self, frame: Frame, collided: bool) -> Experience:
-        """Enter a frame and return what a reward judges.
+        """Add a frame and return what a reward is computed from.
 
         Args:
             frame: what the robot sees, with labels if the reward needs them.
@@ -54,7 +54,7 @@ class ExplorationMemory:
         return float(np.count_nonzero(self.occupancy.cells)) * self.occupancy.resolution**2
 
     def see(self, depth: np.ndarray, pose: np.ndarray, collided: bool) -> None:
-        """Enter a frame.
+        """Add a frame to the map.
 
         Args:
             depth: H x W metres, 0 = none.
@@ -69,12 +69,12 @@ class ExplorationMemory:
         self._pose, self._collided = pose, collided
 
     def acted(self, action: Action) -> None:
-        """Remember what was done in answer to the last frame."""
+        """Record the action that follows the last frame, whoever chose it."""
         self._action = action
         self._steps += 1
 
     def view(self) -> dict[str, np.ndarray]:
-        """What the policy sees.
+        """The policy's observation.
 
         Returns:
             "near" and "far", the crops of the map, each 4 x pixels x pixels uint8; and "body", 4 float32: which of

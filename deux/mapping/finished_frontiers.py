@@ -1,4 +1,4 @@
-"""Frontiers that there is no use in going to again: a frontier explorer's memory, and why its exploration ends."""
+"""Finished frontiers: the frontier cells that are not chosen as a target again, so that exploration ends."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from deux.mapping.pursuit import Point
 
 
 class FinishedFrontiers:
-    """The frontier cells that are still there after the robot looked at them from close by, or failed to come there.
+    """Set of the frontier cells that remained after the robot looked at them from nearby, or that it could not reach.
 
     Single cells are remembered, not the floor around them: what is new beside them, on the other side of a thin wall
     or outside the picture is still chosen. Every target's own cell is among them when its pursuit is over, so that no
@@ -29,7 +29,7 @@ class FinishedFrontiers:
         self._points: list[Point] = []  # centres of cells, which survive that the map grows
 
     def mask(self, frame: GridFrame) -> np.ndarray:
-        """The finished cells of a map that has grown since or has not, rows x columns bool."""
+        """The finished cells over a map, which may have grown since, rows x columns bool."""
         mask = np.zeros(frame.shape, bool)
         if self._points:
             x, z = np.array(self._points).T

@@ -1,4 +1,4 @@
-"""Frontier cells as targets: which can be reached, from where, and which way to look."""
+"""Targets on frontiers: which frontier cells can be reached, where to stand, and which way to look."""
 
 from dataclasses import dataclass
 

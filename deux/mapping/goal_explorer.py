@@ -2,31 +2,39 @@
 
 import math
 from abc import abstractmethod
+from typing import Literal
 
 import numpy as np
 
-from deux.contracts import Action, Episode, Explorer, ExplorerMap, Observation
+from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
+from deux.errors import DeuxError
 from deux.mapping.finished_frontiers import FinishedFrontiers
 from deux.mapping.frontier_targets import FrontierCandidates, frontier_candidates, frontier_target
-from deux.mapping.occupancy import EXACT, DepthErrors, OccupancyMap
+from deux.mapping.occupancy import EXACT, PREDICTED, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Point, Pursuit, Target
 from deux.mapping.recovery import Recovery
 from deux.mapping.traversable import process_map
 
+DepthSource = Literal["predicted", "sensor"]
+
 
 class GoalExplorer(Explorer):
     """Maps what it sees, chooses a target, goes there, and chooses the next: the loop of Algorithm 1.
 
-    A subclass says which depth image the map is built from and how a target is chosen. A robot that is stuck frees
-    itself (`deux.mapping.recovery`); where there is nowhere to go, or the map walls it in, it goes at random.
+    A subclass says how a target is chosen. A robot that is stuck frees
+    itself (`deux.mapping.recovery`); where there is no target, or the map confines it, it goes at random.
 
     Args:
+        depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
-        errors: how wrong the depth may be that the map is built from.
+        depth_option: what the subclass calls its option `depth`, for the message.
+
+    Raises:
+        DeuxError: `depth` is neither of the two.
     """
 
     frontier_reach = 0.3
@@ -42,28 +50,28 @@ class GoalExplorer(Explorer):
     """
 
     most_targets_a_step = 10
-    """Targets that may turn out to be reached already, or out of reach, before a step of the robot's."""
+    """Targets that are tried in one step; each may be reached already, or out of reach."""
 
     escape_distance = 1.0
-    """Metres that the robot tries to go straight on where the map walls it in."""
+    """Metres that the robot goes straight on, after a random turn, where the map confines it."""
 
     def __init__(
         self,
+        depth: DepthSource,
         resolution: float,
         max_range: float,
         safety_margin: float,
         unknown_traversable: bool,
-        errors: DepthErrors = EXACT,
+        depth_option: str = "depth",
     ) -> None:
+        if depth not in ("predicted", "sensor"):
+            raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
+        self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
+        self._depth = depth
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin
         self._unknown_traversable = unknown_traversable
-        self._errors = errors
-
-    @abstractmethod
-    def map_depth(self, observation: Observation) -> np.ndarray:
-        """The H x W depth image that the map is built from."""
 
     @abstractmethod
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
@@ -84,7 +92,8 @@ class GoalExplorer(Explorer):
         """Forget everything and begin an episode."""
         self.rng = np.random.default_rng(episode.seed)
         self.robot = episode.robot
-        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, self._errors)
+        errors = PREDICTED if self._depth == "predicted" else EXACT
+        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, errors)
         self._recovery = Recovery(episode.robot, self.rng)
         self._pursuit: Pursuit | None = None
         self.frontier: Point | None = None
@@ -99,6 +108,12 @@ class GoalExplorer(Explorer):
         if self._recovery.failures > 0:
             self.occupancy.mark_contact(observation.pose)
         return self._go_on(observation.pose) if action is None else action
+
+    def map_depth(self, observation: Observation) -> np.ndarray:
+        """The depth image that the map is built from, H x W float32 metres."""
+        depth = observation.predicted_depth if self._depth == "predicted" else observation.sensor_depth
+        assert depth is not None
+        return depth
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map as it stands; None before the first step."""
@@ -148,11 +163,10 @@ class GoalExplorer(Explorer):
         self.frontier = self._pursuit = None
 
     def _next_target(self, pose: np.ndarray, here: tuple[int, int]) -> Target | None:
-        """The subclass's choice; None where the map walls the robot in, for which the answer is to go at random.
+        """The subclass's choice; None where the map confines the robot (`least_area`), which then goes at random.
 
-        Among the few places that such a map leaves the robot would wander for ever. Random moves, "unstuck" in
-        Algorithm 1, test the map: floor driven over is free whatever the depth said, and only what the body meets
-        stays an obstacle.
+        Such a map is wrong, and leaves few places to choose from. Random moves, "unstuck" in Algorithm 1, correct it:
+        floor that the robot drives over is free whatever the depth said, and only what its body meets stays occupied.
         """
         reach = self._reach(here)
         if reach is None:
@@ -161,7 +175,7 @@ class GoalExplorer(Explorer):
         return self.choose_target(pose, candidates, distance)
 
     def _reach(self, here: tuple[int, int]) -> tuple[float, np.ndarray, FrontierCandidates] | None:
-        """With which clearance to plan, how far it then is to where (`choose_target`), and to which frontiers.
+        """The clearance to plan with, the distance field that it gives (`choose_target`), and the frontiers in reach.
 
         It is the greatest clearance with which there is a frontier to go to; a robot that keeps its margins would not
         get through every passage that it fits through. Where no frontier is left at all, it is the greatest one that
@@ -179,7 +193,7 @@ class GoalExplorer(Explorer):
         return best
 
     def _clearances(self) -> tuple[float, float]:
-        """Cells by which obstacles are grown: for comfort, and for passages that the robot only just fits through.
+        """Cells by which obstacles are grown: with the safety margin, and for passages that are as wide as the robot.
 
         The second is a cell less than the robot's radius: an obstacle fills every cell that it touches, so on the map
         passages are up to two cells narrower than they are.

@@ -1,4 +1,4 @@
-"""Arrays over the floor that grow as the robot sees more of it."""
+"""Top-down grids that grow as the robot sees more of the floor."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""From a path on the map to the robot's actions."""
+"""Path following: from a path on the map to the robot's actions."""
 
 import math
 from typing import TypeVar

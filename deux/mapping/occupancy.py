@@ -16,7 +16,7 @@ UNKNOWN, OCCUPIED, FREE = 0, 1, 2
 
 @dataclass(frozen=True)
 class DepthErrors:
-    """How wrong a depth image may be, as far as a map of the floor has to know.
+    """Errors of a depth image that a map of the floor allows for.
 
     A relative error moves a point along its ray. It lifts a point of the floor by `relative` x camera height at any
     distance, and moves a wall by `relative` x distance.
@@ -32,7 +32,15 @@ class DepthErrors:
 
 
 EXACT = DepthErrors()
-"""A simulated depth sensor's."""
+"""Errors of a simulated depth sensor: none."""
+
+PREDICTED = DepthErrors(relative=0.1, border=6)
+"""Errors of the depth that a briefly trained seed model predicts, as measured.
+
+KBNet after 300 steps, 128 x 128 pixels: 90 % of the floor's pixels are off by less than 20 %, but the outermost rows
+and columns are predicted at 0.25 to 0.8 of the true depth. With them in the map a ring of false obstacles half a
+metre from the robot imprisons it.
+"""
 
 # What one frame adds to a cell's log-odds of being occupied, and the range that they are kept in, which is what
 # lets later frames correct earlier ones. A hit prevails over free floor within a frame and so weighs less than it:
@@ -51,7 +59,7 @@ _NOTHING, _BEYOND, _BELOW, _FLOOR, _OBSTACLE = 0, 1, 2, 3, 4
 
 
 class OccupancyMap:
-    """A top-down grid built from depth images and poses; it knows nothing of the scene's extent and grows.
+    """Top-down occupancy grid from depth images and poses, with log-odds; it grows with what is seen.
 
     A pixel that falls between `robot.max_climb` and `robot.height` above the floor marks its cell as hit. A cell
     whose floor point projects onto a pixel that shows floor, or something behind that point, is seen free. Each

@@ -1,4 +1,4 @@
-"""Shortest paths over a grid: A* (Hart et al. 1968) to one goal, Dijkstra's distances to all of them.
+"""Shortest paths over a grid: A* (Hart et al. 1968) to one goal, distance fields (Dijkstra) to all cells.
 
 Both move to the 8 neighbours at cost 1 or sqrt(2), and diagonally only where both cells beside the step are
 traversable: a body with a radius cannot cut a corner.

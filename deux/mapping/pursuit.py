@@ -27,7 +27,7 @@ class Target:
 
 
 class Pursuit:
-    """One robot on its way to one target. Make a new one for each target.
+    """Drives one robot to one target, with a path that is planned anew where needed; make one for each target.
 
     The path is planned anew when the map blocks it or the robot has left it. The pursuit ends when the robot
     stands at the target and faces it, when no path leads there, when `patience` actions brought the robot no

@@ -1,4 +1,4 @@
-"""Recovery behaviours: how a robot that is stuck gets free, with nothing but its own motion to go by."""
+"""Recovery behaviours of a robot that is stuck; they take its own poses and contacts, and no map."""
 
 import math
 from collections import deque
@@ -11,7 +11,7 @@ from deux.contracts import Action, Robot
 
 
 class Recovery:
-    """Notices that the robot is stuck, and then chooses its actions until it is free.
+    """Detects that the robot is stuck, and then chooses its actions until it is free.
 
     There are two behaviours, as a robot can be stuck in two ways:
 
@@ -31,7 +31,8 @@ class Recovery:
         robot: its motion.
         rng: where the random turns come from.
         most_failures: failed forward actions in a row.
-        most_confined: failed forward actions within `patience` steps.
+        most_confined: failed forward actions within `patience` steps; with 0, a robot that stays in one place is
+            confined even if it touches nothing.
         least_move: share of a step.
         extent: metres.
         patience: steps.
@@ -85,14 +86,14 @@ class Recovery:
         return action
 
     def turn_away(self, steps: int = 1) -> Action:
-        """Begin to turn by 30 to 180 degrees to either side and to go so many steps forward; the first action of it."""
+        """Begin a random turn of 30 to 180 degrees with so many steps forward after it; returns its first action."""
         turn = Action.LEFT if self._rng.random() < 0.5 else Action.RIGHT
         turns = math.ceil(self._rng.uniform(30.0, 180.0) / self._turn_angle)
         self._actions = iter([turn] * turns + [Action.FORWARD] * steps)
         return next(self._actions)
 
     def _observe(self, place: np.ndarray, collided: bool) -> None:
-        """Judge the last action by where it brought the robot, world (x, z)."""
+        """Record whether the last action failed; `place` is where it brought the robot, world (x, z)."""
         self._moved = float(np.hypot(*(place - self._places[-1]))) if self._places else 0.0
         failed = collided and self._moved < self._least_move
         if failed:

@@ -1,4 +1,4 @@
-"""Where the depth model is wrong, as a field over the floor: the two readings of Algorithm 1's residual pose.
+"""Residual fields: the depth model's uncertainty over the floor, in the two readings of Algorithm 1's residual pose.
 
 Both take the same updates and answer the same questions, so an explorer holds either.
 """
@@ -38,7 +38,7 @@ class ResidualField(Protocol):
 
 
 class PoseResidualField:
-    """Delta lives where the robot stood: uncertainty at a point is the average of the deltas of nearby poses.
+    """Delta is recorded at the robot's pose: uncertainty at a point is the weighted mean over the poses nearby.
 
     The weights are exp(-d^2 / (2 bandwidth^2)) for a pose at distance d; the mean of all deltas enters with weight
     `prior_weight`, and so prevails far from every pose.
@@ -89,7 +89,7 @@ class PoseResidualField:
 
 
 class SurfaceResidualField:
-    """Each pixel's residual lives on the surface that the pixel shows, projected onto the floor plan.
+    """Each pixel's residual is recorded on the surface that the pixel shows, projected onto the floor.
 
     A cell holds the mean of all residuals that fell into it, from any height, mapped to 1 - exp(-mean) as in Eq. 8.
     Uncertainty at a point is the average of the cells nearby with the weights exp(-d^2 / (2 bandwidth^2)); the

@@ -1,4 +1,4 @@
-"""From what is known of the floor to where the robot may plan: `ProcessMap` of Algorithm 1."""
+"""Traversable floor: where paths may lead on an occupancy map (`ProcessMap` of Algorithm 1)."""
 
 import math
 
@@ -20,7 +20,7 @@ def disc(radius: float) -> np.ndarray:
 def process_map(
     cells: np.ndarray, clearance: float, around: list[tuple[int, int]], unknown_is_traversable: bool = False
 ) -> np.ndarray:
-    """Where the centre of the robot may be planned to go.
+    """The cells that the centre of the robot may be planned to go to.
 
     Obstacles are grown by `clearance`. The growth, not the obstacles themselves, is taken back around given cells
     (the robot stands where it stands, however near the map thinks a wall is).

@@ -14,7 +14,7 @@ from deux.policies.policy_files import TrainedPolicy, load_policy, policy_identi
 
 
 class LearnedExplorer(Explorer):
-    """Maps what the sensor sees and does what a policy answers to the map, except while it recovers from being stuck.
+    """Maps what the sensor sees, and acts as a policy chooses from the map, or as the recovery does if it is stuck.
 
     The policy is shown every move that is really made, those of the recovery (`deux.mapping.recovery`) as well. A
     subclass names the reward that its policy is trained for and the file with the weights that ship with it.
@@ -56,7 +56,8 @@ class LearnedExplorer(Explorer):
     def reset(self, episode: Episode) -> None:
         """Begin an episode; raises DeuxError as `policy` does."""
         self._rng = np.random.default_rng(episode.seed)
-        self._recovery = Recovery(episode.robot, self._rng)
+        # A policy may also turn on the spot for ever, without touching anything.
+        self._recovery = Recovery(episode.robot, self._rng, most_confined=0)
         self._memory = ExplorationMemory(episode.camera, episode.robot, self.policy.crops, self.policy.resolution)
 
     def act(self, observation: Observation) -> Action:

@@ -1,4 +1,4 @@
-"""Trained policies as files: safetensors, with what made them in the header. Reading one executes no code."""
+"""Policy files: a trained policy as safetensors, its training in the header. Reading one executes no code."""
 
 import hashlib
 import json
@@ -25,7 +25,7 @@ _POLICY, _REWARD = "policy.", "reward."
 
 @dataclass(frozen=True)
 class TrainedPolicy:
-    """A policy and where it comes from.
+    """A trained policy, what it observes, and how it was trained.
 
     Args:
         network: the policy, in evaluation mode.
@@ -79,7 +79,7 @@ def load_policy(path: Path) -> TrainedPolicy:
 
 
 def policy_identity(path: Path) -> str:
-    """Sixteen hexadecimal digits that any change of a policy file changes.
+    """The first sixteen hexadecimal digits of a policy file's SHA-256.
 
     Raises:
         DeuxError: there is no such file.

@@ -25,7 +25,7 @@ from deux.policies.training_state import CHECKPOINT_FILE, TrainingState, load_tr
 
 @dataclass
 class LearningCurve:
-    """How training went, one entry for each update, each a mean over the latest episodes.
+    """Learning curve: one entry for each update, each a mean over the latest episodes.
 
     Args:
         steps: steps of all environments so far.
@@ -40,7 +40,7 @@ class LearningCurve:
 
 @dataclass(frozen=True)
 class TrainingResult:
-    """What training leaves.
+    """Result of a training.
 
     Args:
         network: the policy.
@@ -158,7 +158,7 @@ def _resume(checkpoint: Path, learner: PPO, normalised: VecNormalize, curve: Lea
 
 
 class _Record(BaseCallback):
-    """Writes down the learning curve and the checkpoints."""
+    """Callback that records the learning curve and writes the checkpoints."""
 
     def __init__(
         self, curve: LearningCurve, settings: PPOSettings, checkpoint: Path, normalised: VecNormalize, report: Progress
@@ -205,7 +205,7 @@ class _Record(BaseCallback):
 
 
 class _Extractor(BaseFeaturesExtractor):
-    """The encoder, as stable-baselines3 wants it."""
+    """The encoder as a features extractor of stable-baselines3."""
 
     def __init__(self, observation_space: gymnasium.Space[Any], pixels: int) -> None:
         super().__init__(observation_space, FEATURES)

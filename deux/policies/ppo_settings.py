@@ -1,4 +1,4 @@
-"""How a policy is trained; apart from the training, so that a command starts without its libraries."""
+"""Settings of PPO; in a module of their own, so that a command starts without stable-baselines3."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from deux.errors import check_range
 
 @dataclass(frozen=True)
 class PPOSettings:
-    """How a policy is trained.
+    """Settings of PPO and its episodes.
 
     Args:
         steps: steps of all environments together.

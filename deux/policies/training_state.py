@@ -1,4 +1,4 @@
-"""A policy's training in a file, from which it goes on. Reading one executes no code."""
+"""Checkpoints of a policy's training. Reading one executes no code."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ CHECKPOINT_FILE = "checkpoint.pt"
 
 @dataclass(frozen=True)
 class TrainingState:
-    """All that training goes on with, but for the episodes that are under way: those begin anew.
+    """State that a training resumes from; episodes that were under way begin anew.
 
     Args:
         policy: the policy's weights, as stable-baselines3 names them.

@@ -31,7 +31,7 @@ def unchanged(observation: Observation) -> Observation:
 
 
 def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool) -> Observation:
-    """What an explorer with these needs sees, and nothing else.
+    """The observation that an explorer with these needs gets, and nothing else.
 
     The residual is 0.1 on boxes and 0.02 elsewhere; before the third frame it is NaN, as in the collector.
     """
@@ -119,6 +119,10 @@ def pen() -> BoxWorld:
     return world
 
 
+TRAPS = {pocket: 1.0, corner_with_leg: 1.0, pen: 0.5}
+"""Places that hold a robot, and the metres from where it starts at which it is out of them."""
+
+
 def two_rooms() -> BoxWorld:
     """Two rooms of 3 x 4 m with a doorway of 1 m between them and a low box in each; the robot in the left one."""
     walls = (Box(2.95, 0.0, 3.05, 1.5), Box(2.95, 2.5, 3.05, 4.0))
@@ -137,7 +141,7 @@ class ExplorerSuite:
     """Actions within which the robot must have left a trap."""
 
     most_pushes = 75
-    """Actions of these that may push the robot against an obstacle without moving it."""
+    """How many of these may push the robot against an obstacle without moving it."""
 
     @abstractmethod
     def make_explorer(self) -> Explorer:
@@ -246,17 +250,17 @@ class ExplorerSuite:
         self.run_legally(BoxWorld(1.5, 1.5), 2 * self.steps)
 
     def test_gets_out_of_traps(self) -> None:
-        """From a place that holds it the robot comes a metre away, and does not push against obstacles all the time.
+        """The robot gets out of each of `TRAPS`, and does not push against obstacles all the time.
 
         `deux.mapping.recovery.Recovery` frees a robot. An explorer may also stop: then it holds no episode up.
         """
-        for trap in (pocket, corner_with_leg, pen):
+        for trap, outside in TRAPS.items():
             world = trap()
             path = [world.pose[[0, 2], 3]]
 
-            def is_out(observation: Observation, path: list[np.ndarray] = path) -> bool:
+            def is_out(observation: Observation, path: list[np.ndarray] = path, outside: float = outside) -> bool:
                 path.append(observation.pose[[0, 2], 3])
-                return bool(np.hypot(*(path[-1] - path[0])) > 1.0)
+                return bool(np.hypot(*(path[-1] - path[0])) > outside)
 
             actions = run(self.make_explorer(), world, self.escape_steps, until=is_out)
             moved = np.hypot(*np.diff(path[1:], axis=0).T) > 0.25 * world.robot.forward_step
@@ -264,7 +268,7 @@ class ExplorerSuite:
             where = f"in {trap.__name__}, {pushes} of {len(actions)} actions pushed the robot against an obstacle"
             assert pushes <= self.most_pushes, where
             out = len(actions) < self.escape_steps or actions[-1] is Action.STOP
-            assert out, f"{where}, and it did not come a metre away"
+            assert out, f"{where}, and it did not get out"
 
     def test_map_is_consistent(self) -> None:
         """`map` is None or holds grids of its frame's shape with legal values, and changes nothing."""

@@ -64,7 +64,7 @@ class LearnedExplorerSuite(ExplorerSuite):
         assert self.explorer_class("anything").needs == {Need.SENSOR_DEPTH}
 
     def test_the_shipped_policy_is_trained_for_its_reward(self) -> None:
-        """The header says so, and how it went."""
+        """The header names the reward and holds the learning curve."""
         policy = load_policy(self.shipped_policy())
         assert policy.made_by["reward"] == self.explorer_class.reward
         assert policy.made_by["curve"]["steps"]

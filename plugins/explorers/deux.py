@@ -7,15 +7,14 @@ import numpy as np
 from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
-from deux.mapping.goal_explorer import GoalExplorer
+from deux.mapping.goal_explorer import DepthSource, GoalExplorer
 from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
-from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of, errors_of
 
 
 class DeuxExplorer(GoalExplorer):
-    """Goes where the depth model has been wrong.
+    """Goes where the depth model's uncertainty is high.
 
     Each target is drawn among places on the frontiers with probability proportional to u ** (1 / temperature),
     where u is the uncertainty recorded nearby (Eq. 8); a target is kept until the robot is there or gives it up.
@@ -51,7 +50,7 @@ class DeuxExplorer(GoalExplorer):
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
     ) -> None:
-        super().__init__(resolution, max_range, safety_margin, unknown_traversable, errors_of(map_depth))
+        super().__init__(map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth")
         if residual_pose not in ("pose", "surface"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose" or "surface".')
         if target not in ("sampled", "greedy"):
@@ -60,9 +59,8 @@ class DeuxExplorer(GoalExplorer):
             raise DeuxError(
                 f'deux\'s temperature is {temperature}: it must be positive (target="greedy" is its limit).'
             )
-        self.needs = frozenset({depth_need(map_depth, "deux's map_depth"), Need.RESIDUAL})
+        self.needs |= {Need.RESIDUAL}
         self._residual_pose = residual_pose
-        self._map_depth: DepthSource = map_depth
         self._greedy = target == "greedy"
         self._temperature = temperature
 
@@ -90,10 +88,6 @@ class DeuxExplorer(GoalExplorer):
             return None
         uncertainty = np.where(known.occupancy == UNKNOWN, np.float32(np.nan), self._field.grid(known.frame))
         return ExplorerMap(known.frame, known.occupancy, uncertainty)
-
-    def map_depth(self, observation: Observation) -> np.ndarray:
-        """The depth image that the map is built from."""
-        return depth_of(observation, self._map_depth)
 
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
         """`SampleFrontiers`, then `SampleDepthGuidedTarget`."""

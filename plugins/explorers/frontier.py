@@ -1,16 +1,14 @@
-"""The frontier explorer (Yamauchi 1997) with A*: the classic way to see all of a place."""
+"""The frontier explorer (Yamauchi 1997), with A* for its paths."""
 
 from typing import Literal
 
 import numpy as np
 
-from deux.contracts import Observation
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
-from deux.mapping.goal_explorer import GoalExplorer
+from deux.mapping.goal_explorer import DepthSource, GoalExplorer
 from deux.mapping.navigation import heading_error
 from deux.mapping.pursuit import Target
-from deux_plugins.explorers.map_depth import DepthSource, depth_need, depth_of, errors_of
 
 
 class FrontierExplorer(GoalExplorer):
@@ -38,16 +36,10 @@ class FrontierExplorer(GoalExplorer):
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
     ) -> None:
-        super().__init__(resolution, max_range, safety_margin, unknown_traversable, errors_of(depth))
+        super().__init__(depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth")
         if choose not in ("nearest", "largest"):
             raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')
-        self.needs = frozenset({depth_need(depth, "frontier's depth")})
-        self._depth: DepthSource = depth
         self._choose = choose
-
-    def map_depth(self, observation: Observation) -> np.ndarray:
-        """The depth image that the map is built from."""
-        return depth_of(observation, self._depth)
 
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
         """A frontier; a random reachable place if none is left."""

@@ -1,4 +1,4 @@
-"""The oracle explorer: it knows the true floor, and visits places all over it by shortest paths."""
+"""The oracle explorer: it is given the true free floor and visits targets all over it by shortest paths."""
 
 import math
 
@@ -17,7 +17,7 @@ Cell = tuple[int, int]
 
 
 class OracleExplorer(Explorer):
-    """Visits targets spread evenly over the true free floor: what it is worth to know the scene beforehand.
+    """Visits targets spread evenly over the true free floor: a privileged bound for explorers that have to map it.
 
     The floor is divided into parts of equal area with one target at random in each. The robot goes to the nearest of
     those left, by the length of the path. When the last has been visited, new ones are drawn. It keeps no map: figures
@@ -82,7 +82,7 @@ class OracleExplorer(Explorer):
         return self._targets.pop(int(np.argmin([distance[target] for target in self._targets])))
 
     def _floor(self, here: Cell, goal: Cell) -> np.ndarray:
-        """Where to plan, rows x columns bool: the free floor, without its margins if a path leads through what is left.
+        """Floor to plan on, rows x columns bool: the free floor, without its margins if a path leads through the rest.
 
         The margins are left in around the robot and the target, which may stand in them.
         """
@@ -93,9 +93,9 @@ class OracleExplorer(Explorer):
         return roomy if self._components_near(here, roomy) & self._components_near(goal, roomy) else free
 
     def _components_near(self, cell: Cell, roomy: np.ndarray) -> set[int]:
-        """The connected components of the floor without margins that paths from a cell lead to, by number.
+        """Numbers of the connected components of the floor without margins that a cell is connected to.
 
-        Two cells that have one in common are joined by a path, and no search over the whole floor has to find it.
+        Two cells that have one in common are connected; unlike a search for the path, this looks at a few cells only.
         """
         window = _window(cell, self._margin + 1)
         patches, _ = ndimage.label(roomy[window])

@@ -1,4 +1,4 @@
-"""Curiosity: what a model of the consequences of actions, learned along the way, did not foresee."""
+"""Curiosity reward: the prediction error of a forward model that is learned in training."""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,4 @@
-"""Novelty: places where the robot has seldom been."""
+"""Novelty reward: places where the robot has seldom been."""
 
 import math
 from collections import Counter
@@ -20,11 +20,11 @@ class NoveltyReward(Reward):
         self._cell = cell
 
     def reset(self, episode: Episode) -> None:
-        """Every cell is new."""
+        """Begin an episode: no cell was visited."""
         self._visits: Counter[tuple[int, int]] = Counter()
 
     def __call__(self, experience: Experience) -> float:
-        """Count the visit first: the first one is worth 1."""
+        """The reward; this visit is counted, so that the first one is worth 1."""
         x, z = experience.observation.pose[[0, 2], 3]
         place = math.floor(x / self._cell), math.floor(z / self._cell)
         self._visits[place] += 1

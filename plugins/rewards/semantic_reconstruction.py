@@ -1,4 +1,4 @@
-"""Semantic reconstruction: labelled objects that come into view, and that are seen better than before."""
+"""Semantic reconstruction reward: labelled objects that come into view, or are seen better than before."""
 
 from collections import defaultdict
 
@@ -38,7 +38,7 @@ class SemanticReconstructionReward(Reward):
         self._max_range = max_range
 
     def reset(self, episode: Episode) -> None:
-        """Nothing was seen.
+        """Begin an episode: no object was seen.
 
         Raises:
             DeuxError: the scene has no labelled objects.
@@ -54,7 +54,7 @@ class SemanticReconstructionReward(Reward):
         self._quality: dict[Piece, float] = defaultdict(float)
 
     def __call__(self, experience: Experience) -> float:
-        """Look every piece up that this frame shows."""
+        """The growth of quality over all pieces that this frame shows."""
         seen = experience.observation
         assert seen.labels is not None
         assert seen.sensor_depth is not None

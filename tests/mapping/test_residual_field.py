@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.contracts import Robot
+from deux.contracts import Channel, Robot
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
 from deux.geometry.poses import camera_pose
@@ -66,7 +66,7 @@ def test_surface_residuals_land_on_the_surfaces_that_show_them():
     field = SurfaceResidualField(CAMERA, bandwidth=0.1)
     for degrees in range(0, 360, 30):
         world.reset(1.5, 2.0, np.radians(degrees))
-        frame = world.observe(labels=True)
+        frame = world.observe(frozenset({Channel.LABELS}))
         residual = np.where(frame.labels == 1, 0.5, 0.1).astype(np.float32)
         field.update(frame.pose, frame.depth, residual, 0.1)
     high, low = 1.0 - np.exp(-0.5), 1.0 - np.exp(-0.1)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.contracts import COLOR, Action, Channel, Simulator
+from deux.contracts import COLOR, DEPTH, Action, Channel, Simulator
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.testing.box_world import Box, BoxWorld
@@ -76,3 +76,15 @@ def test_different_rooms_have_different_identities():
     rooms = [BoxWorld(4.0, 4.0), BoxWorld(4.0, 4.5), BoxWorld(4.0, 4.0, (Box(1.0, 1.0, 2.0, 2.0),))]
     assert len({room.scene.identity for room in rooms}) == 3
     assert rooms[0].another().scene == rooms[0].scene
+
+
+def test_what_is_drawn_does_not_depend_on_what_else_is_asked_for():
+    world = BoxWorld(5.0, 4.0, (Box(2.0, 0.5, 3.0, 1.5, 0.9),))
+    world.reset(2.3, 3.0, 0.2)
+    seen = world.observe(COLOR | {Channel.LABELS, Channel.OBJECTS})
+    depth, labelled = world.observe(DEPTH), world.observe(frozenset({Channel.LABELS}))
+    np.testing.assert_array_equal(depth.depth, seen.depth)
+    np.testing.assert_array_equal(labelled.labels, seen.labels)
+    assert depth.rgb.size == labelled.rgb.size == 0
+    assert depth.labels is None
+    assert labelled.objects is None

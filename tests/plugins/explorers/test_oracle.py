@@ -93,6 +93,32 @@ def test_its_way_to_a_target_is_a_shortest_path(seed):
     assert shortest[first_leg].max() > 4.0
 
 
+def test_the_floor_is_searched_once_for_each_target_and_not_at_each_step(monkeypatch):
+    """A search takes as long as the floor is large."""
+    searches = []
+
+    def count(traversable, start):
+        searches.append(start)
+        return distance_field(traversable, start)
+
+    monkeypatch.setattr("deux_plugins.explorers.oracle.distance_field", count)
+    explorer, world = OracleExplorer(targets=4), four_rooms()
+    travelled(explorer, world, 150)
+    assert 2 <= len(searches) <= 12
+
+
+def test_paths_keep_their_margin_where_there_is_room_for_it():
+    """A passage that is wide enough for the margin beside one that is not: with the margin, and through the other."""
+    walls = (Box(1.95, 0.0, 2.05, 1.0), Box(1.95, 1.27, 2.05, 2.4), Box(1.95, 3.2, 2.05, 4.0))
+    for boxes, passage in ((walls, (2.4, 3.2)), ((*walls, Box(1.95, 2.4, 2.05, 3.2)), (1.0, 1.27))):
+        world = BoxWorld(4.0, 4.0, boxes, camera=Camera(8, 8))
+        world.reset(1.0, 1.1, 0.0)
+        places, _ = travelled(OracleExplorer(targets=8), world, 250)
+        crossing = np.flatnonzero(np.diff(places[:, 0] > 2.0))
+        assert len(crossing) > 0
+        assert ((places[crossing, 1] > passage[0]) & (places[crossing, 1] < passage[1])).all()
+
+
 def test_new_targets_follow_the_last():
     world = BoxWorld(3.0, 3.0, camera=Camera(8, 8))
     places, _ = travelled(OracleExplorer(targets=2), world, 400)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from deux.contracts import Action, Episode, Explorer, Need, Observation
+from deux.mapping.recovery import Recovery
 
 
 class WallFollower(Explorer):
@@ -20,26 +21,27 @@ class WallFollower(Explorer):
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
-        self._random = np.random.default_rng(episode.seed)
-        self._turns_left = 0
+        # A dead end, where there are walls on all sides, would make it turn for ever.
+        self._recovery = Recovery(episode.robot, np.random.default_rng(episode.seed), most_confined=0)
         self._went_forward = False
 
     def act(self, observation: Observation) -> Action:
-        """Turn away from what is ahead, turn right where the wall ends, and go forward otherwise."""
+        """Follow the wall, but for the moves that free the robot where it is stuck."""
         assert observation.sensor_depth is not None
-        left, ahead, right = (_nearest(part) for part in np.array_split(observation.sensor_depth, 3, axis=1))
-        if observation.collided:  # a corner that the camera did not see: turn by a random amount
-            self._turns_left = int(self._random.integers(3, 10))
-        if self._turns_left or min(ahead, left) < self.distance:
-            self._turns_left = max(0, self._turns_left - 1)
-            return self._choose(Action.LEFT)
-        if right > 2 * self.distance and self._went_forward:
-            return self._choose(Action.RIGHT)
-        return self._choose(Action.FORWARD)
-
-    def _choose(self, action: Action) -> Action:
+        action = self._recovery.action(observation.pose, observation.collided)
+        if action is None:
+            action = self._follow(observation.sensor_depth)
         self._went_forward = action is Action.FORWARD
         return action
+
+    def _follow(self, depth: np.ndarray) -> Action:
+        """Turn away from what is ahead, turn right where the wall ends, and go forward otherwise."""
+        left, ahead, right = (_nearest(part) for part in np.array_split(depth, 3, axis=1))
+        if min(ahead, left) < self.distance:
+            return Action.LEFT
+        if right > 2 * self.distance and self._went_forward:
+            return Action.RIGHT
+        return Action.FORWARD
 
 
 def _nearest(depth: np.ndarray) -> float:

@@ -81,7 +81,7 @@ def _project_by_kornia(depth: Tensor, intrinsics: Tensor, source_from_target: Te
     sources, (height, width) = source_from_target.shape[1], depth.shape[-2:]
     points = depth_to_3d_v2(depth[:, 0], intrinsics).flatten(1, 2)[:, None].expand(-1, sources, -1, -1)
     motion = _without_skew(intrinsics, source_from_target)
-    points = transform_points(motion.flatten(0, 1), points.flatten(0, 1)).view(-1, sources, height, width, 3)
+    points = transform_points(motion.flatten(0, 1), points.flatten(0, 1)).view(len(depth), sources, height, width, 3)
     distance = points[..., 2:]
     # kornia mirrors points behind the camera and leaves points in its plane undivided.
     points = torch.cat([points[..., :2], distance.clamp(min=NEAREST)], dim=-1)

@@ -23,6 +23,7 @@ class Room(BoxWorld):
 
     def __init__(self) -> None:
         super().__init__(5.0, 4.0, (Box(2.4, 1.5, 2.6, 4.0),), CAMERA)
+        self.reset(1.0, 1.0, 0.0)  # its middle lies in the box
         self.floor = super().free_space()
 
     def free_space(self, floor: int = 0) -> FreeSpace:
@@ -74,7 +75,7 @@ def make_environment(rooms):
 
     def make(reward="coverage", steps=32):
         return ExplorationEnv(
-            [Room.scene], reward if isinstance(reward, str) else reward(), steps=steps, crops=CROPS, pool=rooms
+            [rooms.room.scene], reward if isinstance(reward, str) else reward(), steps=steps, crops=CROPS, pool=rooms
         )
 
     return lambda *arguments, **options: partial(make, *arguments, **options)

@@ -69,7 +69,7 @@ def test_the_policy_sees_the_last_collision(tmp_path):
 
 def test_it_sees_what_the_environment_shows_in_training(tmp_path, make_environment, monkeypatch):
     """The same moves in the environment, those of the recovery too, give the same views, scaled to [0, 1]."""
-    environment = make_environment(steps=100)()
+    environment = make_environment(steps=200)()
     shown, _ = environment.reset(seed=3)
     simulator = environment.simulator
     views = []
@@ -80,9 +80,9 @@ def test_it_sees_what_the_environment_shows_in_training(tmp_path, make_environme
 
     monkeypatch.setattr(PolicyNetwork, "forward", record)
     learned = explorer(tmp_path)
-    learned.reset(Episode(0, 100, simulator.camera, simulator.robot))
+    learned.reset(Episode(0, 200, simulator.camera, simulator.robot))
     collided, asked = False, []
-    for step in range(60):
+    for step in range(180):
         rgb = np.zeros((1, 1, 3), np.uint8)
         before = len(views)
         action = learned.act(

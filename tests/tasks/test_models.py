@@ -54,7 +54,7 @@ def test_only_the_supervised_model_opens_the_ground_truth(tiny, explored, model_
         model=model,
     )
     if registry().get("depth_models", model).supervised:
-        assert "ground_truth" in outcome.sentence
+        assert "has no ground truth of apartment_000000-00" in outcome.sentence
     else:
         assert (outcome.code, outcome.err) == (0, "")
         assert (tmp_path / "run" / "model.safetensors").exists()

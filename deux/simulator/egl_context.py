@@ -11,7 +11,7 @@ import numpy as np
 
 from deux.errors import DeuxError
 
-_REMEDY = "install the Debian packages libegl1 and libgl1, or set renderer=embree."
+_REMEDY = "install the Debian packages libegl1 and libgl1, or set simulator.renderer=embree."
 _creator: int | None = None
 """The process that made the first context."""
 
@@ -33,7 +33,7 @@ def load_pyrender() -> ModuleType:
         import pyrender
     # What a missing library raises depends on which one it is: PyOpenGL looks up names in the None that it loaded.
     except (ImportError, AttributeError) as cause:
-        raise DeuxError(f"renderer=pyrender cannot load OpenGL ({cause}): {_REMEDY}") from cause
+        raise DeuxError(f"simulator.renderer=pyrender cannot load OpenGL ({cause}): {_REMEDY}") from cause
     module: ModuleType = pyrender
     return module
 
@@ -57,8 +57,8 @@ class EGLContext:
         if _creator not in (None, os.getpid()):
             # Mesa would wait forever for threads that the fork has left behind.
             raise DeuxError(
-                "renderer=pyrender was used before this process was forked: start worker processes by spawn, or "
-                "set renderer=embree."
+                "simulator.renderer=pyrender was used before this process was forked: start worker processes by spawn, or "
+                "set simulator.renderer=embree."
             )
         pyrender = load_pyrender()
         from OpenGL.error import Error
@@ -69,7 +69,7 @@ class EGLContext:
             self._platform = EGLPlatform(width, height)
             self._platform.init_context()
         except (AssertionError, IndexError, Error) as cause:
-            raise DeuxError(f"renderer=pyrender cannot make an EGL context ({cause!r}): {_REMEDY}") from cause
+            raise DeuxError(f"simulator.renderer=pyrender cannot make an EGL context ({cause!r}): {_REMEDY}") from cause
         _creator = os.getpid()
         # pyrender hands over textures without padding, but OpenGL expects rows of a multiple of four bytes.
         glPixelStorei(GL_UNPACK_ALIGNMENT, 1)

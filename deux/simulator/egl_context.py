@@ -57,8 +57,8 @@ class EGLContext:
         if _creator not in (None, os.getpid()):
             # Mesa would wait forever for threads that the fork has left behind.
             raise DeuxError(
-                "simulator.renderer=pyrender was used before this process was forked: start worker processes by spawn, or "
-                "set simulator.renderer=embree."
+                "simulator.renderer=pyrender was used before this process was forked: start worker processes by spawn, "
+                "or set simulator.renderer=embree."
             )
         pyrender = load_pyrender()
         from OpenGL.error import Error

@@ -20,6 +20,7 @@ from typing import Any
 import hydra
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
 from hydra.errors import HydraException
@@ -124,18 +125,22 @@ def register_configuration() -> None:
 
 
 def compose(overrides: Sequence[str] = ()) -> DictConfig:
-    """The configuration that the command line would get from these overrides, for notebooks and tests.
+    """The configuration that the command line would get from these overrides; also within a running command.
 
     Raises:
         DeuxError: an override that names nothing, or a plugin that is not installed.
     """
     register_configuration()
     check_names(overrides)
+    command = GlobalHydra.instance().hydra  # Hydra has one state for the whole process
+    GlobalHydra.instance().clear()
     try:
         with hydra.initialize_config_dir(str(config_folder()), job_name="deux", version_base="1.3"):
             cfg = hydra.compose(CONFIG_NAME, list(overrides))
     except (HydraException, OmegaConfBaseException) as error:
         raise composition_error(error) from error
+    finally:
+        GlobalHydra.instance().hydra = command
     check_plugins(cfg)
     return cfg
 

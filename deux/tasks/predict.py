@@ -21,15 +21,13 @@ from deux.io.atomic import make_folder, write_atomically
 from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
 from deux.io.images import LARGEST_DEPTH, write_depth
 from deux.metrics.depth_errors import depth_errors
+from deux.metrics.model_errors import LEAST_DEPTH
 from deux.report.results import error_table
 from deux.tasks.checkpoints import load_needed_model
 from deux.tasks.console import quieten_libraries, say
 
 MANY = 0.1
 """From this part of the points on, it is said that they lie where the model predicts no depth."""
-
-LEAST_DEPTH = 1e-3
-"""In metres: interpolation without a single point gives 0, which has no inverse."""
 
 log = logging.getLogger(__name__)
 

@@ -48,6 +48,41 @@ def test_training_on_a_given_dataset_collects_nothing(tiny, collected, tmp_path)
     assert package.load(tmp_path / "run").max_depth == 10.0
 
 
+@pytest.fixture(scope="module")
+def without_poses(tested, tmp_path_factory) -> Path:
+    """Copies of the recorded frames, `train` and `test`, as a camera without a tracker would leave them."""
+    folder = tmp_path_factory.mktemp("recorded")
+    for split, source in (("train", "random"), ("test", "test")):
+        shutil.copytree(only(tested, f"datasets/{source}-*"), folder / split)
+        for poses in (folder / split).glob("data/*/absolute_pose"):
+            shutil.rmtree(poses)
+    return folder
+
+
+def test_frames_without_poses_train_with_learned_ones(tiny, without_poses, tmp_path):
+    options = ["task=train", f"training_data={without_poses}/train", f"hydra.run.dir={tmp_path}/run"]
+    sentence = tiny(tmp_path, *options).sentence
+    assert "pose=learned" in sentence
+    outcome = tiny(tmp_path, *options, "pose=learned")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert (tmp_path / "run" / "model.safetensors").exists()
+
+
+def test_frames_without_poses_are_evaluated(tiny, tested, without_poses, tmp_path):
+    folders = [f"evaluation.checkpoint={tested}/trained", f"hydra.run.dir={tmp_path}/run"]
+    outcome = tiny(tmp_path, "task=evaluate", f"evaluation.data={without_poses}/test", *folders)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert results(tmp_path / "run")["metrics"] == pytest.approx(results(tested / "tested")["metrics"], rel=1e-6)
+    assert (tmp_path / "run" / "figures" / "test_frames.png").stat().st_size > 1000
+
+
+def test_recorded_frames_are_not_validated_on_generated_flats(tiny, collected, tmp_path):
+    dataset = only(collected, "datasets/random-*")
+    options = [f"training_data={dataset}", "scenes.validation=2", f"hydra.run.dir={tmp_path}/run"]
+    assert tiny(tmp_path, "task=train", *options).code == 0
+    assert not (tmp_path / "datasets").exists()
+
+
 def test_a_model_is_judged_alike_wherever_its_test_frames_come_from(tiny, tested, tmp_path):
     known = results(tested / "tested")
     assert all(value > 0 for value in known["metrics"].values())

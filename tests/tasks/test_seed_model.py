@@ -1,0 +1,49 @@
+"""The model that guides the explorer: another kind than the final one, a given one, and what makes it another model."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from deux.deployment.model_files import model_name
+
+GUIDED = ["task=collect", "explore=deux"]
+
+
+def seed_models(outputs: Path) -> dict[str, str]:
+    """The kept seed models: names of their folders, and of what kind each is."""
+    return {path.name: model_name(path) for path in (outputs / "seed_models").glob("[!.]*")}
+
+
+def test_a_seed_model_of_another_kind_has_its_own_objective_and_learning_rate(tiny, tmp_path):
+    outcome = tiny(tmp_path, *GUIDED, "seed_model.name=voiced", "trainer.max_steps=1")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "Seed model: voiced on the random frames" in outcome.out
+    (found,) = seed_models(tmp_path).items()
+    assert found[1] == "voiced"
+    made_of = json.loads((tmp_path / "seed_models" / found[0] / "run.json").read_text())
+    assert made_of["model"]["name"] == "voiced"
+    assert "image_filters" not in made_of["model"] or made_of["model"]["image_filters"] != [4, 8, 8, 8, 8]
+    assert made_of["training"]["learning_rate"] == 2e-4 != 5e-4  # VOICED's, not the final KBNet's
+    assert made_of["objective"] == {}
+
+
+def test_a_given_seed_model_is_named_and_none_is_trained(tiny, model_file, tmp_path):
+    checkpoint = model_file("voiced")
+    outcome = tiny(tmp_path, *GUIDED, f"seed_model.checkpoint={checkpoint}")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"Seed model: {checkpoint}\n" in outcome.out
+    assert "random frames" not in outcome.out
+    assert not list(tmp_path.glob("seed_models/*"))
+
+
+@pytest.mark.parametrize("change", ["trainer.max_steps=1", "training.learning_rate=0.001"])
+def test_what_changes_its_weights_makes_another_model(tiny, tmp_path, change):
+    for options in ([], [change], ["training.checkpoint_minutes=3"]):
+        assert tiny(tmp_path, *GUIDED, *options).code == 0
+    assert len(seed_models(tmp_path)) == 2
+
+
+def test_an_unknown_kind_is_told(tiny, tmp_path):
+    sentence = tiny(tmp_path, *GUIDED, "seed_model.name=voicd").sentence
+    assert sentence.startswith("there is no depth model called 'voicd': did you mean voiced?")

@@ -50,7 +50,7 @@ class BoxRoomReference(SceneReference):
         rng = np.random.default_rng([self.series, self.number])
         width, length = rng.uniform(4.0, 7.0, size=2)
         pieces = _furnish(rng, width, length, self.furniture)
-        area = width * length - sum(float(np.prod(piece.box.extents[[0, 2]])) for piece in pieces)
+        area = float(width * length - sum(np.prod(piece.box.extents[[0, 2]]) for piece in pieces))
         mesh = _mesh(rng, [*_shell(width, length), *pieces])
         return Scene(self.name, mesh, (Floor(0.0, area),), self.identity)
 

@@ -11,9 +11,19 @@ from pathlib import Path
 import pytest
 
 from deux.configuration import compose
-from deux.registry import registry
+from deux.registry import KINDS, registry
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "docs" / "examples" / "deux-example"
+PLUGINS = {
+    "explorers": "wall_follower",
+    "rewards": "new_floor",
+    "depth_models": "pooled_network",
+    "losses": "second_order_smoothness",
+    "uncertainties": "interpolation_gap",
+    "simulators": "noisy_depth",
+    "scenes": "box_rooms",
+    "readers": "tum_rgbd",
+}
 OVERRIDES = ["explore=wall_follower", "model=pooled_network", "objective.second_order_smoothness=0.1"]
 
 
@@ -52,17 +62,16 @@ def python(site: Path, folder: Path, *arguments: str) -> subprocess.CompletedPro
 
 def test_its_plugins_are_listed_with_their_package(site: Path, tmp_path: Path) -> None:
     rows = python(site, tmp_path, "-m", "deux.plugins").stdout.splitlines()
-    for kind, name in (
-        ("explorer", "wall_follower"),
-        ("depth model", "pooled_network"),
-        ("loss term", "second_order_smoothness"),
-    ):
-        assert f"{kind}\t{name}\tdeux-example\t0.1.0" in rows
+    for kind, name in PLUGINS.items():
+        assert f"{KINDS[kind].noun}\t{name}\tdeux-example\t0.1.0" in rows
 
 
 @pytest.mark.usefixtures("installed")
 def test_its_plugins_are_composed_and_made_without_any_yaml() -> None:
     cfg = compose([*OVERRIDES, "explore.distance=1", "model.channels=4"])
+    assert set(PLUGINS) == set(KINDS)
+    for kind, name in PLUGINS.items():
+        assert registry().get(kind, name).__module__.startswith("deux_example.")
     explorer = registry().create("explorers", cfg.explore.name, cfg.explore)
     model = registry().create("depth_models", cfg.model.name, cfg.model)
     term = registry().create("losses", "second_order_smoothness", {"sharpness": 2})
@@ -77,6 +86,17 @@ def test_its_plugins_are_composed_and_made_without_any_yaml() -> None:
 def test_its_own_tests_pass(site: Path) -> None:
     result = python(site, EXAMPLE, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist")
     assert result.returncode == 0, result.stdout
+
+
+def test_its_scenes_simulator_and_measure_guide_the_robot(site: Path, tmp_path: Path) -> None:
+    options = ["experiment=debug", "task=collect", "trainer.accelerator=cpu", "explore=deux"]
+    chosen = ["simulator=noisy_depth", "scenes=box_rooms", "collect.uncertainty=interpolation_gap"]
+    result = python(site, tmp_path, "-m", "deux", *options, *chosen)
+    assert result.returncode == 0, result.stderr
+    (path,) = tmp_path.glob("outputs/datasets/deux-*/manifest.json")
+    made_by = json.loads(path.read_text())["specification"]
+    assert made_by["simulator"]["name"] == "noisy_depth"
+    assert made_by["uncertainty"]["name"] == "interpolation_gap"
 
 
 def test_the_whole_experiment_runs_with_it(site: Path, tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Plugins for deux: an explorer, a depth model and a loss term."""
+"""Plugins for deux, one of each kind."""

@@ -57,6 +57,7 @@ OPEN_NODES = (
     "training",
     "trainer",
     "callbacks",
+    "collect.uncertainty_options",
     "explorer_training",
     "report",
 )
@@ -107,9 +108,10 @@ def register_configuration() -> None:
     """Make the plugins known to Hydra. Call it before anything is composed; calling it again does no harm."""
     Plugins.instance().register(PackageSearchPath)
     store = ConfigStore.instance()
-    open_nodes = OmegaConf.create({name: {} for name in OPEN_NODES})
+    open_nodes = OmegaConf.create()
     for name in OPEN_NODES:
-        OmegaConf.set_struct(open_nodes[name], False)
+        OmegaConf.update(open_nodes, name, {}, force_add=True)
+        OmegaConf.set_struct(OmegaConf.select(open_nodes, name), False)
     store.store(name="open_nodes", node=open_nodes, provider="deux")
     folders = [config_folder(), *package_folders().values()]
     for group, kind in PLUGIN_SECTIONS.items():

@@ -179,7 +179,7 @@ def test_the_seed_is_a_whole_number(seed: object) -> None:
 def test_options_of_plugins_and_constructors_need_no_plus() -> None:
     overrides = [f"{node}.anything=3" for node in OPEN_NODES if node != "objective"]
     cfg = compose([*overrides, "objective.sparse_depth.weight=0.5", "objective.sparse_depth.anything=3"])
-    assert all(cfg[node].anything == 3 for node in OPEN_NODES if node != "objective")
+    assert all(OmegaConf.select(cfg, node).anything == 3 for node in OPEN_NODES if node != "objective")
     assert cfg.objective == {"sparse_depth": {"weight": 0.5, "anything": 3}}
 
 

@@ -53,7 +53,10 @@ class Exploration:
         self.guided = needs_model(self.explorer)
         self._datasets = datasets
         self._training = training
-        self._seed_model = SeedModel(sections, datasets, training) if self.guided else None
+        self._seed_model = None
+        if self.guided:
+            datasets.collect.measure.create()  # a mistake in its options is told before the seed model is trained
+            self._seed_model = SeedModel(sections, datasets, training)
 
     def collect(self, run: RunFolder) -> Path:
         """The dataset; with a seed model first, if the explorer needs one."""

@@ -64,6 +64,7 @@ MISTAKES = {
     "robot.radius=-1": "robot.radius is -1.0: it must be at least 0.",
     "robot.turn_angle=nan": "robot.turn_angle is nan: it must be above 0 and below 180.",
     "collect.steps=0": "collect.steps is 0: it must be at least 3.",
+    "collect.uncertainty_options.nothing=1": "collect.uncertainty_options.nothing is not an option of L1",
     "collect.processes=0": "collect.processes is 0: it must be at least 1.",
     "sampling.density=2": "sampling.density is 2.0: it must be at least 1e-06 and at most 1.",
     "seed_model.steps=-1": "seed_model.steps is -1: it must be at least 1.",

@@ -175,7 +175,7 @@ class ResultTable:
         """For the console."""
         table = Table(title=escape(self.caption), caption=escape("\n".join(self.notes)) or None)
         for label in self.label_columns:
-            table.add_column(escape(label))
+            table.add_column(escape(label), no_wrap=True)
         for heading in self._full_headings():
             table.add_column(escape(heading), justify="right")
         for part in self.parts:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from deux.contracts import Experience, Observation, Reward
+from deux.errors import DeuxError
 from deux.geometry.grid import GridFrame
 from deux.testing.rewards import RewardSuite
 from deux_example.new_floor import NewFloorReward
@@ -24,3 +25,8 @@ def test_counts_only_new_free_cells_by_their_distance() -> None:
     experience = Experience(observation, None, frame, occupancy, views, np.ones((1, 4), bool), {})
     expected = (1.0 + math.exp(-3.0 * frame.resolution / 2.0)) * frame.resolution**2
     assert NewFloorReward(reach=2.0)(experience) == pytest.approx(expected)
+
+
+def test_a_reach_that_is_not_positive_is_refused() -> None:
+    with pytest.raises(DeuxError, match=r"reach is 0\.0: it must be above 0"):
+        NewFloorReward(reach=0.0)

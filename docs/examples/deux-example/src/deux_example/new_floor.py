@@ -3,6 +3,7 @@
 import numpy as np
 
 from deux.contracts import Episode, Experience, Reward
+from deux.errors import check_range
 
 
 class NewFloorReward(Reward):
@@ -10,9 +11,13 @@ class NewFloorReward(Reward):
 
     Args:
         reach: metres from the robot at which a cell counts 1 / e of what it counts nearby.
+
+    Raises:
+        DeuxError: `reach` is not above 0.
     """
 
     def __init__(self, reach: float = 3.0) -> None:
+        check_range("explorer_training.reward_options.reach", reach, 0.0, ends=False)
         self.reach = reach
 
     def reset(self, episode: Episode) -> None:

@@ -1,9 +1,14 @@
 """Fixtures that all tests share."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # As many workers as cores: threads of torch, OpenCV and the commands that tests start would wait for each other.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from deux.contracts import Scene
 from deux.scenes.ray_caster import RayCaster

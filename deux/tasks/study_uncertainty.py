@@ -19,7 +19,7 @@ from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.run_folder import EPISODES, RunFolder, open_run_folder
-from deux.tasks.seed_model import SeedModel
+from deux.tasks.seed_model import SeedModel, TrainedModel
 
 
 def run(cfg: DictConfig) -> None:
@@ -29,16 +29,17 @@ def run(cfg: DictConfig) -> None:
     """
     quieten_libraries()
     studying = Studying(sections_of(cfg))
-    with open_run_folder(run_folder(), studying.identity) as run:
+    judged = studying.seed_model.get()  # before the folder is opened, as its weights say whose folder that is
+    with open_run_folder(run_folder(), studying.identity | {"seed model": judged.weights}) as run:
         say(f"Run folder: {run.path}")
-        study = studying.judge(run)
+        study = studying.judge(judged, run)
         studying.draw(study, run)
-        studying.write(study, run)
+        studying.write(study, judged, run)
         say(f"Tables, figures and every frame's numbers: {run.path}")
 
 
 class Studying:
-    """The stages of a study of uncertainty; the seed model is trained first, unless it is there.
+    """The stages of a study of uncertainty.
 
     Args:
         sections: of these it reads all that the task names.
@@ -53,10 +54,11 @@ class Studying:
         evaluation = sections.read("evaluation", EvaluationSettings)
         self._training = Training(sections, self._datasets, evaluation.validation_viewpoints)
         self._explorer = sections.plugin("explore")
-        self._judged = SeedModel(sections, self._datasets, self._training).get()
-        self.identity = sections.identity | {"seed model": self._judged.weights}
+        self._datasets.collect.measure.create()  # a mistake in its options is told before a model is trained
+        self.seed_model = SeedModel(sections, self._datasets, self._training)
+        self.identity = sections.identity
 
-    def judge(self, run: RunFolder) -> UncertaintyStudy:
+    def judge(self, judged: TrainedModel, run: RunFolder) -> UncertaintyStudy:
         """Let the explorer walk through the test scenes, and judge every frame by all installed measures."""
         measures, left_out = installed_measures()
         for name, reason in left_out.items():
@@ -73,7 +75,7 @@ class Studying:
                 datasets.simulation,
                 datasets.scenes.test,
                 self._explorer,
-                self._training.predictor(self._judged.model),
+                self._training.predictor(judged.model),
                 datasets.sampling,
                 measures,
                 self._training.seed,
@@ -89,12 +91,12 @@ class Studying:
             save_figure(draw_sparsification(study), run.figures / "sparsification.png")
             save_figure(draw_frames(study), run.figures / "frames.png")
 
-    def write(self, study: UncertaintyStudy, run: RunFolder) -> None:
+    def write(self, study: UncertaintyStudy, judged: TrainedModel, run: RunFolder) -> None:
         """Write the tables, results.json last, and print them."""
         tables = [agreement_table(study), causes_table(study)]
         if study.count("moved"):
             tables.insert(1, agreement_table(study, "moved"))
-        page = [f"# Uncertainty of {self._judged.name}: {len(study.scenes)} scenes, {self._explorer.name}", ""]
+        page = [f"# Uncertainty of {judged.name}: {len(study.scenes)} scenes, {self._explorer.name}", ""]
         page += [table.markdown() for table in tables]
         write_atomically(run.path / "table.md", "\n".join(page).encode())
         write_atomically(run.path / "frames.csv", study.frames_csv().encode())
@@ -102,7 +104,7 @@ class Studying:
             run.path / RESULTS_FILE,
             {
                 "task": self._task,
-                "model": self._judged.name,
+                "model": judged.name,
                 "explore": self._explorer.name,
                 "seed": self._training.seed,
                 "scenes": [scene.scene for scene in study.scenes],

@@ -46,6 +46,7 @@ __all__ = [
     "Reward",
     "Robot",
     "Scene",
+    "SceneArea",
     "SceneMesh",
     "SceneReference",
     "SceneSource",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -98,6 +99,22 @@ class Scene:
 
 
 @dataclass(frozen=True)
+class SceneArea:
+    """The part of a scene that the robot lives in; simulators offer no other floor than this.
+
+    Args:
+        floor: "largest" takes the floor with the most room for the robot, "all" every floor, an episode on each; a
+            number counts the floors from the lowest upwards, 0 is the lowest.
+        region: x_min, z_min, x_max and z_max in world metres that the robot stays within; None for no bound.
+        start: x and z in world metres of a point whose connected floor is taken; None for the largest one.
+    """
+
+    floor: int | Literal["largest", "all"] = "largest"
+    region: tuple[float, float, float, float] | None = None
+    start: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class SceneReference(ABC):
     """A locator of a scene that is not loaded: cheap to keep, compare, hash and send to another process.
 
@@ -105,9 +122,11 @@ class SceneReference(ABC):
 
     Args:
         name: the scene's name, unique within its splits.
+        area: the part of it that the robot lives in.
     """
 
     name: str
+    area: SceneArea = field(default=SceneArea(), kw_only=True)
 
     @property
     @abstractmethod

@@ -108,6 +108,9 @@ class DepthModel(nn.Module, ABC):
         """The published checkpoint's sub-dictionaries and the modules whose state they hold, key by key."""
         return {}
 
+    published_prefix: ClassVar[str] = ""
+    """What the published code has before every name in these: "module." where it wraps modules in DataParallel."""
+
     size_multiple: ClassVar[int] = 1
     """`predict` pads images to a multiple of this many pixels and crops the result."""
 

@@ -1,6 +1,7 @@
-"""Reads the checkpoint files that the authors of the depth models published."""
+"""Checkpoint files as the authors of the depth models published them: read and written."""
 
 import copy
+import io
 from collections.abc import Mapping
 from functools import partial
 from os import PathLike
@@ -13,10 +14,14 @@ from torch import Tensor, nn
 from deux.contracts import DepthModel
 from deux.deployment.model_files import load_weights
 from deux.errors import DeuxError
+from deux.io.atomic import write_atomically
 from deux.registry import registry
 
 PREFIX = "module."
 """What DataParallel puts before every name; some published files have it, some do not."""
+
+PUBLISHED_FILE = "model.pth"
+"""Name of an exported checkpoint in a run folder."""
 
 
 @runtime_checkable
@@ -60,6 +65,32 @@ def load_published(
         assert isinstance(pose, nn.Module)
         model.pose_network = partial(copy.deepcopy, pose.eval())
     return model.eval()
+
+
+def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> None:
+    """Write a depth model as a checkpoint that its published code restores; `load_published` reads it back.
+
+    It holds the weights and, as that code asks for it, a step number, which is 0. There is no state of an optimiser:
+    the published code runs the model, but has nothing to resume its training from.
+
+    Args:
+        model: the depth model.
+        name: its registered name.
+        path: the file; its folder must exist.
+
+    Raises:
+        DeuxError: the model has no published checkpoints, or the file cannot be written.
+    """
+    modules = model.published_modules()
+    if not modules:
+        raise DeuxError(f"the depth model {name!r} has no published code that could load it: export.format=onnx.")
+    checkpoint: dict[str, Any] = {"train_step": 0}
+    for group, module in modules.items():
+        weights = module.state_dict().items()
+        checkpoint[group] = {model.published_prefix + key: value.detach().cpu().clone() for key, value in weights}
+    content = io.BytesIO()
+    torch.save(checkpoint, content)
+    write_atomically(Path(path), content.getvalue())
 
 
 def _load(target: Published, path: Path, label: str) -> None:

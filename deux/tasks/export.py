@@ -1,11 +1,15 @@
-"""`task=export`: a trained model as an ONNX file."""
+"""`task=export`: a trained model as an ONNX file, or as a checkpoint for the code that its authors published."""
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder, sections_of
+from deux.contracts import DepthModel
 from deux.deployment.onnx_export import ONNX_FILE, check_packages, export_onnx
+from deux.deployment.published_checkpoints import PUBLISHED_FILE, save_published
 from deux.errors import check_range
 from deux.geometry.camera import Camera
 from deux.io.atomic import make_folder, write_atomically
@@ -18,6 +22,7 @@ class ExportSettings:
     """Which model is exported, and what it takes.
 
     Args:
+        format: "onnx", or "published" for a checkpoint that the published code of the model restores.
         checkpoint: a run folder, a model file or the model's published checkpoint.
         height: of the images, in pixels; None for the camera's.
         width: likewise.
@@ -27,6 +32,7 @@ class ExportSettings:
         DeuxError: a value is out of its range.
     """
 
+    format: Literal["onnx", "published"]
     checkpoint: str | None
     height: int | None
     width: int | None
@@ -39,17 +45,26 @@ class ExportSettings:
 
 
 def run(cfg: DictConfig) -> None:
-    """Export the model `export.checkpoint` as `model.onnx` in the run folder; a repeated command overwrites it."""
+    """Write the model `export.checkpoint` to a file in the run folder; a repeated command overwrites it."""
     quieten_libraries()
     sections = sections_of(cfg)
     chosen, camera = sections.read("export", ExportSettings), sections.read("camera", Camera)
-    check_packages()
+    if chosen.format == "onnx":
+        check_packages()
     name, model = load_needed_model(sections.plugin("model"), chosen.checkpoint, "export.checkpoint")
-    height, width = chosen.height or camera.height, chosen.width or camera.width
-    say(f"Export {name} for images of {width} x {height} pixels")
-    exported = export_onnx(model, height, width, chosen.batch)
     folder = run_folder()
     make_folder(folder)
+    if chosen.format == "published":
+        save_published(model, name, folder / PUBLISHED_FILE)
+        say(str(folder / PUBLISHED_FILE))
+    else:
+        _write_onnx(model, name, (chosen.height or camera.height, chosen.width or camera.width), chosen.batch, folder)
+
+
+def _write_onnx(model: DepthModel, name: str, size: tuple[int, int], batch: int | None, folder: Path) -> None:
+    height, width = size
+    say(f"Export {name} for images of {width} x {height} pixels")
+    exported = export_onnx(model, height, width, batch)
     write_atomically(folder / ONNX_FILE, exported.content)
     say(str(folder / ONNX_FILE))
     for option, shape in exported.inputs.items():

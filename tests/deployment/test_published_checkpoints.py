@@ -6,6 +6,7 @@ from torch import nn
 
 import deux
 from deux.contracts import DepthModel, Prediction
+from deux.deployment.published_checkpoints import save_published
 from deux.errors import DeuxError
 from deux.registry import registry
 
@@ -43,6 +44,12 @@ class Two(DepthModel):
         return {"near_state_dict": self.near, "far_state_dict": self.far}
 
 
+class Wrapped(Two):
+    """A model whose published code wraps its modules in DataParallel."""
+
+    published_prefix = "module."
+
+
 class Plain(Two):
     """A model without published checkpoints."""
 
@@ -52,10 +59,10 @@ class Plain(Two):
 
 @pytest.fixture(autouse=True)
 def _installed():
-    for name, cls in (("two", Two), ("plain", Plain)):
+    for name, cls in (("two", Two), ("wrapped", Wrapped), ("plain", Plain)):
         registry().register("depth_models", name, cls)
     yield
-    for name in ("two", "plain"):
+    for name in ("two", "wrapped", "plain"):
         registry().unregister("depth_models", name)
 
 
@@ -179,3 +186,20 @@ def test_a_file_of_something_else(path):
 def test_no_file(path):
     with pytest.raises(DeuxError, match="there is no checkpoint"):
         deux.load_published("two", path)
+
+
+@pytest.mark.parametrize(("cls", "name", "prefix"), [(Two, "two", ""), (Wrapped, "wrapped", "module.")])
+def test_a_model_is_written_as_published_and_read_back(path, cls, name, prefix):
+    model = cls()
+    save_published(model, name, path)
+    written = torch.load(path, weights_only=True)
+    assert written.keys() == {"train_step", "near_state_dict", "far_state_dict"}
+    assert list(written["near_state_dict"]) == [f"{prefix}weight", f"{prefix}bias"]
+    back = deux.load_published(name, path).state_dict()
+    assert all(torch.equal(back[key], value) for key, value in model.state_dict().items())
+
+
+def test_a_model_without_published_code_is_not_written(path):
+    with pytest.raises(DeuxError, match=r"'plain' has no published code that could load it: export.format=onnx\.$"):
+        save_published(Plain(), "plain", path)
+    assert not path.exists()

@@ -1,5 +1,6 @@
 """`task=export`: what onnxruntime makes of the file is what the model predicts, for every model that ships."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
+from safetensors import safe_open
 
 import deux as package
 from deux.registry import registry
@@ -119,3 +121,20 @@ def test_an_option_that_cannot_be(export, option, sentence):
     outcome, path = export(None, option)
     assert outcome.sentence.startswith(sentence)
     assert not path.exists()
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_published_checkpoint_has_the_recorded_layout_and_comes_back(export, model_file, shared_data, tmp_path, name):
+    outcome, path = export(model_file(name), "export.format=published")
+    assert (outcome.code, outcome.err) == (0, "")
+    written = torch.load(path.with_name("model.pth"), weights_only=True)
+    recorded = json.loads((shared_data("cases") / f"{name}.json").read_text())["keys"]
+    recorded = {group: keys for group, keys in recorded.items() if not group.startswith("pose/")}
+    assert written.keys() - {"train_step"} == set(recorded)
+    for group, weights in recorded.items():
+        assert list(written[group]) == [key for key, _ in weights]
+    with safe_open(model_file(name), framework="pt") as file:
+        settings = json.loads(file.metadata()["deux"])["settings"]
+    back = package.load_published(name, path.with_name("model.pth"), settings=settings)
+    model, data = package.load(model_file(name)), camera_data((64, 64), 2, seed=1)
+    torch.testing.assert_close(back.predict(**data), model.predict(**data), rtol=1e-6, atol=1e-6)

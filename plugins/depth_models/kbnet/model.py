@@ -37,6 +37,8 @@ class KBNet(DepthModel):
         "local_smoothness": 2.0,
     }
 
+    published_prefix = "module."
+
     def __init__(
         self,
         min_pools: tuple[int, ...] = (15, 17),

@@ -58,7 +58,13 @@ TASKS = {
     "study_uncertainty": Task(
         "measure which uncertainty points at the depth model's errors, in scenes that it never saw", _MODEL_GUIDED
     ),
-    "export": Task("write a trained model as model.onnx", ("export", "model", "camera")),
+    "export": Task(
+        "write a trained model as an ONNX file, or for the code that its authors published",
+        ("export", "model", "camera"),
+    ),
+    "export_dataset": Task(
+        "write datasets in the layouts that foreign code reads", (*_MODEL_GUIDED, "data", "export_dataset")
+    ),
     "report": Task("turn finished runs into the paper's tables and figures", ("report",)),
 }
 """The tasks by name; each is the module of that name in `deux.tasks`."""

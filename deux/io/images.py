@@ -43,7 +43,12 @@ def quantise_depth(depth: np.ndarray) -> np.ndarray:
 
 def write_image(path: Path, image: np.ndarray) -> None:
     """Write an H x W x 3 uint8 RGB image as PNG, atomically."""
-    _write_png(path, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    write_atomically(path, encode_image(image))
+
+
+def encode_image(image: np.ndarray) -> bytes:
+    """The PNG file of an H x W x 3 uint8 RGB image."""
+    return _encode_png(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
 
 
 def read_image(path: Path) -> np.ndarray:
@@ -52,12 +57,22 @@ def read_image(path: Path) -> np.ndarray:
     Raises:
         DeuxError: the file is missing, truncated, damaged or not an 8-bit RGB image.
     """
-    return _read_png(path, ("RGB",), "an 8-bit RGB image")
+    return decode_image(read_bytes(path), path)
+
+
+def decode_image(content: bytes, path: Path) -> np.ndarray:
+    """As `read_image`, from a file's content; `path` is where it was read."""
+    return _decode_png(content, path, ("RGB",), "an 8-bit RGB image")
 
 
 def write_depth(path: Path, depth: np.ndarray) -> None:
     """Write H x W metres (0 = none) as 16-bit PNG, atomically. `quantise_depth` tells what reading returns."""
-    _write_png(path, _depth_code(depth))
+    write_atomically(path, encode_depth(depth))
+
+
+def encode_depth(depth: np.ndarray) -> bytes:
+    """The 16-bit PNG file of H x W metres (0 = none)."""
+    return _encode_png(_depth_code(depth))
 
 
 def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
@@ -66,12 +81,17 @@ def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
     Raises:
         DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
     """
-    return _read_png(path, _16_BIT_MODES, "a 16-bit depth map").astype(np.float32) / np.float32(scale)
+    return decode_depth(read_bytes(path), path, scale)
+
+
+def decode_depth(content: bytes, path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
+    """As `read_depth`, from a file's content; `path` is where it was read."""
+    return _decode_png(content, path, _16_BIT_MODES, "a 16-bit depth map").astype(np.float32) / np.float32(scale)
 
 
 def write_labels(path: Path, labels: np.ndarray) -> None:
     """Write H x W label indices (-1 = none) as 16-bit PNG of index + 1, atomically."""
-    _write_png(path, (labels + 1).astype(np.uint16))
+    write_atomically(path, _encode_png((labels + 1).astype(np.uint16)))
 
 
 def read_labels(path: Path) -> np.ndarray:
@@ -80,7 +100,7 @@ def read_labels(path: Path) -> np.ndarray:
     Raises:
         DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
     """
-    return _read_png(path, _16_BIT_MODES, "a 16-bit label map").astype(np.int32) - 1
+    return _decode_png(read_bytes(path), path, _16_BIT_MODES, "a 16-bit label map").astype(np.int32) - 1
 
 
 def _depth_code(depth: np.ndarray) -> np.ndarray:
@@ -89,14 +109,13 @@ def _depth_code(depth: np.ndarray) -> np.ndarray:
     return np.where((code < 0) | (code > np.iinfo(np.uint16).max), 0, code).astype(np.uint16)
 
 
-def _write_png(path: Path, pixels: np.ndarray) -> None:
+def _encode_png(pixels: np.ndarray) -> bytes:
     _, content = cv2.imencode(".png", pixels, _PNG_OPTIONS)
-    write_atomically(path, content.tobytes())
+    return content.tobytes()
 
 
-def _read_png(path: Path, modes: tuple[str, ...], expected: str) -> np.ndarray:
+def _decode_png(content: bytes, path: Path, modes: tuple[str, ...], expected: str) -> np.ndarray:
     """Decode with Pillow, which refuses damaged files; some versions of OpenCV return what they could decode."""
-    content = read_bytes(path)
     # Pillow is content once it has all pixels; without its end the file was cut all the same.
     if _PNG_END not in content[-1024:]:
         raise DeuxError(f"{path} is truncated or no PNG file ({len(content)} bytes).")

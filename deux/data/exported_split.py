@@ -1,0 +1,114 @@
+"""What is exported to foreign code: the frames of each split, under names that are theirs alone, file by file."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.errors import DeuxError
+from deux.io.atomic import make_folder
+from deux.io.calibration import write_matrix
+from deux.io.images import write_depth, write_image
+
+SOURCES = 2
+"""Source frames of a triplet, as the code of the published models takes them."""
+
+
+@dataclass(frozen=True)
+class ExportedSplit:
+    """The frames of one split.
+
+    Args:
+        name: "train", "validation" or "test".
+        reader: of the folder that holds them.
+        triplets: the targets with their source frames.
+        suffix: what makes the names of its sequences differ from those of the other splits.
+    """
+
+    name: str
+    reader: Reader
+    triplets: tuple[Triplet, ...]
+    suffix: str = ""
+
+    def sequence(self, frame: FrameReference) -> str:
+        """The name of a frame's sequence in the export."""
+        return frame.sequence + self.suffix
+
+    def sequences(self) -> dict[str, list[Triplet]]:
+        """The triplets of each sequence, by its name in the export, in the order of the split."""
+        found: dict[str, list[Triplet]] = {}
+        for triplet in self.triplets:
+            found.setdefault(self.sequence(triplet.target), []).append(triplet)
+        return found
+
+
+def read_splits(
+    readers: dict[str, Reader], offsets: tuple[int, ...], names: Sequence[str] = ("train", "validation", "test")
+) -> list[ExportedSplit]:
+    """List the frames of each split.
+
+    Args:
+        readers: of each split that is exported, by its name.
+        offsets: the source frames, where a folder does not list them itself.
+        names: the order of the splits.
+
+    Raises:
+        DeuxError: a split has no frames, or a target of another split than the test split has not two source frames.
+    """
+    splits: list[ExportedSplit] = []
+    taken: set[str] = set()
+    for name in (name for name in names if name in readers):
+        triplets = tuple(readers[name].triplets(name, offsets))
+        own = {triplet.target.sequence for triplet in triplets}
+        # One sequence in two splits would let the published set-up code take test frames for training frames.
+        splits.append(ExportedSplit(name, readers[name], triplets, f"-{name}" if own & taken else ""))
+        taken |= {splits[-1].sequence(triplet.target) for triplet in triplets}
+        for triplet in triplets if name != "test" else ():
+            if len(triplet.sources) != SOURCES:
+                raise DeuxError(
+                    f"{readers[name].folder} has {len(triplet.sources)} source frames for {triplet.target.name} of "
+                    f"{triplet.target.sequence}: what is exported for training needs {SOURCES}."
+                )
+    return splits
+
+
+class FrameFiles:
+    """Writes what a reader says of frames as the files of the VOID release, in one folder.
+
+    Args:
+        folder: holds a folder for each kind of file; made where it is missing.
+        reader: where the frames are from.
+    """
+
+    def __init__(self, folder: Path, reader: Reader) -> None:
+        self.folder = folder
+        self.reader = reader
+
+    def write_image(self, frame: FrameReference, name: str) -> None:
+        """The colour image as PNG."""
+        write_image(self._file("image", f"{name}.png"), self.reader.image(frame))
+
+    def write_sparse(self, sparse_depth: np.ndarray, name: str) -> None:
+        """H x W metres as 16-bit PNG, metres x 256, and the map of where they are, 256 x validity."""
+        write_depth(self._file("sparse_depth", f"{name}.png"), sparse_depth)
+        write_depth(self._file("validity_map", f"{name}.png"), (sparse_depth > 0).astype(np.float32))
+
+    def write_ground_truth(self, frame: FrameReference, name: str) -> bool:
+        """The true depth as 16-bit PNG; whether there is any."""
+        truth = self.reader.ground_truth(frame)
+        if truth is not None:
+            write_depth(self._file("ground_truth", f"{name}.png"), truth)
+        return truth is not None
+
+    def write_pose(self, frame: FrameReference, name: str) -> bool:
+        """The pose as 3 x 4 numbers, camera-to-world; whether there is any."""
+        pose = self.reader.pose(frame)
+        if pose is not None:
+            write_matrix(self._file("absolute_pose", f"{name}.txt"), pose[:3])
+        return pose is not None
+
+    def _file(self, kind: str, name: str) -> Path:
+        make_folder(self.folder / kind)
+        return self.folder / kind / name

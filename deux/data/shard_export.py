@@ -1,0 +1,78 @@
+"""Datasets as tar shards in WebDataset's form, which stream into a loader in the order in which they lie on disk.
+
+    <folder>/<split>-NNNNNN.tar, a sample of which is
+        <sequence>/<frame>.image.png
+        <sequence>/<frame>.source1.png, .source2.png
+        <sequence>/<frame>.sparse_depth.png, .ground_truth.png     16 bits, metres x 256, 0 = none
+        <sequence>/<frame>.camera.json                             intrinsics; poses of the target and of its sources
+
+Samples of the training split lie in random order, so that a stream needs no large buffer to be well mixed.
+"""
+
+import io
+import json
+import tarfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.exported_split import ExportedSplit
+from deux.io.atomic import make_folder
+from deux.io.images import encode_depth, encode_image
+
+
+def write_shards(folder: Path, splits: Sequence[ExportedSplit], samples: int = 1000) -> Iterator[None]:
+    """Write all targets; goes on whenever one is written.
+
+    Args:
+        folder: takes the shards.
+        splits: to export; the names of their sequences are disjoint.
+        samples: of a shard.
+    """
+    make_folder(folder)
+    for split in splits:
+        order = np.arange(len(split.triplets))
+        if split.name == "train":
+            order = np.random.default_rng(0).permutation(order)
+        for number, first in enumerate(range(0, len(order), samples)):
+            with tarfile.open(folder / shard_name(split.name, number), "w", format=tarfile.USTAR_FORMAT) as shard:
+                for index in order[first : first + samples]:
+                    triplet = split.triplets[index]
+                    _add_sample(
+                        shard, f"{split.sequence(triplet.target)}/{_key(triplet.target)}", split.reader, triplet
+                    )
+                    yield
+
+
+def shard_name(split: str, number: int) -> str:
+    """The file name of a split's shard."""
+    return f"{split}-{number:06d}.tar"
+
+
+def _key(frame: FrameReference) -> str:
+    # What follows the first dot of a member's name is the kind of the file.
+    return frame.name.replace(".", "_")
+
+
+def _add_sample(shard: tarfile.TarFile, key: str, reader: Reader, triplet: Triplet) -> None:
+    frames = (triplet.target, *triplet.sources)
+    for kind, frame in zip(("image", *(f"source{n + 1}" for n in range(len(triplet.sources)))), frames, strict=True):
+        _add(shard, f"{key}.{kind}.png", encode_image(reader.image(frame)))
+    _add(shard, f"{key}.sparse_depth.png", encode_depth(reader.sparse_depth(triplet.target)))
+    truth = reader.ground_truth(triplet.target)
+    if truth is not None:
+        _add(shard, f"{key}.ground_truth.png", encode_depth(truth))
+    poses = [reader.pose(frame) for frame in frames]
+    camera = {
+        "intrinsics": reader.intrinsics(triplet.target).tolist(),
+        "poses": None if any(pose is None for pose in poses) else [pose.tolist() for pose in poses],  # type: ignore[union-attr]
+    }
+    _add(shard, f"{key}.camera.json", json.dumps(camera).encode())
+
+
+def _add(shard: tarfile.TarFile, name: str, content: bytes) -> None:
+    member = tarfile.TarInfo(name)
+    member.size = len(content)
+    shard.addfile(member, io.BytesIO(content))

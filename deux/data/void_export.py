@@ -1,0 +1,174 @@
+"""Datasets as the VOID release, ready for the set-up script and the loaders of the KBNet family.
+
+    <folder>/
+        void_150/ void_500/ void_1500/          the same frames with a tenth, a third and all of their sparse points
+            data/<sequence>/
+                image/ sparse_depth/ validity_map/ ground_truth/   NNNNNN.png
+                absolute_pose/                                     NNNNNN.txt, where there are poses
+                K.txt
+            {train,test}_{image,sparse_depth,validity_map,ground_truth,absolute_pose,intrinsics}.txt
+
+The published set-up script goes through a training sequence file by file: it leaves out the first and the last 30, and
+takes as source frames the files ten places before and after each target. Frames of a robot that far apart share little,
+so by default files are arranged such that those ten places away are the target's own source frames: thirty files hold
+ten triplets, first the ten frames that come before the targets, then the targets, then the ten others. A frame that
+stands in several places is one file with several names (hard links). In a test sequence each file is a target.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.exported_split import ExportedSplit, FrameFiles
+from deux.io.atomic import make_folder, write_atomically
+from deux.io.calibration import write_matrix
+from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, frame_name, list_file
+
+Arrangement = Literal["triplets", "time"]
+"""Whether the source frames lie ten files from their target, or all files are in the order of time."""
+
+DENSITIES = {"void_150": 0.1, "void_500": 1 / 3, "void_1500": 1.0}
+"""The release's folders, named after the points of its frames, and the part of our own points that each takes."""
+
+FULL = "void_1500"
+SOURCE_DISTANCE = 10
+"""Files between a target and either source frame, in the published set-up script."""
+
+MARGIN = 30
+"""Files at either end of a training sequence that the published set-up script leaves out."""
+
+
+def write_void(folder: Path, splits: Sequence[ExportedSplit], arrangement: Arrangement = "triplets") -> Iterator[None]:
+    """Write the folders of all three densities; goes on whenever a target is written.
+
+    Args:
+        folder: takes `void_150`, `void_500` and `void_1500`.
+        splits: to export; the names of their sequences are disjoint.
+        arrangement: of the files of training and validation sequences.
+    """
+    for split in splits:
+        lists: dict[str, list[str]] = {kind: [] for kind in (*PUBLISHED_KINDS, "intrinsics")}
+        for sequence, triplets in split.sequences().items():
+            arranged = arrange(triplets, arrangement) if split.name != "test" else [t.target for t in triplets]
+            targets = _target_places(arranged, triplets, split.name, arrangement)
+            yield from _write_sequence(folder, sequence, split.reader, arranged, targets)
+            for kind, lines in lists.items():
+                lines += _lines(folder / FULL, sequence, kind, targets)
+        for density in DENSITIES:
+            for kind, lines in lists.items():
+                content = "".join(f"{density}/{line}\n" for line in lines)
+                if content:
+                    write_atomically(list_file(folder / density, split.name, kind), content.encode())
+
+
+def arrange(triplets: Sequence[Triplet], arrangement: Arrangement) -> list[FrameReference]:
+    """The frames of one training sequence in the order of their files."""
+    if arrangement == "time":
+        return sorted({frame for target, sources in triplets for frame in (target, *sources)})
+    # The first target is the first that is not left out, and so is the last.
+    before = MARGIN - SOURCE_DISTANCE
+    arranged = [triplets[0].target] * before
+    for first in range(0, len(triplets), SOURCE_DISTANCE):
+        ten = list(triplets[first : first + SOURCE_DISTANCE])
+        ten += [ten[-1]] * (SOURCE_DISTANCE - len(ten))
+        arranged += [triplet.sources[0] for triplet in ten]
+        arranged += [triplet.target for triplet in ten]
+        arranged += [triplet.sources[1] for triplet in ten]
+    return arranged + [triplets[-1].target] * MARGIN
+
+
+def used_by_setup(splits: Sequence[ExportedSplit], arrangement: Arrangement) -> tuple[int, int]:
+    """How many of the training targets the published set-up script uses, and how many there are."""
+    used = total = 0
+    for split in splits:
+        for triplets in split.sequences().values() if split.name == "train" else ():
+            arranged = arrange(triplets, arrangement)
+            places = _target_places(arranged, triplets, split.name, arrangement)
+            used += sum(MARGIN <= place < len(arranged) - SOURCE_DISTANCE - MARGIN for place in places)
+            total += len(places)
+    return used, total
+
+
+def _target_places(
+    arranged: Sequence[FrameReference], triplets: Sequence[Triplet], split: str, arrangement: Arrangement
+) -> list[int]:
+    """The place in `arranged` at which each target of the list files stands."""
+    if split == "test":
+        return list(range(len(triplets)))
+    if arrangement == "time":
+        place = {frame: number for number, frame in enumerate(arranged)}
+        return [place[triplet.target] for triplet in triplets]
+    block, number = np.divmod(np.arange(len(triplets)), SOURCE_DISTANCE)
+    return (MARGIN + 3 * SOURCE_DISTANCE * block + number).tolist()
+
+
+def _write_sequence(
+    folder: Path, sequence: str, reader: Reader, arranged: Sequence[FrameReference], targets: Sequence[int]
+) -> Iterator[None]:
+    """Write the files of one sequence; goes on whenever a target is written."""
+    files = {density: FrameFiles(folder / density / "data" / sequence, reader) for density in DENSITIES}
+    first: dict[FrameReference, str] = {}
+    listed = set(targets)
+    for place, frame in enumerate(arranged):
+        name = frame_name(place)
+        known = first.setdefault(frame, name)
+        if known == name:
+            _write_frame(files, frame, name)
+        else:
+            for written in files.values():
+                _link_all(written.folder, known, name)
+        if place in listed:
+            yield
+    for written in files.values():
+        write_matrix(written.folder / "K.txt", reader.intrinsics(arranged[0]))
+
+
+def _write_frame(files: dict[str, FrameFiles], frame: FrameReference, name: str) -> None:
+    """Write what a frame has, once; the densities share all but the sparse points."""
+    full = files[FULL]
+    full.write_image(frame, name)
+    full.write_ground_truth(frame, name)
+    full.write_pose(frame, name)
+    for written in files.values():
+        if written is not full:
+            for kind in PUBLISHED_KINDS:
+                _link(full.folder / kind, written.folder / kind, name, name, SUFFIXES[kind])
+    sparse = full.reader.sparse_depth(frame)
+    # The smaller sets are part of the larger ones, as fewer tracked points would be.
+    order = np.random.default_rng(0).permutation(np.flatnonzero(sparse))
+    for density, written in files.items():
+        kept = np.zeros_like(sparse)
+        chosen = order[: max(1, round(DENSITIES[density] * len(order)))]
+        kept.flat[chosen] = sparse.flat[chosen]
+        written.write_sparse(kept, name)
+
+
+def _link_all(folder: Path, known: str, name: str) -> None:
+    for kind in PUBLISHED_KINDS:
+        _link(folder / kind, folder / kind, known, name, SUFFIXES[kind])
+
+
+def _link(source: Path, target: Path, known: str, name: str, suffix: str) -> None:
+    """Give a file another name, where there is such a file; a copy where the disk knows no hard links."""
+    file, other = source / f"{known}{suffix}", target / f"{name}{suffix}"
+    if not file.is_file():
+        return
+    make_folder(target)
+    try:
+        os.link(file, other)
+    except OSError:
+        shutil.copyfile(file, other)
+
+
+def _lines(density: Path, sequence: str, kind: str, places: Sequence[int]) -> list[str]:
+    """The lines of a list file, after the name of the density's folder; none where the sequence has no such files."""
+    if kind == "intrinsics":
+        return [f"data/{sequence}/K.txt"] * len(places)
+    if not (density / "data" / sequence / kind).is_dir():
+        return []
+    return [f"data/{sequence}/{kind}/{frame_name(place)}{SUFFIXES[kind]}" for place in places]

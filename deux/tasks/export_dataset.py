@@ -1,0 +1,130 @@
+"""`task=export_dataset`: datasets in the layouts that foreign code reads."""
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from omegaconf import DictConfig
+
+from deux.configuration import run_folder, sections_of, user_path
+from deux.contracts import Reader
+from deux.data.dataset_reader import DatasetReader
+from deux.data.exported_split import ExportedSplit, read_splits
+from deux.data.shard_export import write_shards
+from deux.data.triplet_export import write_triplets
+from deux.data.void_export import MARGIN, SOURCE_DISTANCE, Arrangement, used_by_setup, write_void
+from deux.errors import DeuxError, check_range
+from deux.io.atomic import make_folder
+from deux.task_sections import Sections
+from deux.tasks.collect import Exploration
+from deux.tasks.console import progress, quieten_libraries, say
+from deux.tasks.datasets import Datasets
+from deux.tasks.evaluate import EvaluationSettings, read_given
+from deux.tasks.model_training import Training
+from deux.tasks.run_folder import RunFolder, open_run_folder
+
+
+@dataclass(frozen=True)
+class ExportDatasetSettings:
+    """What is exported, and how.
+
+    Args:
+        format: "void", "triplets" or "webdataset".
+        output: the folder that is made.
+        train: a folder whose train split is exported, read as `data` says.
+        validation: likewise, for the validation split.
+        test: likewise, for the test split. With none of the three, what the explorer collects and the test viewpoints
+            are exported.
+        arrangement: of the files of format=void: "triplets" where the published set-up script is to find the source
+            frames that the dataset lists, "time" for all frames as they were recorded.
+        samples: of a shard of format=webdataset.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    format: Literal["void", "triplets", "webdataset"]
+    output: str | None
+    train: str | None
+    validation: str | None
+    test: str | None
+    arrangement: Arrangement
+    samples: int
+
+    def __post_init__(self) -> None:
+        check_range("export_dataset.samples", self.samples, 1)
+
+    @property
+    def folders(self) -> dict[str, str]:
+        """The folder of each split that was named."""
+        named = {"train": self.train, "validation": self.validation, "test": self.test}
+        return {split: folder for split, folder in named.items() if folder}
+
+
+def run(cfg: DictConfig) -> None:
+    """Write the folder `export_dataset.output`, which must not be there yet; it appears when it is complete."""
+    quieten_libraries()
+    sections = sections_of(cfg)
+    settings = sections.read("export_dataset", ExportDatasetSettings)
+    output = _output(settings)
+    offsets = tuple(sections.plain("training").get("offsets", (-1, -2)))
+    with open_run_folder(run_folder(), sections.identity) as run:
+        if settings.folders:
+            readers = {split: read_given(sections, folder) for split, folder in settings.folders.items()}
+        else:
+            readers = _collected(sections, run)
+        splits = read_splits(readers, offsets)
+        partial = output.with_name(f".{output.name}.partial")
+        shutil.rmtree(partial, ignore_errors=True)
+        make_folder(partial)
+        total = sum(len(split.triplets) for split in splits)
+        say(f"Export {total} frames as {settings.format}")
+        with progress() as report:
+            for done, _ in enumerate(_write(partial, output, splits, settings), start=1):
+                report("export", done, total)
+        partial.rename(output)
+    say(str(output))
+    for split in splits:
+        say(f"  {split.name}: {len(split.triplets)} frames in {len(split.sequences())} sequences")
+    if settings.format == "void":
+        _say_what_setup_takes(splits, settings.arrangement)
+
+
+def _output(settings: ExportDatasetSettings) -> Path:
+    if not settings.output:
+        raise DeuxError("task=export_dataset needs a folder to make: export_dataset.output=.")
+    output = user_path(settings.output)
+    if output.exists():
+        raise DeuxError(f"export_dataset.output={settings.output} is there already: remove it or name another folder.")
+    return output
+
+
+def _collected(sections: Sections, run: RunFolder) -> dict[str, Reader]:
+    """What an experiment trains and tests on."""
+    datasets = Datasets(sections, ["train"])
+    evaluation = sections.read("evaluation", EvaluationSettings)
+    training = Training(sections, datasets, evaluation.validation_viewpoints)
+    readers: dict[str, Reader] = {"train": DatasetReader(Exploration(sections, datasets, training).collect(run))}
+    if datasets.scenes.test:
+        readers["test"] = DatasetReader(datasets.viewpoints("test", evaluation.viewpoints))
+    return readers
+
+
+def _write(folder: Path, final: Path, splits: list[ExportedSplit], settings: ExportDatasetSettings) -> Iterator[None]:
+    if settings.format == "void":
+        return write_void(folder, splits, settings.arrangement)
+    if settings.format == "triplets":
+        return write_triplets(folder, splits, final)
+    return write_shards(folder, splits, settings.samples)
+
+
+def _say_what_setup_takes(splits: list[ExportedSplit], arrangement: Arrangement) -> None:
+    used, total = used_by_setup(splits, arrangement)
+    sources = "their own" if arrangement == "triplets" else f"{SOURCE_DISTANCE} frames before and after them"
+    say(
+        f"The published set-up script leaves out {MARGIN} files at either end of a training sequence and takes the "
+        f"files {SOURCE_DISTANCE} places away as source frames: it uses {used} of the {total} training frames, with "
+        f"source frames that are {sources}."
+    )

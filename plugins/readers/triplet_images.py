@@ -1,0 +1,108 @@
+"""`data=triplets`: datasets as the training scripts of the KBNet family read them."""
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.triplet_export import INTRINSICS, LISTED, source_name
+from deux.errors import DeuxError
+from deux.io.atomic import read_bytes
+from deux.io.calibration import checked_intrinsics, read_pose
+from deux.io.images import read_depth, read_image
+from deux.io.layout import SUFFIXES, list_file
+
+SIDE = {1: 0, 0: 1, 2: 2}
+"""Which third of an image a target (0) and its source frames (1 and 2) are."""
+
+
+@dataclass(frozen=True)
+class TripletImages(Reader):
+    """Reads what `task=export_dataset export_dataset.format=triplets` writes, or the published set-up scripts do.
+
+    An image holds three frames side by side: a source, the target and the other source. The list of a split's images
+    names the targets; what comes before `data/` in its paths may differ from where the folder lies now.
+
+    Args:
+        folder: holds `data/` and the list files.
+
+    Raises:
+        DeuxError: the folder has no `data/`.
+    """
+
+    folder: Path
+
+    def __post_init__(self) -> None:
+        if not (self.folder / "data").is_dir():
+            raise DeuxError(f"{self.folder} has no folder data/ with sequences of triplet images.")
+
+    def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
+        """The targets that `<split>_image.txt` lists; each has its two source frames with it."""
+        listed = list_file(self.folder, split, "image")
+        if not listed.is_file():
+            raise DeuxError(f"{self.folder} has no {split} split, whose images {listed.name} would list.")
+        found = [self._triplet(line, listed) for line in read_bytes(listed).decode(errors="replace").splitlines()]
+        if not found:
+            raise DeuxError(f"the {split} split of {self.folder} has no frames: {listed.name} is empty.")
+        return found
+
+    def image(self, frame: FrameReference) -> np.ndarray:
+        """H x W x 3 uint8: the frame's third of its triplet image."""
+        target, number = _split_name(frame.name)
+        path = self._file(frame.sequence, "image", target)
+        image = read_image(path)
+        if image.shape[1] % 3:
+            raise DeuxError(f"{path} is {image.shape[1]} pixels wide, which is no multiple of 3: it holds no triplet.")
+        width = image.shape[1] // 3
+        first = SIDE[number] * width
+        return image[:, first : first + width].copy()
+
+    def intrinsics(self, frame: FrameReference) -> np.ndarray:
+        """The sequence's K.npy, 3 x 3 float64."""
+        path = self.folder / "data" / frame.sequence / INTRINSICS
+        try:
+            numbers = np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        except (ValueError, EOFError) as error:
+            raise DeuxError(f"{path} is damaged or no .npy file of numbers: {error}.") from error
+        return checked_intrinsics(numbers.astype(np.float64), path)
+
+    def sparse_depth(self, frame: FrameReference) -> np.ndarray:
+        """H x W float32 metres, 0 = none; of targets only."""
+        return read_depth(self._of_target(frame, "sparse_depth"))
+
+    def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
+        """H x W float32 metres, 0 = none; of targets only. None for a sequence without a folder of it."""
+        path = self._of_target(frame, "ground_truth")
+        return read_depth(path) if path.parent.is_dir() else None
+
+    def pose(self, frame: FrameReference) -> np.ndarray | None:
+        """4 x 4 float64; None for a sequence without a folder of them."""
+        path = self._file(frame.sequence, "absolute_pose", frame.name)
+        return read_pose(path) if path.parent.is_dir() else None
+
+    def _of_target(self, frame: FrameReference, kind: str) -> Path:
+        target, number = _split_name(frame.name)
+        if number:
+            raise DeuxError(f"{self.folder} has no {kind} of source frames, such as that of {target}.")
+        return self._file(frame.sequence, kind, target)
+
+    def _file(self, sequence: str, kind: str, name: str) -> Path:
+        return self.folder / "data" / sequence / kind / f"{name}{SUFFIXES[kind]}"
+
+    def _triplet(self, line: str, listed: Path) -> Triplet:
+        parts = Path(line).parts
+        if len(parts) < 4 or parts[-2] != LISTED[0]:
+            raise DeuxError(
+                f"{listed} names {line!r}, where a path like data/<sequence>/image/<frame>.png is expected."
+            )
+        name = Path(line).stem
+        sources = (FrameReference(parts[-3], source_name(name, number)) for number in (1, 2))
+        return Triplet(FrameReference(parts[-3], name), tuple(sources))
+
+
+def _split_name(name: str) -> tuple[str, int]:
+    """The target's name, and which of its source frames is meant; 0 for the target itself."""
+    target, dash, number = name.rpartition("-")
+    return (target, int(number)) if dash and number in ("1", "2") else (name, 0)

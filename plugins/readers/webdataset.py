@@ -1,0 +1,136 @@
+"""`data=webdataset`: tar shards of samples, read in any order."""
+
+import functools
+import json
+import re
+import tarfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.errors import DeuxError
+from deux.io.calibration import checked_intrinsics
+from deux.io.images import decode_depth, decode_image
+
+
+class _Member(NamedTuple):
+    """Where a file lies in its shard."""
+
+    shard: Path
+    offset: int
+    size: int
+
+
+@dataclass(frozen=True)
+class Shards(Reader):
+    """Reads the shards that `task=export_dataset export_dataset.format=webdataset` writes, `<split>-NNNNNN.tar`.
+
+    The headers are read once in each process, so that frames can be read in any order. The package `webdataset`
+    streams the same shards (docs/export.md).
+
+    Args:
+        folder: holds the shards.
+    """
+
+    folder: Path
+
+    def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
+        """The targets of a split, by name; each has its source frames with it."""
+        samples = self._index(split)
+        if not samples:
+            there = sorted({path.name.rpartition("-")[0] for path in self.folder.glob("*-*.tar")})
+            raise DeuxError(
+                f"{self.folder} has no {split} split, whose shards {split}-000000.tar and so on would hold; it has "
+                f"{', '.join(there) or 'no shards at all'}."
+            )
+        return [self._triplet(key, kinds) for key, kinds in sorted(samples.items())]
+
+    def image(self, frame: FrameReference) -> np.ndarray:
+        """H x W x 3 uint8."""
+        key, kind = _key(frame)
+        return decode_image(*self._read(key, f"{kind}.png"))
+
+    def intrinsics(self, frame: FrameReference) -> np.ndarray:
+        """3 x 3 float64."""
+        camera, path = self._camera(_key(frame)[0])
+        return checked_intrinsics(np.array(camera.get("intrinsics"), np.float64), path)
+
+    def sparse_depth(self, frame: FrameReference) -> np.ndarray:
+        """H x W float32 metres, 0 = none; of targets only."""
+        return decode_depth(*self._read(_key(frame)[0], "sparse_depth.png"))
+
+    def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
+        """H x W float32 metres, 0 = none; None for a sample without it."""
+        key = _key(frame)[0]
+        return decode_depth(*self._read(key, "ground_truth.png")) if "ground_truth.png" in self._find(key) else None
+
+    def pose(self, frame: FrameReference) -> np.ndarray | None:
+        """4 x 4 float64; None for a sample without poses."""
+        key, kind = _key(frame)
+        poses = self._camera(key)[0].get("poses")
+        number = 0 if kind == "image" else int(kind.removeprefix("source"))
+        return None if poses is None else np.array(poses[number], np.float64)
+
+    def _camera(self, key: str) -> tuple[dict[str, Any], Path]:
+        content, path = self._read(key, "camera.json")
+        try:
+            camera: dict[str, Any] = json.loads(content)
+        except ValueError as error:
+            raise DeuxError(f"{path} is damaged: it is no JSON.") from error
+        return camera, path
+
+    def _read(self, key: str, kind: str) -> tuple[bytes, Path]:
+        """A file's content, and where it was read, for messages."""
+        members = self._find(key)
+        if kind not in members:
+            raise DeuxError(f"the sample {key} of {self.folder} has no {kind}: it has {', '.join(sorted(members))}.")
+        member = members[kind]
+        try:
+            with member.shard.open("rb") as file:
+                file.seek(member.offset)
+                return file.read(member.size), member.shard / f"{key}.{kind}"
+        except OSError as error:
+            raise DeuxError(f"{member.shard} cannot be read: {error.strerror}.") from error
+
+    def _find(self, key: str) -> dict[str, _Member]:
+        for split in ("train", "validation", "test"):
+            if key in (samples := self._index(split)):
+                return samples[key]
+        raise DeuxError(f"{self.folder} has no sample {key}.")
+
+    def _index(self, split: str) -> dict[str, dict[str, _Member]]:
+        # Size and time are there for the cache: a shard that changes is indexed again.
+        shards = ((path, path.stat()) for path in sorted(self.folder.glob(f"{split}-*.tar")))
+        return _samples(tuple((path, status.st_size, status.st_mtime_ns) for path, status in shards))
+
+    def _triplet(self, key: str, kinds: dict[str, _Member]) -> Triplet:
+        sequence, _, name = key.rpartition("/")
+        sources = sorted(kind.removesuffix(".png") for kind in kinds if re.fullmatch(r"source\d+\.png", kind))
+        return Triplet(
+            FrameReference(sequence, name), tuple(FrameReference(sequence, f"{name}.{kind}") for kind in sources)
+        )
+
+
+def _key(frame: FrameReference) -> tuple[str, str]:
+    """A sample's key, and which of its images the frame is."""
+    name, _, kind = frame.name.partition(".")
+    return f"{frame.sequence}/{name}", kind or "image"
+
+
+@functools.lru_cache(maxsize=16)
+def _samples(shards: tuple[tuple[Path, int, int], ...]) -> dict[str, dict[str, _Member]]:
+    """The files of each sample, by its key and their kinds; a shard is given with its size and time of change."""
+    samples: dict[str, dict[str, _Member]] = {}
+    for shard, _, _ in shards:
+        try:
+            with tarfile.open(shard, "r:") as archive:
+                for member in (member for member in archive if member.isfile()):
+                    folder, _, file = member.name.rpartition("/")
+                    stem, _, kind = file.partition(".")
+                    samples.setdefault(f"{folder}/{stem}", {})[kind] = _Member(shard, member.offset_data, member.size)
+        except (tarfile.TarError, OSError) as error:
+            raise DeuxError(f"{shard} is damaged or no tar file: {error}.") from error
+    return samples

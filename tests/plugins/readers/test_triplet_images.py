@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from exported import splits
+from PIL import Image
+from same_tensors import assert_same_tensors
+
+from deux.contracts import FrameReference
+from deux.data.triplet_export import write_triplets
+from deux.errors import DeuxError
+from deux_plugins.readers.triplet_images import TripletImages
+
+
+@pytest.fixture
+def exported(tmp_path):
+    given = splits(tmp_path / "given")
+    for _ in write_triplets(tmp_path / "export", given, tmp_path / "export"):
+        pass
+    return tmp_path / "export", given
+
+
+def test_what_is_exported_comes_back_as_the_same_tensors(exported):
+    folder, given = exported
+    for split in given:
+        assert_same_tensors(split, TripletImages(folder))
+
+
+def test_a_folder_that_was_moved(exported, tmp_path):
+    folder, given = exported
+    assert_same_tensors(given[0], TripletImages(folder.rename(tmp_path / "elsewhere")))
+
+
+def test_without_poses_there_are_none(exported):
+    folder, _ = exported
+    (folder / "data/hall-00/absolute_pose").rename(folder / "poses")
+    assert TripletImages(folder).pose(FrameReference("hall-00", "000002")) is None
+
+
+@pytest.mark.parametrize(
+    ("read", "sentence"),
+    [
+        (
+            lambda reader: reader.triplets("validation", (-1, -2)),
+            r"has no validation split, whose images validation_image",
+        ),
+        (
+            lambda reader: reader.sparse_depth(FrameReference("hall-00", "000002-1")),
+            "has no sparse_depth of source frames",
+        ),
+        (lambda reader: reader.image(FrameReference("hall-00", "9")), r"9\.png is missing"),
+    ],
+)
+def test_what_is_not_there(exported, read, sentence):
+    with pytest.raises(DeuxError, match=sentence):
+        read(TripletImages(exported[0]))
+
+
+def test_what_is_no_export(exported, tmp_path):
+    with pytest.raises(DeuxError, match="has no folder data/ with sequences of triplet images"):
+        TripletImages(tmp_path)
+    folder, _ = exported
+    Image.fromarray(np.zeros((8, 20, 3), np.uint8)).save(folder / "data/hall-00/image/000002.png")
+    with pytest.raises(DeuxError, match=r"is 20 pixels wide, which is no multiple of 3"):
+        TripletImages(folder).image(FrameReference("hall-00", "000002"))
+    (folder / "train_image.txt").write_text("hall.png\n")
+    with pytest.raises(DeuxError, match=r"names 'hall.png', where a path like data/<sequence>/image/<frame>\.png"):
+        TripletImages(folder).triplets("train", (-1, -2))

@@ -1,0 +1,43 @@
+import pickle
+
+import pytest
+from exported import splits
+from same_tensors import assert_same_tensors
+
+from deux.contracts import FrameReference
+from deux.data.shard_export import write_shards
+from deux.errors import DeuxError
+from deux_plugins.readers.webdataset import Shards
+
+
+@pytest.fixture
+def exported(tmp_path):
+    given = splits(tmp_path / "given")
+    for _ in write_shards(tmp_path / "shards", given, samples=10):
+        pass
+    return tmp_path / "shards", given
+
+
+def test_what_is_exported_comes_back_as_the_same_tensors(exported):
+    folder, given = exported
+    for split in given:
+        assert_same_tensors(split, pickle.loads(pickle.dumps(Shards(folder))))
+
+
+def test_what_is_not_there(exported):
+    reader = Shards(exported[0])
+    with pytest.raises(DeuxError, match=r"has no validation split, whose shards .* it has test, train\.$"):
+        reader.triplets("validation", (-1, -2))
+    with pytest.raises(DeuxError, match=r"has no sample hall-00/9\.$"):
+        reader.image(FrameReference("hall-00", "9"))
+    with pytest.raises(DeuxError, match=r"the sample hall-00/000002 of .* has no source3\.png: it has camera\.json"):
+        reader.image(FrameReference("hall-00", "000002.source3"))
+
+
+def test_damaged_shards(exported):
+    folder, _ = exported
+    shard = folder / "test-000000.tar"
+    for content in (shard.read_bytes()[:700], b"no archive"):
+        shard.write_bytes(content)
+        with pytest.raises(DeuxError, match=r"test-000000\.tar is damaged or no tar file"):
+            Shards(folder).triplets("test", (-1, -2))

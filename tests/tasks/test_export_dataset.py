@@ -1,0 +1,65 @@
+"""`task=export_dataset`, as a user runs it."""
+
+import json
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("form", "reader", "folder"),
+    [("void", "deux", "void_1500"), ("triplets", "triplets", ""), ("webdataset", "webdataset", "")],
+)
+def test_what_is_exported_is_evaluated_like_what_was_collected(
+    deux, tiny_arguments, tmp_path, model_file, form, reader, folder
+):
+    def run(name, *options):
+        outcome = deux(*tiny_arguments(tmp_path / "outputs", *options, f"hydra.run.dir={tmp_path}/{name}"))
+        assert outcome.code == 0, outcome.err
+        return outcome.out
+
+    output = tmp_path / "export"
+    said = run(
+        "a", "task=export_dataset", "explore=random", f"export_dataset.format={form}", f"export_dataset.output={output}"
+    )
+    assert ("The published set-up script leaves out 30 files" in said) == (form == "void")
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".export")] == []
+    given = (f"data={reader}", f"evaluation.data={output / folder}")
+    results = []
+    for name, options in (("b", given), ("c", ())):
+        run(name, "task=evaluate", f"evaluation.checkpoint={model_file('kbnet')}", *options)
+        results.append(json.loads((tmp_path / name / "results.json").read_text()))
+    for errors in ("metrics", "baseline"):
+        assert results[0][errors] == pytest.approx(results[1][errors], rel=1e-5)
+
+
+def test_one_split_of_a_folder(deux, tiny_arguments, tmp_path):
+    output, again = tmp_path / "export", tmp_path / "again"
+    options = ("task=export_dataset", "explore=random", "export_dataset.format=webdataset")
+    given = ("data=webdataset", f"export_dataset.test={output}")
+    for folder, further in ((output, ()), (again, given)):
+        arguments = (
+            *options,
+            f"export_dataset.output={folder}",
+            *further,
+            f"hydra.run.dir={tmp_path}/{folder.name}-run",
+        )
+        outcome = deux(*tiny_arguments(tmp_path / "outputs", *arguments))
+        assert outcome.code == 0, outcome.err
+    assert [path.name for path in again.iterdir()] == ["test-000000.tar"]
+    assert (again / "test-000000.tar").read_bytes() == (output / "test-000000.tar").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("option", "sentence"),
+    [
+        ("export_dataset.output=null", "task=export_dataset needs a folder to make: export_dataset.output=."),
+        ("export_dataset.output={there}", "export_dataset.output={there} is there already: remove it or name another"),
+        (
+            "export_dataset.format=kitti",
+            "export_dataset.format cannot be 'kitti': there is: triplets, void, webdataset.",
+        ),
+    ],
+)
+def test_an_option_that_cannot_be(deux, tmp_path, option, sentence):
+    outcome = deux("task=export_dataset", option.format(there=tmp_path), f"hydra.run.dir={tmp_path}/run")
+    assert outcome.sentence.startswith(sentence.format(there=tmp_path))

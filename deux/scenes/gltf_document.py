@@ -133,6 +133,8 @@ class GltfDocument:
         elements = self.header.get(kind, [])
         if not isinstance(index, int) or not 0 <= index < len(elements):
             raise ValueError(f"it refers to {kind}[{index}], but there are {len(elements)} {kind}")
+        if not isinstance(elements[index], dict):
+            raise ValueError(f"{kind}[{index}] is no object")
         return elements[index]
 
     def view(self, index: int) -> np.ndarray:

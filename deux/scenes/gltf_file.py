@@ -131,7 +131,7 @@ class _MeshReader:
             mesh = self._document.element("meshes", node["mesh"])
             weights = tuple(node.get("weights", mesh.get("weights", ())))
             key = (node["mesh"], weights, "skin" in node)
-            primitives = mesh["primitives"]
+            primitives = list(mesh["primitives"])
         if key not in self._read:
             surfaces = []
             for number, primitive in enumerate(primitives):

@@ -1,6 +1,7 @@
 """Meshes that several tests put together."""
 
 import base64
+import io
 import json
 import struct
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 
 from deux.contracts import Material, SceneMesh
 
@@ -84,7 +86,7 @@ class GltfWriter:
     def accessor(self, values: np.ndarray, **more: Any) -> int:
         """Add the accessor of an array, N or N x components, packed to elements of whole four bytes; its index."""
         values = np.asarray(values)
-        rows = values.reshape(len(values), -1)
+        rows = values[:, None] if values.ndim == 1 else values
         if values.ndim == 2 and rows.dtype.itemsize * rows.shape[1] % 4:
             size = rows.dtype.itemsize * rows.shape[1]
             stride = size + -size % 4
@@ -111,6 +113,12 @@ class GltfWriter:
             texture["sampler"] = self.add("samplers", sampler)
         described = {"index": self.add("textures", texture), **info}
         return self.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": described}})
+
+    def image(self, pixels: np.ndarray) -> dict[str, Any]:
+        """An image of some pixels, as a PNG within the header."""
+        content = io.BytesIO()
+        Image.fromarray(pixels).save(content, "PNG")
+        return {"uri": "data:image/png;base64," + base64.b64encode(content.getvalue()).decode()}
 
     def require(self, *extensions: str) -> None:
         """Say that the file needs extensions."""

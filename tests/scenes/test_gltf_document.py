@@ -169,11 +169,11 @@ def leaves(node, keys=()):
 def test_no_broken_header_escapes_as_another_error(gltf):
     """Each value of a header is replaced by values of all kinds: the file is read, or one sentence names it."""
     gltf.primitive({"POSITION": TRIANGLE, "TEXCOORD_0": TRIANGLE[:, :2]}, np.arange(3, dtype=np.uint8), material=0)
-    gltf.textured({"uri": "data:image/png;base64,AAAA"}, {"wrapS": 33071}, texCoord=0)
+    gltf.textured(gltf.image(np.full((2, 2, 3), 9, np.uint8)), {"wrapS": 33071}, texCoord=0)
     gltf.header["nodes"][0] |= {"rotation": [0, 0, 0, 1], "children": []}
     gltf.header["buffers"] = [{"uri": "data:;base64," + base64.b64encode(gltf.content).decode(), "byteLength": 84}]
     random.seed(13)
-    outcomes = set()
+    outcomes = []
     for keys in list(leaves(gltf.header)):
         for value in random.sample([None, -1, 2, 1e9, 0.5, "x", [], {}, [[1]], {"a": 1}, True, 10**20], 5):
             broken = copy.deepcopy(gltf.header)
@@ -183,11 +183,10 @@ def test_no_broken_header_escapes_as_another_error(gltf):
             for read in (read_gltf, referenced_by_gltf):
                 try:
                     read(path)
-                    outcomes.add("read")
+                    outcomes.append("read")
                 except DeuxError as error:
-                    assert str(error).startswith(str(path))
-                    outcomes.add("refused")
-    assert outcomes == {"read", "refused"}
+                    outcomes.append(str(error).replace(str(path), "refused", 1).split()[0])
+    assert set(outcomes) == {"read", "refused"}
 
 
 def test_images_of_other_maps_are_no_parts_of_the_scene(triangle):
@@ -220,8 +219,8 @@ def compressed_grid(gltf, meshopt, extension, mode="TRIANGLES", index_type=np.ui
     """A file of 18 triangles, all of it compressed; its corners."""
     x, y = np.meshgrid(np.arange(4), np.arange(4))
     vertices = np.stack([x, y, x * y], axis=-1).reshape(-1, 3).astype(np.float32)
-    at = (np.arange(3)[:, None] * 4 + np.arange(3)).reshape(-1, 1)
-    faces = np.concatenate([at + [0, 1, 4], at + [1, 5, 4]]).astype(index_type)
+    first = (np.arange(3)[:, None] * 4 + np.arange(3)).reshape(-1, 1)
+    faces = np.concatenate([first + np.array(corner) for corner in ((0, 1, 4), (1, 5, 4))]).astype(index_type)
     views = [
         compressed_view(gltf, meshopt, vertices, "ATTRIBUTES", extension),
         compressed_view(gltf, meshopt, faces.reshape(-1), mode, extension),

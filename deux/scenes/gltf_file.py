@@ -24,7 +24,6 @@ from deux.scenes.gltf_materials import (
     colors_as_bytes,
     decode_images,
     make_material,
-    uv_bounds,
 )
 from deux.scenes.gltf_primitives import SURFACES, Geometry, read_accessor, read_geometry
 from deux.scenes.mesh_parts import MeshPart
@@ -112,9 +111,9 @@ class _Surface:
     texture: BaseTexture | None
 
     def texture_coordinates(self, texture: BaseTexture) -> np.ndarray:
-        """Coordinates of each corner in the texture's image, F x 3 x 2, (0, 0) at the top left."""
-        stored = np.nan_to_num(self.geometry.attributes[texture.attribute].astype(np.float64))
-        return (stored @ texture.transform[:, :2].T + texture.transform[:, 2])[self.geometry.faces]
+        """Coordinates of each vertex in the texture's image, V x 2, (0, 0) at the top left."""
+        stored = np.nan_to_num(self.geometry.attributes[texture.attribute].astype(np.float64), posinf=0, neginf=0)
+        return stored @ texture.transform[:, :2].T + texture.transform[:, 2]
 
 
 class _MeshReader:
@@ -176,21 +175,20 @@ class _Appearances:
     def __init__(self, document: GltfDocument, surfaces: Iterable[_Surface]) -> None:
         self._document = document
         self._materials: dict[tuple[Any, ...], Material] = {}
-        in_image: dict[Sampling, dict[_Surface, np.ndarray]] = {}
+        shown: dict[Sampling, dict[_Surface, np.ndarray]] = {}
         for surface in surfaces:
             if surface.texture is not None:
-                in_image.setdefault(surface.texture.sampling, {})[surface] = surface.texture_coordinates(
-                    surface.texture
-                )
-        images = decode_images(document, (sampling.image for sampling in in_image))
+                uv = surface.texture_coordinates(surface.texture)
+                shown.setdefault(surface.texture.sampling, {})[surface] = uv
+        images = decode_images(document, (sampling.image for sampling in shown))
         self._textures: dict[Sampling, np.ndarray] = {}
         self._uv: dict[_Surface, np.ndarray] = {}
-        for sampling, coordinates in in_image.items():
+        for sampling, coordinates in shown.items():
             place = f"{document.path}: images[{sampling.image}]"
-            bounds = uv_bounds(list(coordinates.values()))
-            texture = WrappedTexture(images[sampling.image], sampling.wraps, *bounds, place)
+            texture = WrappedTexture(images[sampling.image], sampling.wraps, list(coordinates.values()), place)
             self._textures[sampling] = texture.image
-            self._uv |= {surface: texture.coordinates(uv) for surface, uv in coordinates.items()}
+            for surface, uv in coordinates.items():
+                self._uv[surface] = texture.coordinates(uv)[surface.geometry.faces]
 
     def part(self, surface: _Surface, vertices: np.ndarray, mirrored: bool) -> MeshPart:
         """A surface whose vertices are in the world; a mirrored one has its corners turned to face outwards again."""
@@ -302,7 +300,7 @@ def _skinned(
 
 def _log_left_out(document: GltfDocument, counted: Counter[str]) -> None:
     """Say in one line what of the file is not drawn, or not as it moves."""
-    scenes = len(document.header.get("scenes", ()))
+    scenes = len(document.header.get("scenes") or ())
     said = [f"{count} {what}" for what, count in sorted(counted.items())]
     if scenes > 1:
         said.append(f"{scenes - 1} other scenes than scenes[{document.header.get('scene', 0)}]")

@@ -7,7 +7,6 @@ KHR_materials_pbrSpecularGlossiness, KHR_texture_basisu, EXT_texture_webp.
 import io
 import logging
 import math
-import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from PIL.PngImagePlugin import PngImageFile
 
 from deux.contracts import Material
 from deux.errors import DeuxError
-from deux.scenes.gltf_document import TEXTURE_FORMATS, GltfDocument
+from deux.scenes.gltf_document import TEXTURE_FORMATS, GltfDocument, whole_number
 from deux.scenes.mesh_parts import GREY
 
 log = logging.getLogger(__name__)
@@ -82,7 +81,8 @@ def base_texture(document: GltfDocument, material: int | None) -> BaseTexture | 
         raise DeuxError(f"{document.path} names no image for textures[{described['index']}]{forms}: add a PNG or JPEG.")
     transform = described.get("extensions", {}).get(_TRANSFORM, {})
     texcoord = transform.get("texCoord", described.get("texCoord", 0))
-    wraps = (sampler.get("wrapS", REPEAT), sampler.get("wrapT", REPEAT))
+    wraps = (whole_number(sampler, "wrapS", REPEAT), whole_number(sampler, "wrapT", REPEAT))
+    document.element("images", image)
     return BaseTexture(Sampling(image, wraps), f"TEXCOORD_{texcoord}", _transform_matrix(transform))
 
 
@@ -128,7 +128,7 @@ def decode_images(document: GltfDocument, indices: Iterable[int]) -> dict[int, n
             return _decode_image(document, index)
 
     chosen = sorted(set(indices))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor() as pool:
         return dict(zip(chosen, pool.map(decode, chosen), strict=True))
 
 
@@ -141,23 +141,22 @@ class WrappedTexture:
     Args:
         image: height x width x 3 uint8.
         wraps: CLAMP, MIRROR or REPEAT along u and along v.
-        low: least u and v in use, (0, 0) at the top left.
-        high: greatest u and v in use.
+        coordinates: those in use, each V x 2, (0, 0) at the top left; none is empty.
         place: what the texture is called in the log.
     """
 
     def __init__(
-        self, image: np.ndarray, wraps: tuple[int, int], low: np.ndarray, high: np.ndarray, place: str
+        self, image: np.ndarray, wraps: tuple[int, int], coordinates: Sequence[np.ndarray], place: str
     ) -> None:
+        low = np.min([uv.min(axis=0) for uv in coordinates], axis=0)
+        high = np.max([uv.max(axis=0) for uv in coordinates], axis=0)
         sizes = image.shape[1], image.shape[0]
-        margins = [_margins(*axis) for axis in zip(sizes, wraps, low, high, strict=True)]
+        margins = [_margins(*axis, place) for axis in zip(sizes, wraps, low, high, strict=True)]
         for axis, (margin, wrap) in enumerate(zip(margins, wraps, strict=True)):
             if any(margin):
                 widths = [(0, 0), (0, 0), (0, 0)]
                 widths[1 - axis] = margin
                 image = np.pad(image, widths, mode="symmetric" if wrap == MIRROR else "edge")
-        if any(wrap == CLAMP and over > _LARGEST_MARGIN for wrap, over in zip(wraps, high - low - 1, strict=True)):
-            log.warning("%s is clamped, but used far beyond its borders: it repeats there", place)
         self.image = image
         self._before = np.array([before for before, _ in margins])
         self._sizes = np.array(sizes)
@@ -173,7 +172,7 @@ class WrappedTexture:
         return np.stack([u, 1 - v], axis=-1).astype(np.float32)
 
 
-def _margins(size: int, wrap: int, low: float, high: float) -> tuple[int, int]:
+def _margins(size: int, wrap: int, low: float, high: float, place: str) -> tuple[int, int]:
     """Pixels to add before and after a row of `size` pixels so that it can be repeated."""
     hidden = 0.01 / size  # a hundredth of a pixel is the rounding of coordinates
     if wrap not in (CLAMP, MIRROR) or (low >= -hidden and high <= 1 + hidden):
@@ -181,8 +180,11 @@ def _margins(size: int, wrap: int, low: float, high: float) -> tuple[int, int]:
     if wrap == MIRROR:
         return 0, size
     limit = int(_LARGEST_MARGIN * size)
-    before = min(math.ceil(max(-low, 0.0) * size), limit)
-    return before, min(math.ceil(max(high - 1, 0.0) * size), limit - before)
+    before, after = (max(beyond, 0.0) * size for beyond in (-low, high - 1))
+    if before + after > limit:
+        log.warning("%s is clamped, but used far beyond its borders: it repeats there", place)
+    before = min(math.ceil(before), limit)
+    return before, min(math.ceil(after), limit - before)
 
 
 def _base(document: GltfDocument, index: int | None) -> dict[str, Any]:
@@ -250,9 +252,3 @@ def _decode_ktx2(document: GltfDocument, index: int, content: bytes) -> np.ndarr
             f"Basis Universal's format: {error}."
         ) from error
     return np.ascontiguousarray(pixels[..., :3])
-
-
-def uv_bounds(coordinates: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The least and the greatest u and v of several arrays, each ... x 2; none of them is empty."""
-    low = np.min([uv.reshape(-1, 2).min(axis=0) for uv in coordinates], axis=0)
-    return low, np.max([uv.reshape(-1, 2).max(axis=0) for uv in coordinates], axis=0)

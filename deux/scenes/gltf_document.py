@@ -115,6 +115,8 @@ class GltfDocument:
         except DeuxError:
             raise
         except Exception as error:  # numpy, Pillow and the decoders raise whatever they like
+            if isinstance(error, OSError) and error.filename is not None:
+                raise DeuxError(f"{error.filename} cannot be read: {error.strerror}.") from error
             fault = f"there is no {error.args[0]}" if isinstance(error, KeyError) else str(error).rstrip(".")
             fault = fault or type(error).__name__
             kind = self.path.suffix or "glTF"

@@ -123,6 +123,11 @@ def test_a_file_cut_anywhere_is_damaged(triangle):
         assert str(raised.value).startswith(str(path))
 
 
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(DeuxError, match="gone.glb cannot be read: No such file or directory"):
+        read_gltf(tmp_path / "gone.glb")
+
+
 def set_in(header, value, *keys):
     for key in keys[:-1]:
         header = header[key]

@@ -103,7 +103,7 @@ def make_material(
         DeuxError: the file is damaged here.
     """
     if index is None:
-        return Material("none", (255, 255, 255) if has_vertex_colors else GREY)
+        return Material("colours") if has_vertex_colors else Material("no colours", GREY)
     with document.reading(f"materials[{index}]"):
         name = document.element("materials", index).get("name") or f"material {index}"
         factor = np.asarray(_base(document, index).get("factor", (1, 1, 1, 1)), np.float64)[:3]

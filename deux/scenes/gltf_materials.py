@@ -7,6 +7,7 @@ KHR_materials_pbrSpecularGlossiness, KHR_texture_basisu, EXT_texture_webp.
 import io
 import logging
 import math
+import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -128,7 +129,7 @@ def decode_images(document: GltfDocument, indices: Iterable[int]) -> dict[int, n
             return _decode_image(document, index)
 
     chosen = sorted(set(indices))
-    with ThreadPoolExecutor() as pool:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
         return dict(zip(chosen, pool.map(decode, chosen), strict=True))
 
 
@@ -199,7 +200,7 @@ def _base(document: GltfDocument, index: int | None) -> dict[str, Any]:
 
 
 def _transform_matrix(transform: dict[str, Any]) -> np.ndarray:
-    """translation x rotation x scale of KHR_texture_transform, 2 x 3; a rotation turns v towards -u."""
+    """translation x rotation x scale of KHR_texture_transform, 2 x 3; a rotation turns u towards -v."""
     (offset_u, offset_v), (scale_u, scale_v) = transform.get("offset", (0, 0)), transform.get("scale", (1, 1))
     cos, sin = math.cos(transform.get("rotation", 0)), math.sin(transform.get("rotation", 0))
     return np.array([[cos * scale_u, sin * scale_v, offset_u], [-sin * scale_u, cos * scale_v, offset_v]])
@@ -218,7 +219,7 @@ def _decode_image(document: GltfDocument, index: int) -> np.ndarray:
             return np.repeat(grey[..., None], 3, axis=2)
         # Pillow warns unless a palette with transparency is first turned to colours with transparency.
         through = image.convert("RGBA") if image.mode in ("P", "PA") else image
-        return np.asarray(through.convert("RGB"))
+        return np.asarray(through if through.mode == "RGB" else through.convert("RGB"))
 
 
 def _is_common(content: bytes) -> bool:

@@ -124,7 +124,7 @@ def test_a_file_cut_anywhere_is_damaged(triangle):
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(DeuxError, match="gone.glb cannot be read: No such file or directory"):
+    with pytest.raises(DeuxError, match=r"gone\.glb cannot be read: No such file or directory"):
         read_gltf(tmp_path / "gone.glb")
 
 

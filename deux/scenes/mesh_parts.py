@@ -6,6 +6,9 @@ import numpy as np
 
 from deux.contracts import Material
 
+GREY = (160, 160, 160)
+"""Colour of surfaces whose file says nothing of it."""
+
 
 @dataclass(frozen=True)
 class MeshPart:

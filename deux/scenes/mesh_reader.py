@@ -12,8 +12,8 @@ from trimesh.visual.material import PBRMaterial
 
 from deux.contracts import Material, SceneMesh
 from deux.errors import DeuxError
-
-GREY = (160, 160, 160)  # of surfaces whose file says nothing of their colour
+from deux.scenes.gltf_file import read_gltf
+from deux.scenes.mesh_parts import GREY, MeshPart
 
 Up = Literal["y", "z"]
 """The axis of a file that points up."""
@@ -33,6 +33,12 @@ def read_mesh(path: Path, up: Up = "y") -> SceneMesh:
         DeuxError: the file is unreadable or holds no triangles.
     """
     builder = _MeshBuilder()
+    if path.suffix.lower() in (".glb", ".gltf"):
+        for part in read_gltf(path):
+            builder.add_part(part)
+        if not builder.faces:
+            raise DeuxError(f"{path} holds no triangles: there is nothing to see in it.")
+        return builder.build(up)
     try:
         loaded = trimesh.load_scene(path, process=False)
         for node in loaded.graph.nodes_geometry:
@@ -83,6 +89,19 @@ class _MeshBuilder:
         self.colors.append(colors)
         self.face_material.append(np.full(len(faces), self._material_index(visual, uv is not None), np.int32))
         self.count += len(vertices)
+
+    def add_part(self, part: MeshPart) -> None:
+        """Add a part."""
+        self.vertices.append(part.vertices)
+        self.faces.append(part.faces + self.count)
+        self.uv.append(np.zeros((len(part.faces), 3, 2)) if part.uv is None else part.uv)
+        self.colors.append(part.vertex_colors)
+        key = (part.material.name, part.material.color, id(part.material.texture))
+        if key not in self.indices:
+            self.indices[key] = len(self.materials)
+            self.materials.append(part.material)
+        self.face_material.append(np.full(len(part.faces), self.indices[key], np.int32))
+        self.count += len(part.vertices)
 
     def build(self, up: Up) -> SceneMesh:
         """All that was added, turned Y-up."""

@@ -216,7 +216,7 @@ def test_a_truncated_file_is_one_sentence_whoever_reads_it(tmp_path: Path, worke
     file.write_bytes(file.read_bytes()[:64])
     with pytest.raises(DeuxError) as caught:
         drawn(module([folder], num_workers=workers))
-    assert str(caught.value) == f"{file} is truncated or no PNG file (64 bytes)."
+    assert str(caught.value) == f"{file} is truncated (64 bytes)."
 
 
 @pytest.mark.parametrize("poses", [True, False])

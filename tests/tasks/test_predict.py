@@ -318,7 +318,7 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
         ({"image": "."}, ".* cannot be read: Is a directory.$"),
         ({"image": "sparse.png"}, ".*/sparse.png is an image of mode I;16 where 8 bits a channel are expected"),
         ({"sparse": "image.png"}, ".*/image.png is an image of mode RGB where a 16-bit depth map is expected."),
-        ({"sparse": "K.txt"}, ".*/K.txt is no PNG file (.* bytes): a 16-bit depth map in PNG format is expected."),
+        ({"sparse": "K.txt"}, r".*/K.txt is no PNG file \(.* bytes\): a 16-bit depth map in PNG format is expected."),
         ({"intrinsics": "nothing.npy"}, ".*/nothing.npy is missing.$"),
         ({"intrinsics": "image.png"}, ".*/image.png is not a text file of numbers.$"),
         ({"ground_truth": "nothing.png"}, ".*/nothing.png is missing.$"),

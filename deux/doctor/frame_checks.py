@@ -221,10 +221,8 @@ def _check_warp(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck
         f"{errors.identity:.1f}"
     )
     if not errors.right:
-        check.problems.append(
-            "the warp error of the true depth is not at most half of the identity's: the poses' convention, their unit "
-            f"or the depth's is wrong; {errors.explanation or 'none of the usual mistakes explains it'}."
-        )
+        wrong = "the poses, their unit or that of the depth are wrong, by the warp error of the true depth: "
+        check.problems.append(wrong + (errors.explanation or "it is not half of that with no motion") + ".")
 
 
 def _preview(reader: Reader, triplet: Triplet) -> PreviewFrame:

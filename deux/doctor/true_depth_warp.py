@@ -19,6 +19,10 @@ from deux.geometry.reprojection import reproject
 MOST = 0.5
 """Part of the identity's error that the warp error of a recording may have."""
 
+CLEARLY = 0.75
+"""Part of the warp error that another convention must reach to be named: with a turning camera the inverted poses come
+near the right ones, since their rotations agree."""
+
 STILL = 2.0
 """Mean colour difference (0-255) of neighbouring frames below which the camera moves too little to judge by."""
 
@@ -61,8 +65,8 @@ class WarpErrors(NamedTuple):
     Args:
         warped: with the recorded poses.
         identity: without any motion.
-        explanation: another convention or unit that brings the error below `MOST` of the identity's, which the recorded
-            one does not; None if there is no need of one or none is known.
+        explanation: another convention or unit under which the frames agree, clearly better than under the reader's;
+            None if none is known.
     """
 
     warped: float
@@ -71,8 +75,8 @@ class WarpErrors(NamedTuple):
 
     @property
     def right(self) -> bool:
-        """Whether the error is small enough, or the camera moves too little to tell."""
-        return self.identity < STILL or self.warped <= MOST * self.identity
+        """Whether the error is small and no other convention's is smaller, or the camera moves too little to tell."""
+        return self.identity < STILL or (self.warped <= MOST * self.identity and self.explanation is None)
 
 
 def warp(pair: FramePair, pose: np.ndarray, source_pose: np.ndarray, stretch: float = 1.0) -> np.ndarray:
@@ -104,8 +108,9 @@ def warp_errors(pairs: Sequence[FramePair], scale: float | None = None) -> WarpE
     still = np.eye(4)
     identity = _error(pairs, [warp(pair, still, still) for pair in pairs])
     warped = _error(pairs, [warp(pair, pair.pose, pair.source_pose) for pair in pairs])
-    found = WarpErrors(warped, identity)
-    return found if found.right else found._replace(explanation=_explanation(pairs, MOST * identity, scale))
+    if identity < STILL:
+        return WarpErrors(warped, identity)
+    return WarpErrors(warped, identity, _explanation(pairs, min(CLEARLY * warped, MOST * identity), scale))
 
 
 def _explanation(pairs: Sequence[FramePair], most: float, scale: float | None) -> str | None:

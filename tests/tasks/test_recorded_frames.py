@@ -20,7 +20,7 @@ FRAMES = 6
 
 CAMERA = Camera(72, 66)
 """Above 64 pixels, since a pose network halves the image six times before its last convolution of 3 x 3: on maps of one
-pixel the CPU's bfloat16 gradient of such a convolution is not initialised where the kernel sees padding alone (2.14)."""
+pixel the CPU's bfloat16 gradient of such a convolution is not initialised where the kernel sees padding alone."""
 
 
 def record(folder: Path, split: str, sequence: str, camera: Camera, scale: float = 256.0) -> Path:

@@ -23,7 +23,7 @@ class Batch:
 
     Args:
         image: N x 3 x H x W in [0, 1], frame t, the target.
-        sources: N x S x 3 x H x W in [0, 1].
+        sources: N x S x 3 x H x W in [0, 1]; S is 0 where no term asks for reconstructions, and in evaluation.
         sparse_depth: N x 1 x H x W metres, 0 = none; what the losses compare with.
         validity: N x 1 x H x W, 1 where a sparse point survives outlier removal.
         input_sparse_depth: N x 1 x H x W, the points that the network is shown (thinned by augmentation).

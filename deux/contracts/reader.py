@@ -12,7 +12,8 @@ class FrameReference(NamedTuple):
 
     Args:
         sequence: the name of its sequence.
-        name: its own name, unique within the sequence; names sort in the order of time.
+        name: its own name, unique within the sequence; names sort in the order of time where numbers in them count by
+            their value (`deux.io.layout.natural_order`).
     """
 
     sequence: str
@@ -24,8 +25,8 @@ class Triplet(NamedTuple):
 
     Args:
         target: frame t.
-        sources: of the same sequence; t-1 and t-2 in collected datasets. May be none where a split has single frames,
-            which can be evaluated but not trained on without ground truth.
+        sources: of the same sequence; t-1 and t-2 in collected datasets. None of a frame that lacks one of them, which
+            is evaluated all the same; a training that compares frames leaves it out.
     """
 
     target: FrameReference
@@ -51,8 +52,8 @@ class Reader(ABC):
 
         Args:
             split: "train", "validation" or "test".
-            offsets: the source frames, in frames from the target, where the folder does not list them itself. Targets
-                at the ends of a sequence that lack one are left out.
+            offsets: the source frames, in frames from the target, where the folder does not list them itself. A target
+                that lacks one of them, at the end of a sequence or on its own, has no source frames.
 
         Raises:
             DeuxError: the folder has no such split, or the split no frame.

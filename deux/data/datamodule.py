@@ -7,7 +7,7 @@ from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
 from deux.contracts import Batch, DepthModel, Reader
-from deux.data.triplets import FrameCache, SampleSettings, ShuffledDraws, TripletDataset, collate
+from deux.data.triplets import FrameCache, SampleSettings, ShuffledDraws, SourceFrames, TripletDataset, collate
 from deux.errors import DeuxError
 
 
@@ -45,8 +45,10 @@ class TripletLoader(DataLoader[Batch]):
 class TripletDataModule(LightningDataModule):
     """Batches for one depth model.
 
-    Each loader reads what it must and no more: ground truth in training only if the model is supervised. Processes that
-    train together (`Trainer(use_distributed_sampler=False)`) share the training frames out and validate on all of them.
+    Each loader reads what it must and no more: ground truth in training only if the model is supervised, source frames
+    and poses only where the objective compares frames. Frames without source frames are then left out of training and
+    validation; the test loader has every frame of its list and reads no source frames at all. Processes that train
+    together (`Trainer(use_distributed_sampler=False)`) share the training frames out and validate on all of them.
     A loader, its worker processes and what these have cached are kept for as long as its datasets are the same.
 
     Args:
@@ -61,6 +63,8 @@ class TripletDataModule(LightningDataModule):
         num_workers: processes that prepare batches. With the cache, none is fastest on two cores.
         cache_bytes: bound of the memory for decoded files, in each process.
         offsets: the source frames, where a dataset does not list them.
+        sources: whether training and validation read the source frames.
+        poses: whether they read the frames' poses.
     """
 
     def __init__(
@@ -75,12 +79,16 @@ class TripletDataModule(LightningDataModule):
         num_workers: int = 0,
         cache_bytes: int = 2 * 1024**3,
         offsets: tuple[int, ...] = (-1, -2),
+        sources: bool = True,
+        poses: bool = True,
     ) -> None:
         super().__init__()
         self.train, self.validation, self.test = list(train), list(validation), list(test)
         self.batch_size, self.crop, self.seed, self.num_workers = batch_size, crop, seed, num_workers
         self._model = model
         self._offsets = offsets
+        self._sources: SourceFrames = "needed" if sources else "unread"
+        self._poses = poses
         self._cache = FrameCache(cache_bytes)
         self._loaders: dict[str, tuple[Hashable, TripletLoader]] = {}
 
@@ -95,6 +103,8 @@ class TripletDataModule(LightningDataModule):
                 crop=self.crop,
                 training=True,
                 ground_truth=self._model.supervised,
+                sources=self._sources,
+                poses=self._poses,
                 augmentation=self._model.augmentation(),
                 prepare=self._model.prepare,
             )
@@ -109,15 +119,19 @@ class TripletDataModule(LightningDataModule):
 
     def val_dataloader(self) -> TripletLoader:
         """In order, the middle of each frame, with ground truth."""
-        return self._evaluation_loader(self.validation, "validation")
+        return self._evaluation_loader(self.validation, "validation", self._sources, self._poses)
 
     def test_dataloader(self) -> TripletLoader:
-        """In order, the middle of each frame, with ground truth."""
-        return self._evaluation_loader(self.test, "test")
+        """In order, the middle of each frame, with ground truth and without source frames."""
+        return self._evaluation_loader(self.test, "test", sources="unread", poses=False)
 
-    def _evaluation_loader(self, readers: Sequence[Reader], split: str) -> TripletLoader:
+    def _evaluation_loader(
+        self, readers: Sequence[Reader], split: str, sources: SourceFrames, poses: bool
+    ) -> TripletLoader:
         def make() -> TripletLoader:
-            settings = SampleSettings(crop=self.crop, ground_truth=True, prepare=self._model.prepare)
+            settings = SampleSettings(
+                crop=self.crop, ground_truth=True, sources=sources, poses=poses, prepare=self._model.prepare
+            )
             return self._loader(TripletDataset(readers, split, settings, self._cache, self._offsets))
 
         return self._kept(split, readers, make)

@@ -1,59 +1,75 @@
 """`data=deux`: the datasets that deux collects, and the VOID release, whose layout they have."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range, near_matches
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
-from deux.io.images import read_depth, read_image
-from deux.io.layout import SequencePaths, list_file, neighbours
+from deux.io.camera_files import read_any_image
+from deux.io.images import DEPTH_SCALE, read_depth
+from deux.io.layout import SequencePaths, list_file, neighbours, without_suffix
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class DatasetReader(Reader):
     """Reads the layout of the VOID release, with or without the triplet list that deux adds (`deux.io.layout`).
 
+    A point of `sparse_depth/` is valid where it is above 0; `validity_map/` is not read. Images are PNG or JPEG files.
+
     Args:
         folder: the dataset.
+        scale: stored values per metre of the 16-bit depth files; 1000 for millimetres.
+        ground_truth_scale: the same for `ground_truth/`; None for that of the sparse depth.
+        validation: names of sequences of the training split that are kept out of it and make up the validation split,
+            for a dataset that has none.
 
     Raises:
-        DeuxError: the folder has no sequences in this layout.
+        DeuxError: the folder has no sequences in this layout, or not those that `validation` names, or a scale is not
+            above 0.
     """
 
     folder: Path
+    scale: float = DEPTH_SCALE
+    ground_truth_scale: float | None = None
+    validation: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not (self.folder / "data").is_dir():
             raise DeuxError(f"{self.folder} is no dataset: it has no folder data/ with sequences in VOID's layout.")
+        check_range("data.scale", self.scale, 0, ends=False)
+        if self.ground_truth_scale is not None:
+            check_range("data.ground_truth_scale", self.ground_truth_scale, 0, ends=False)
+        for name in self.validation:
+            if not (self.folder / "data" / name).is_dir():
+                there = (path.name for path in (self.folder / "data").iterdir() if path.is_dir())
+                raise DeuxError(f"data.validation: {self.folder} has no sequence {name!r}: {near_matches(name, there)}")
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         """Our own datasets list them. Elsewhere, as in the VOID release, the split's image list names the targets.
 
-        The source frames are then those at the offsets in the sequence; targets at its ends that lack one are left out.
+        The source frames are then those at the offsets in the sequence, whether a list names them or not. A target that
+        lacks one of them has no source frames.
         """
-        listed = list_file(self.folder, split, "triplets")
-        if listed.exists():
-            found = [self._listed_triplet(line) for line in _lines(listed)]
-        elif list_file(self.folder, split, "image").exists():
-            found = self._neighbours(_lines(list_file(self.folder, split, "image")), offsets)
-        else:
-            there = sorted({path.name.rsplit("_image.txt")[0] for path in self.folder.glob("*_image.txt")})
-            raise DeuxError(
-                f"{self.folder} has no {split} split, whose frames {split}_image.txt would list; it has "
-                f"{', '.join(there) or 'no list files at all'}."
-            )
+        listed = "train" if split == "validation" and self.validation else split
+        found = self._listed(listed, offsets)
+        if self.validation and listed == "train":
+            found = [one for one in found if (one.target.sequence in self.validation) == (split == "validation")]
         if not found:
             raise DeuxError(f"The {split} split of {self.folder} has no frames.")
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:
         """H x W x 3 uint8."""
-        return read_image(self._paths(frame).file("image", frame.name))
+        return read_any_image(self._paths(frame).recorded_image(frame.name))
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
         """The sequence's K.txt, 3 x 3 float64."""
@@ -61,12 +77,12 @@ class DatasetReader(Reader):
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
         """H x W float32 metres, 0 = none."""
-        return read_depth(self._paths(frame).file("sparse_depth", frame.name))
+        return read_depth(self._paths(frame).file("sparse_depth", frame.name), self.scale)
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
         """H x W float32 metres, 0 = none; None for a sequence without a folder of them."""
         file = self._optional(frame, "ground_truth")
-        return None if file is None else read_depth(file)
+        return None if file is None else read_depth(file, self.ground_truth_scale or self.scale)
 
     def pose(self, frame: FrameReference) -> np.ndarray | None:
         """4 x 4 float64; None for a sequence without a folder of them."""
@@ -81,6 +97,19 @@ class DatasetReader(Reader):
     def _paths(self, frame: FrameReference) -> SequencePaths:
         return SequencePaths(self.folder / "data" / frame.sequence)
 
+    def _listed(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
+        """The triplets of a split that the dataset has lists of."""
+        listed = list_file(self.folder, split, "triplets")
+        if listed.exists():
+            return [self._listed_triplet(line) for line in _lines(listed)]
+        if list_file(self.folder, split, "image").exists():
+            return self._neighbours(split, _lines(list_file(self.folder, split, "image")), offsets)
+        there = sorted({path.name.rsplit("_image.txt")[0] for path in self.folder.glob("*_image.txt")})
+        raise DeuxError(
+            f"{self.folder} has no {split} split, whose frames {split}_image.txt would list; it has "
+            f"{', '.join(there) or 'no list files at all'}."
+        )
+
     def _frame(self, line: str) -> FrameReference:
         """Sequence and frame of an image's path; what comes before `data/` may differ from the dataset's folder now."""
         parts = Path(line).parts
@@ -88,28 +117,65 @@ class DatasetReader(Reader):
             raise DeuxError(
                 f"{self.folder} lists {line}, where a path like data/<sequence>/image/<frame>.png is expected."
             )
-        return FrameReference(parts[-3], parts[-1].removesuffix(".png"))
+        return FrameReference(parts[-3], without_suffix(parts[-1]))
 
     def _listed_triplet(self, line: str) -> Triplet:
         target, *sources = (self._frame(image) for image in line.split("\t"))
         return Triplet(target, tuple(sources))
 
-    def _neighbours(self, lines: Sequence[str], offsets: tuple[int, ...]) -> list[Triplet]:
-        sources: dict[str, dict[str, tuple[str, ...]]] = {}
-        found = []
-        for line in lines:
-            target = self._frame(line)
-            if target.sequence not in sources:
-                names = neighbours(self._paths(target).frames(), offsets)
-                sources[target.sequence] = {name: others for name, *others in names}  # type: ignore[misc]
-            if target.name in sources[target.sequence]:
-                others = sources[target.sequence][target.name]
-                found.append(Triplet(target, tuple(FrameReference(target.sequence, name) for name in others)))
-        return found
+    def _neighbours(self, split: str, lines: Sequence[str], offsets: tuple[int, ...]) -> list[Triplet]:
+        """The listed targets with the frames at the offsets.
+
+        A list vouches for its frames, so what is broken in them is an error where it is read. A frame that is in no
+        list may have been left out for its pose: it serves as a source frame only if that can be read.
+        """
+        targets = [self._frame(line) for line in lines]
+        listed, there, sources = set(targets), set(), {}
+        for sequence in dict.fromkeys(target.sequence for target in targets):
+            frames = SequencePaths(self.folder / "data" / sequence).frames()
+            there |= {FrameReference(sequence, name) for name in frames}
+            for name, *others in neighbours(frames, offsets):
+                sources[FrameReference(sequence, name)] = tuple(FrameReference(sequence, other) for other in others)
+        self._check_images(split, listed - there)
+        used = {source for target in targets for source in sources.get(target, ())}
+        broken = {frame: problem for frame in sorted(used - listed) if (problem := self._pose_problem(frame))}
+        if broken:
+            _warn_once(
+                f"{len(broken)} frames of {self.folder} that no {split} list names have no usable pose and are no "
+                f"source frames: {next(iter(broken.values()))}"
+            )
+        usable = {target: others for target, others in sources.items() if not broken.keys() & others}
+        return [Triplet(target, usable.get(target, ())) for target in targets]
+
+    def _check_images(self, split: str, missing: set[FrameReference]) -> None:
+        """Raise DeuxError if there are listed frames without an image."""
+        if missing:
+            first = min(missing)
+            raise DeuxError(
+                f"{self._paths(first).file('image', first.name)} is missing, which "
+                f"{list_file(self.folder, split, 'image')} names"
+                f"{f', and so are {len(missing) - 1} more' if len(missing) > 1 else ''}."
+            )
+
+    def _pose_problem(self, frame: FrameReference) -> str | None:
+        """Why the frame's pose cannot be read; None if it can, or if its sequence has no poses."""
+        try:
+            self.pose(frame)
+        except DeuxError as error:
+            return str(error)
+        return None
+
+
+@lru_cache(maxsize=256)
+def _warn_once(message: str) -> None:
+    """Splits are listed several times in a run."""
+    log.warning(message)
 
 
 def _lines(path: Path) -> list[str]:
+    """The lines of a list that are not blank, whichever way they end."""
     try:
-        return read_bytes(path).decode().splitlines()
+        text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise DeuxError(f"{path} is no list of frames: it is not a text file.") from error
+    return [line.strip() for line in text.splitlines() if line.strip()]

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import Literal
 
 import numpy as np
 import torch
@@ -13,6 +14,9 @@ from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
 from deux.data.transforms import augment
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
+
+SourceFrames = Literal["needed", "unread"]
+"""Whether samples hold source frames; where these are needed, targets that have none are left out."""
 
 Prepare = Callable[[np.ndarray], dict[str, np.ndarray]]
 """A model's `prepare`: its further inputs, from H x W sparse depth."""
@@ -26,6 +30,8 @@ class SampleSettings:
         crop: height and width that are cut out; None takes the whole frame.
         training: whether the crop lies at random and the augmentation is applied; otherwise the crop is in the middle.
         ground_truth: whether ground truth is read; without it its files are not touched.
+        sources: whether source frames are read.
+        poses: whether their poses relative to the target are read.
         augmentation: the model's augmentation.
         prepare: the model's further inputs, from the points that the network is shown.
     """
@@ -33,6 +39,8 @@ class SampleSettings:
     crop: tuple[int, int] | None = None
     training: bool = False
     ground_truth: bool = False
+    sources: SourceFrames = "needed"
+    poses: bool = True
     augmentation: Sequence[Augmentation] = ()
     prepare: Prepare | None = None
 
@@ -76,8 +84,8 @@ class TripletDataset(Dataset[Batch]):
         offsets: the source frames, where a dataset does not list them.
 
     Raises:
-        DeuxError: a dataset has no such split. Items raise it where a file cannot be read, and where a dataset has no
-            ground truth though this is asked for.
+        DeuxError: a dataset has no such split, or source frames are needed and no target has any. Items raise it
+            where a file cannot be read, and where a dataset has no ground truth though this is asked for.
     """
 
     def __init__(
@@ -89,7 +97,13 @@ class TripletDataset(Dataset[Batch]):
         offsets: tuple[int, ...] = (-1, -2),
     ) -> None:
         self.settings = settings
-        self.triplets = [(reader, triplet) for reader in readers for triplet in reader.triplets(split, offsets)]
+        listed = [(reader, triplet) for reader in readers for triplet in reader.triplets(split, offsets)]
+        self.triplets = [(reader, one) for reader, one in listed if one.sources or settings.sources != "needed"]
+        if listed and not self.triplets:
+            raise DeuxError(
+                f"None of the {len(listed)} {split} frames of {listed[0][0].folder} has source frames: what lies "
+                f"{' and '.join(f'{offset:+d}' for offset in offsets)} frames from it (training.offsets) is not there."
+            )
         self._cache = cache or FrameCache(0)
 
     def __len__(self) -> int:
@@ -98,10 +112,17 @@ class TripletDataset(Dataset[Batch]):
     def __getitem__(self, item: int | tuple[int, int]) -> Batch:
         index, seed = item if isinstance(item, tuple) else (item, 0)
         settings = self.settings
-        sample = self._read(*self.triplets[index], seed)
+        reader, triplet = self.triplets[index]
+        if settings.sources == "unread":
+            triplet = Triplet(triplet.target, ())
+        sample = self._read(reader, triplet, seed)
         if settings.training and settings.augmentation:
             sample = augment(sample, settings.augmentation, seed)
         return _batch(sample, settings.prepare)
+
+    def with_sources(self, index: int) -> Batch:
+        """The item of that index with the source frames that its target has, also where samples hold none."""
+        return _batch(self._read(*self.triplets[index], seed=0), self.settings.prepare)
 
     def _read(self, reader: Reader, triplet: Triplet, seed: int) -> dict[str, np.ndarray]:
         """Read and crop a triplet's frames, as copies of what the cache holds; see `deux.data.transforms`."""
@@ -123,9 +144,10 @@ class TripletDataset(Dataset[Batch]):
         sample["images"] = np.stack([image[:, rows, columns] for image in images])
         sample["intrinsics"] = self._array(reader, "intrinsics", triplet.target).copy()
         sample["intrinsics"][:2, 2] -= left, top
-        motions = self._cache.read((reader, "motions", triplet), lambda: _motions(reader, triplet))
-        if motions is not None:
-            sample["source_from_target"] = motions.copy()
+        if self.settings.poses:
+            motions = self._cache.read((reader, "motions", triplet), lambda: _motions(reader, triplet))
+            if motions is not None:
+                sample["source_from_target"] = motions.copy()
         return sample
 
     def _window(self, size: tuple[int, int], seed: int, reader: Reader, triplet: Triplet) -> tuple[int, int, int, int]:

@@ -8,6 +8,12 @@ import numpy as np
 from deux.errors import DeuxError
 from deux.io.atomic import read_bytes, write_atomically
 
+SHORTEST_FOCUS = 0.05
+"""Focal length as a part of the image's side: with a shorter one a pinhole camera would see more than 168 degrees."""
+
+OFF_CENTRE = 0.2
+"""Part of the image's side by which a principal point may lie off the middle without a word."""
+
 
 def write_matrix(path: Path, matrix: np.ndarray) -> None:
     """Write a float64 matrix row by row so that reading returns the same bits, atomically."""
@@ -53,6 +59,37 @@ def checked_intrinsics(numbers: np.ndarray, path: Path) -> np.ndarray:
             "positive fx and fy."
         )
     return intrinsics
+
+
+def camera_warning(intrinsics: np.ndarray, height: int, width: int, where: str) -> str | None:
+    """The sentence for intrinsics that seem to belong to no image of this size; None where they may.
+
+    Intrinsics that are divided by the image's size have focal lengths of about 1.
+
+    Args:
+        intrinsics: 3 x 3, for pixel centres at integers.
+        height: of the image, pixels.
+        width: of the image, pixels.
+        where: what the intrinsics are called, such as their file.
+    """
+    (fx, fy), (x, y) = intrinsics[[0, 1], [0, 1]], intrinsics[:2, 2]
+    size = f"{width} x {height} pixels"
+    if fx < SHORTEST_FOCUS * width or fy < SHORTEST_FOCUS * height:
+        return (
+            f"the focal lengths {fx:g} and {fy:g} are too short for an image of {size}: if {where} is divided by the "
+            f"image's size, multiply its first row by the width {width} and its second row by the height {height}."
+        )
+    if not (0 <= x < width and 0 <= y < height):
+        return (
+            f"the principal point ({x:g}, {y:g}) lies outside the image of {size}: {where} seems to belong to images "
+            "of another size."
+        )
+    if max(abs((x + 0.5) / width - 0.5), abs((y + 0.5) / height - 0.5)) > OFF_CENTRE:
+        return (
+            f"the principal point ({x:g}, {y:g}) lies far from the middle of the image of {size}: {where} seems to "
+            f"belong to images of about {2 * x + 1:.0f} x {2 * y + 1:.0f} pixels."
+        )
+    return None
 
 
 def _read_numbers(path: Path) -> np.ndarray:

@@ -9,9 +9,11 @@ from PIL import Image
 from deux.errors import DeuxError
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_intrinsics, read_intrinsics
-from deux.io.images import DEPTH_SCALE, read_depth
+from deux.io.images import DEPTH_SCALE, check_png, read_depth
 
 ARRAY_SUFFIX = ".npy"
+
+_FLOAT_FORMATS = (".tif", ".tiff", ".exr", ".pfm", ".hdr")
 
 _8_BIT_MODES = ("1", "L", "LA", "La", "P", "PA", "RGB", "RGBA", "RGBa", "RGBX", "CMYK", "YCbCr", "HSV", "LAB")
 
@@ -26,6 +28,7 @@ def read_any_image(path: Path) -> np.ndarray:
         DeuxError: the file is missing, damaged, no image, or has other than 8 bits a channel.
     """
     content = read_bytes(path)
+    check_png(content, path)
     try:
         with Image.open(io.BytesIO(content)) as image:
             image.load()
@@ -53,6 +56,11 @@ def read_any_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
     Raises:
         DeuxError: the file is missing, damaged or of another kind, or a value is no distance.
     """
+    if path.suffix.lower() in _FLOAT_FORMATS:
+        raise DeuxError(
+            f"{path} is of a format that depth is not read from: write it as a {ARRAY_SUFFIX} file of metres, or as a "
+            "16-bit PNG file."
+        )
     if path.suffix != ARRAY_SUFFIX:
         return read_depth(path, scale)
     depth = _read_array(path)

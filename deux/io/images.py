@@ -25,7 +25,10 @@ LARGEST_DEPTH = np.iinfo(np.uint16).max / DEPTH_SCALE
 
 # Fast to write; on rendered and recorded frames run-length matching also gives the smaller files.
 _PNG_OPTIONS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+_PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"IEND\xaeB`\x82"
+_PNG_BIT_DEPTH, _PNG_COLOR_TYPE, _GREY = 24, 25, 0
+"""Where the header says how many bits a channel has and which channels there are; the type of one channel."""
 _16_BIT_MODES = ("I;16", "I;16B", "I")
 
 
@@ -63,6 +66,31 @@ def read_image(path: Path) -> np.ndarray:
 def decode_image(content: bytes, path: Path) -> np.ndarray:
     """As `read_image`, from a file's content; `path` is where it was read."""
     return _decode_png(content, path, ("RGB",), "an 8-bit RGB image")
+
+
+def check_png(content: bytes, path: Path) -> None:
+    """Refuse a PNG file that Pillow would read wrongly: one without its end, or colours of 16 bits a channel.
+
+    Pillow is content once it has all pixels, and reads the upper 8 bits of 16. Cameras write 10, 12 or 14 bits into
+    such files and the file does not say how many: the upper byte of 10 bits is 0 to 3. To guess the number from each
+    picture would change its brightness with what it shows.
+
+    Args:
+        content: of a file of any kind; other kinds are let through.
+        path: the file, for the message.
+
+    Raises:
+        DeuxError: it is such a file.
+    """
+    if not content.startswith(_PNG_BEGIN):
+        return
+    if _PNG_END not in content[-1024:]:
+        raise DeuxError(f"{path} is truncated ({len(content)} bytes).")
+    if content[_PNG_BIT_DEPTH] == 16 and content[_PNG_COLOR_TYPE] != _GREY:
+        raise DeuxError(
+            f"{path} is an image of 16 bits a channel where 8 are expected: convert it, dividing by 257 if the picture "
+            "fills the 16 bits, by 16 if it has 12 bits and by 4 if it has 10."
+        )
 
 
 def write_depth(path: Path, depth: np.ndarray) -> None:
@@ -116,9 +144,10 @@ def _encode_png(pixels: np.ndarray) -> bytes:
 
 def _decode_png(content: bytes, path: Path, modes: tuple[str, ...], expected: str) -> np.ndarray:
     """Decode with Pillow, which refuses damaged files; some versions of OpenCV return what they could decode."""
-    # Pillow is content once it has all pixels; without its end the file was cut all the same.
-    if _PNG_END not in content[-1024:]:
-        raise DeuxError(f"{path} is truncated or no PNG file ({len(content)} bytes).")
+    if not content.startswith(_PNG_BEGIN):
+        kind = "truncated" if _PNG_BEGIN.startswith(content) else "no PNG file"
+        raise DeuxError(f"{path} is {kind} ({len(content)} bytes): {expected} in PNG format is expected.")
+    check_png(content, path)
     try:
         with Image.open(io.BytesIO(content)) as image:
             if image.mode in modes:

@@ -14,8 +14,12 @@ are not part of the release; a dataset without them is read all the same.
 
 Collected sequences also hold `episode.json` (floor, seed, start, actions), `verification.json` and, where there are
 any, `uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`.
+
+A recorded dataset may have JPEG images (`IMAGE_SUFFIXES`). `validity_map/` is written and not read: a sparse point is
+valid where its depth is above 0, which is what the maps of the release say.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,6 +33,9 @@ SUFFIXES = {
     "labels": ".png",
 }
 """File suffix of each kind of file that a frame may have."""
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
+"""File suffixes that a recorded image may have, the first that there is."""
 
 PUBLISHED_KINDS = ("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose")
 """The kinds that the release has for each frame."""
@@ -58,13 +65,36 @@ class SequencePaths:
         """The file of one kind (a key of `SUFFIXES`) of the frame with the given name."""
         return self.folder / kind / f"{frame}{SUFFIXES[kind]}"
 
+    def recorded_image(self, frame: str) -> Path:
+        """The frame's image, whichever of `IMAGE_SUFFIXES` it has; the path of a PNG file where there is none."""
+        found = (self.folder / "image" / f"{frame}{suffix}" for suffix in IMAGE_SUFFIXES)
+        return next((path for path in found if path.exists()), self.file("image", frame))
+
     def frames(self) -> list[str]:
         """Names of the frames that have an image, in the order of time."""
         folder = self.folder / "image"
-        suffix = SUFFIXES["image"]
         # Files that begin with a dot are unfinished ones of a run that was killed.
         found = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
-        return sorted(name.removesuffix(suffix) for name in found if name.endswith(suffix) and name[0] != ".")
+        names = {without_suffix(name) for name in found if name.endswith(IMAGE_SUFFIXES) and name[0] != "."}
+        return sorted(names, key=natural_order)
+
+
+def without_suffix(image: str) -> str:
+    """The name of the frame whose image has this file name."""
+    stem, dot, suffix = image.rpartition(".")
+    return stem if f"{dot}{suffix}" in IMAGE_SUFFIXES else image
+
+
+def natural_order(name: str) -> tuple[tuple[str, int, str], ...]:
+    """Sort key under which numbers within names count by their value, as time stamps and frame numbers do.
+
+    Example:
+        >>> sorted(["frame_10", "frame_2", "9.75", "10.5", "10.25"], key=natural_order)
+        ['9.75', '10.25', '10.5', 'frame_2', 'frame_10']
+    """
+    parts = re.findall(r"([^0-9]*)(?:([0-9]+)(?:\.([0-9]+))?)?", name)
+    # Digits after a decimal point sort as text: 10.25 comes before 10.5.
+    return *((text, int(whole or -1), fraction) for text, whole, fraction in parts), (name, 0, "")
 
 
 def frame_name(index: int) -> str:

@@ -1,5 +1,6 @@
 """The errors of a depth model and of the two baselines that it is compared with, on the same frames."""
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -10,27 +11,31 @@ from torch import Tensor
 from deux.contracts import Batch, DepthModel
 from deux.errors import DeuxError
 from deux.geometry.scaffolding import interpolate
-from deux.metrics.depth_errors import DepthErrors, invalid_pixels
-
-LEAST_DEPTH = 1e-3
-"""Metres that a baseline predicts where it has no sparse point to go by: 0 has no inverse."""
+from deux.metrics.depth_errors import METRICS, DepthErrors, invalid_pixels
 
 
 @dataclass(frozen=True)
 class Evaluation:
     """Mean errors over a set of frames, each a dictionary with the keys of `deux.metrics.depth_errors.METRICS`.
 
+    A frame without any sparse point has no interpolation and no median of its own: both baselines then predict the
+    median depth of the set, that of the other frames' medians. They are NaN if no frame has a point.
+
     Args:
         metrics: the model's.
         baseline: linear interpolation of the sparse points.
         constant: the median of each frame's sparse points.
         images: number of frames.
+        without_truth: number of those that count in no mean, since they have no ground truth in range.
+        without_points: number of those that have no sparse point.
     """
 
     metrics: dict[str, float]
     baseline: dict[str, float]
     constant: dict[str, float]
     images: int
+    without_truth: int = 0
+    without_points: int = 0
 
 
 def evaluate(
@@ -40,7 +45,7 @@ def evaluate(
     max_depth: float = 10.0,
     progress: Callable[[int], None] | None = None,
 ) -> Evaluation:
-    """Run `model` over batches that carry ground truth, in float32.
+    """Run `model` over batches that carry ground truth, in float32. Source frames are not looked at.
 
     Args:
         model: stays on its device and in its mode.
@@ -53,7 +58,8 @@ def evaluate(
         DeuxError: there is no frame, none has ground truth in range, or a prediction is not finite or not above 0 at a
             pixel with ground truth.
     """
-    errors = {name: DepthErrors(min_depth, max_depth, alone=True) for name in ("metrics", "baseline", "constant")}
+    errors = DepthErrors(min_depth, max_depth, alone=True)
+    baselines = _Baselines(min_depth, max_depth)
     device = next(model.parameters()).device
     images = 0
     for batch in batches:
@@ -63,38 +69,58 @@ def evaluate(
         predicted = model.predict(batch.image.to(device), batch.sparse_depth.to(device), batch.intrinsics.to(device))
         predicted = predicted.float().cpu()
         _check_predictions(invalid_pixels(predicted, truth, min_depth, max_depth), images)
-        errors["metrics"].update(predicted, truth)
-        errors["baseline"].update(_densify(interpolate, batch.sparse_depth), truth)
-        errors["constant"].update(_densify(median_depth, batch.sparse_depth), truth)
+        errors.update(predicted, truth)
+        baselines.update(batch.sparse_depth.cpu(), truth)
         images += len(truth)
         if progress is not None:
             progress(len(truth))
-    if images == 0 or int(errors["metrics"].images.item()) == 0:
+    counted = int(errors.images.item())
+    if counted == 0:
         raise DeuxError(
             f"none of the {images} test frames has ground truth between {min_depth} and {max_depth} m: "
             "collect more viewpoints or widen the evaluation range."
         )
-    means = {key: {n: v.item() for n, v in metric.compute().items()} for key, metric in errors.items()}
-    return Evaluation(**means, images=images)
+    baseline, constant = baselines.compute()
+    return Evaluation(_means(errors), baseline, constant, images, images - counted, len(baselines.without_points))
 
 
-def median_depth(sparse_depth: np.ndarray) -> np.ndarray:
-    """A depth map without any shape: the median of the sparse points everywhere.
+class _Baselines:
+    """The errors of what needs no model: the interpolated points, and their median; arguments as of `evaluate`."""
 
-    Args:
-        sparse_depth: H x W metres, 0 = none.
+    def __init__(self, min_depth: float, max_depth: float) -> None:
+        self.interpolated, self.constant = (DepthErrors(min_depth, max_depth, alone=True) for _ in range(2))
+        self.without_points: list[Tensor] = []  # the ground truth of these frames, H x W
+        self._medians: list[float] = []
 
-    Returns:
-        H x W float32 metres; 0 everywhere without any point.
-    """
-    points = sparse_depth[sparse_depth > 0]
-    return np.full(sparse_depth.shape, np.median(points) if points.size else 0.0, np.float32)
+    def update(self, sparse_depth: Tensor, truth: Tensor) -> None:
+        """Count a batch: both N x 1 x H x W metres."""
+        for points, known in zip(sparse_depth[:, 0].numpy(), truth[:, 0], strict=True):
+            if not points.any():
+                self.without_points.append(known)
+                continue
+            median = float(np.median(points[points > 0]))
+            self._medians.append(median)
+            self._count(self.interpolated, torch.from_numpy(interpolate(points)), known)
+            self._count(self.constant, torch.full_like(known, median), known)
+
+    def compute(self) -> tuple[dict[str, float], dict[str, float]]:
+        """The means of the interpolation and of the median, frames without points included."""
+        for known in self.without_points if self._medians else ():
+            depth = torch.full_like(known, float(np.median(self._medians)))
+            for errors in (self.interpolated, self.constant):
+                self._count(errors, depth, known)
+        return _means(self.interpolated), _means(self.constant)
+
+    @staticmethod
+    def _count(errors: DepthErrors, depth: Tensor, truth: Tensor) -> None:
+        errors.update(depth[None, None], truth[None, None])
 
 
-def _densify(baseline: Callable[[np.ndarray], np.ndarray], sparse_depth: Tensor) -> Tensor:
-    """Apply a baseline to each of N x 1 x H x W metres, at least `LEAST_DEPTH`."""
-    dense = np.stack([baseline(one) for one in sparse_depth[:, 0].cpu().numpy()])
-    return torch.from_numpy(dense).clamp_min(LEAST_DEPTH)[:, None]
+def _means(errors: DepthErrors) -> dict[str, float]:
+    """The means by metric; NaN without any frame, of which torchmetrics would warn."""
+    if not errors.update_called:
+        return dict.fromkeys(METRICS, math.nan)
+    return {name: value.item() for name, value in errors.compute().items()}
 
 
 def _check_predictions(invalid: Tensor, before: int) -> None:

@@ -29,13 +29,17 @@ class Results:
         seed: the run's random seed.
         frames: number of training frames, those of all rounds included; None if the model was given.
         metrics: the trained model's errors.
-        baseline: the same for linear interpolation of the sparse points, on the same frames.
+        baseline: the same for linear interpolation of the sparse points, on the same frames; in a frame without any,
+            for the median depth of the others.
         constant: the same for the median of each frame's sparse points.
         seconds: time spent in each stage.
         trained: of a given model, where it comes from: `weights`, a digest of its file, and `settings`, the identity
             (`run.json`) of the run that trained it, None if it is not known; None for a model of the run's own.
         rounds: of active collection, each with round, step, frames, area, uncertainty and mae
             (`deux.training.rounds.Round`); none without it.
+        images: number of test frames; None in results of earlier versions.
+        without_truth: number of test frames that count in no mean, since they have no ground truth in range.
+        without_points: number of test frames that have no sparse point.
     """
 
     model: str
@@ -48,6 +52,9 @@ class Results:
     seconds: dict[str, float]
     trained: dict[str, Any] | None = None
     rounds: list[dict[str, Any]] = field(default_factory=list)
+    images: int | None = None
+    without_truth: int = 0
+    without_points: int = 0
 
     def save(self, folder: Path) -> Path:
         """Write `results.json` into a run folder, whole or not at all."""
@@ -81,18 +88,32 @@ class Results:
             "median of the points": self.constant,
         }
         training = "" if self.frames is None else f" ({self.frames} training frames, seed {self.seed})"
-        return error_table(f"Errors on the test frames{training}", rows)
+        tested = "test frames" if self.images is None else f"{self.images} test frames"
+        return error_table(f"Errors on the {tested}{training}", rows, self._notes())
+
+    def _notes(self) -> tuple[str, ...]:
+        """What the numbers leave out or stand for, if anything."""
+        found = []
+        if self.without_truth:
+            found.append(f"{self.without_truth} of the test frames have no ground truth in range and do not count.")
+        if self.without_points:
+            found.append(
+                f"{self.without_points} of the test frames have no sparse point; interpolation and median take the "
+                "median depth of the other frames there."
+            )
+        return tuple(found)
 
 
-def error_table(caption: str, errors: Mapping[str, Mapping[str, float]]) -> ResultTable:
+def error_table(caption: str, errors: Mapping[str, Mapping[str, float]], notes: tuple[str, ...] = ()) -> ResultTable:
     """The errors of several predictions of the same frames as a table, the lowest of each column in bold.
 
     Args:
         caption: what the table shows, without a full stop.
         errors: by the prediction's label, then by the metric's name.
+        notes: what a reader has to know, a sentence each.
     """
     rows = [Row((label,), tuple(Cell(Estimate(row[name])) for name in METRICS)) for label, row in errors.items()]
-    return ResultTable(caption, ("prediction",), error_columns(), (tuple(rows),)).ranked(second=False)
+    return ResultTable(caption, ("prediction",), error_columns(), (tuple(rows),), notes=notes).ranked(second=False)
 
 
 def _check_errors(errors: object) -> None:

@@ -192,6 +192,8 @@ class RoundCollector:
             validation=self._validation,
             batch_size=training.batch_size,
             crop=training.crop,
+            sources=False,
+            poses=False,
         )
         metrics = DepthErrors(camera.min_depth, camera.max_depth, alone=True)
         for batch in data.val_dataloader():

@@ -67,15 +67,15 @@ class Datasets:
 
     Args:
         sections: of these it reads `simulator`, `camera`, `robot`, `scenes`, `collect`, `sampling` and `verification`.
-        needed: the splits that must have a scene.
+        needed: the splits that must have a scene; None where the run has no scenes of its own.
 
     Raises:
         DeuxError: an option is wrong, or a needed split has no scene.
     """
 
-    def __init__(self, sections: Sections, needed: Sequence[str] = ()) -> None:
+    def __init__(self, sections: Sections, needed: Sequence[str] | None = ()) -> None:
         self.simulation = read_simulation(sections)
-        self.scenes = read_scenes(sections, needed)
+        self.scenes = SceneSplits((), (), ()) if needed is None else read_scenes(sections, needed)
         self.collect = sections.read("collect", CollectSettings)
         self.sampling = sections.read("sampling", SparseSettings)
         self.verification = sections.read("verification", VerificationSettings)

@@ -1,18 +1,18 @@
 """`task=evaluate`: a trained model on the test scenes or on recorded data."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder, sections_of, user_path
+from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel, Reader
 from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
 from deux.data.triplets import TripletDataset, collate
-from deux.errors import check_range
-from deux.figures.depth_figures import depth_samples, draw_depth_panels
+from deux.errors import DeuxError, check_range
+from deux.figures.depth_figures import DepthSample, depth_samples, draw_depth_panels
 from deux.figures.drawing import save_figure
 from deux.geometry.camera import Camera
 from deux.inference.precision import default_device
@@ -22,6 +22,7 @@ from deux.task_sections import Sections
 from deux.tasks.checkpoints import find_trained_run, load_needed_model, provenance
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
+from deux.tasks.recorded_frames import Needs, check_recorded, read_given
 from deux.tasks.run_folder import RunFolder, open_run_folder
 from deux.training.fit import TrainingSettings
 
@@ -57,7 +58,7 @@ class Evaluator:
     """Measures a model's errors on test frames, and draws some of them.
 
     Args:
-        sections: of these it reads `camera`, `training` (the crop) and `trainer` (the device).
+        sections: of these it reads `camera`, `training` (the crop and the source frames) and `trainer` (the device).
 
     Raises:
         DeuxError: an option is wrong.
@@ -65,13 +66,17 @@ class Evaluator:
 
     def __init__(self, sections: Sections) -> None:
         self._camera = sections.read("camera", Camera)
-        self._crop = sections.read("training", TrainingSettings).crop
+        training = sections.read("training", TrainingSettings)
+        self._crop, self.offsets = training.crop, training.offsets
         self._device = default_device(sections.plain("trainer").get("accelerator", "auto"))
 
     def evaluate(self, model: DepthModel, data: Reader, run: RunFolder) -> Evaluation:
         """The errors of a model, which is moved to the trainer's kind of device, on the test split of some frames."""
         model.to(self._device)
-        loader = TripletDataModule(model, test=[data], batch_size=4, crop=self._crop).test_dataloader()
+        # Whole frames of a recording may differ in size, so that they fit in no batch.
+        batch_size = 1 if self._crop is None else 4
+        module = TripletDataModule(model, test=[data], batch_size=batch_size, crop=self._crop, offsets=self.offsets)
+        loader = module.test_dataloader()
         frames: TripletDataset = loader.dataset  # type: ignore[assignment]
         done = 0
         with progress() as report:
@@ -82,10 +87,19 @@ class Evaluator:
                 report("evaluation", done, len(frames))
 
             found = evaluate(model, loader, self._camera.min_depth, self._camera.max_depth, count)
-        spread = range(0, len(frames), max(1, len(frames) // PANEL_ROWS))[:PANEL_ROWS]
-        samples = [sample for i in spread for sample in depth_samples(model, collate([frames[i]]))]
-        save_figure(draw_depth_panels(samples), run.figures / "test_frames.png")
+        save_figure(draw_depth_panels(self._panels(model, frames)), run.figures / "test_frames.png")
         return found
+
+    def _panels(self, model: DepthModel, frames: TripletDataset) -> list[DepthSample]:
+        """Some of the test frames, with their residual where they have source frames with poses."""
+        samples = []
+        for index in range(0, len(frames), max(1, len(frames) // PANEL_ROWS))[:PANEL_ROWS]:
+            try:
+                frame = frames.with_sources(index)
+            except DeuxError:  # a source frame that is damaged spoils no evaluation
+                frame = frames[index]
+            samples += depth_samples(model, collate([frame]))
+        return samples
 
 
 def run(cfg: DictConfig) -> None:
@@ -109,29 +123,24 @@ def run(cfg: DictConfig) -> None:
             return
         say(f"Evaluate {checkpoint}")
         with run.stage("evaluate"):
-            if datasets is not None:
-                given = DatasetReader(datasets.viewpoints("test", settings.viewpoints))
-            assert given is not None
-            found = stage.evaluate(model, given, run)
+            if given is not None:
+                check_recorded(given, "test", stage.offsets, model, Needs(ground_truth=True))
+                data = given
+            else:
+                assert datasets is not None
+                data = DatasetReader(datasets.viewpoints("test", settings.viewpoints))
+            found = stage.evaluate(model, data, run)
         results = Results(
             model=name,
             explore=None,
             seed=sections.seed,
             frames=None,
-            metrics=found.metrics,
-            baseline=found.baseline,
-            constant=found.constant,
             seconds=run.seconds,
             trained=trained,
+            **asdict(found),
         )
         results.save(run.path)
         say(results.table())
-
-
-def read_given(sections: Sections, folder: str) -> Reader:
-    """The reader of a folder of recorded frames, as the section `data` says it is read."""
-    reader: Reader = sections.plugin("data").create(user_path(folder))
-    return reader
 
 
 def _finished(folder: Path, trained: dict[str, Any]) -> bool:

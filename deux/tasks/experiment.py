@@ -1,5 +1,6 @@
 """`task=experiment`: collect, train the seed model, explore with it, train the final model, evaluate."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -86,11 +87,9 @@ class Experiment:
             explore=self._exploration.explorer.name,
             seed=self._training.seed,
             frames=read_manifest(frames)["triplets"] + sum(one.frames for one in rounds),
-            metrics=found.metrics,
-            baseline=found.baseline,
-            constant=found.constant,
             seconds=run.seconds,
             rounds=[one.summary() for one in rounds],
+            **asdict(found),
         )
         results.save(run.path)
 

@@ -25,6 +25,7 @@ from deux.task_sections import Sections
 from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import say, training_bar
 from deux.tasks.datasets import Datasets
+from deux.tasks.recorded_frames import Needs
 from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
 from deux.training.fit import TrainingSettings, fit, make_trainer
 from deux.training.objective import make_objective
@@ -61,6 +62,18 @@ class Recipe:
             model = self.model.create()
             make_objective(model, self.objective)
             make_pose_source(self.pose, model)
+
+    def outline(self) -> DepthModel:
+        """The model without memory for its weights."""
+        with torch.device("meta"):
+            model: DepthModel = self.model.create()
+        return model
+
+    def needs(self) -> Needs:
+        """What the training reads of its frames."""
+        model = self.outline()
+        compares = make_objective(model, self.objective).needs_reconstructions
+        return Needs(sources=compares, poses=compares and self.pose == "simulator", ground_truth=model.supervised)
 
 
 @dataclass(frozen=True)
@@ -229,8 +242,15 @@ class Training:
         chosen = self._foundation
         if chosen.checkpoint is not None:
             return weights_file(user_path(chosen.checkpoint))
-        say(f"  {recipe.model.name} is built on {foundation.name}, which learns from synthetic scenes first")
-        training = replace(recipe.training, steps=chosen.steps, batch_size=chosen.batch_size)
+        say(
+            f"  {recipe.model.name} is built on {foundation.name}, which learns from {chosen.scenes} generated scenes "
+            f"first (foundation.source={chosen.source}); foundation.checkpoint= takes a trained one"
+        )
+        camera = self._datasets.simulation.camera
+        # The crop of recorded frames may be larger than the frames of these scenes.
+        height, width = recipe.training.crop or (camera.height, camera.width)
+        crop = recipe.training.crop and (min(height, camera.height), min(width, camera.width))
+        training = replace(recipe.training, steps=chosen.steps, batch_size=chosen.batch_size, crop=crop)
         below = Recipe(_choice(foundation), {}, "simulator", training)
         return self.train_once(
             below, self._datasets.synthetic(chosen.source, chosen.scenes, chosen.viewpoints), "foundations"

@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 
 from deux.configuration import run_folder, sections_of, user_path
 from deux.contracts import DepthModel
+from deux.data.depth_unit import ratio_warning, unit_warning
 from deux.deployment.array_prediction import predict_arrays
 from deux.errors import DeuxError, check_range
 from deux.figures.depth_figures import draw_depth
@@ -18,10 +19,10 @@ from deux.figures.drawing import save_figure
 from deux.geometry.camera import Camera
 from deux.geometry.scaffolding import interpolate
 from deux.io.atomic import make_folder, write_atomically
-from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
+from deux.io.calibration import camera_warning
+from deux.io.camera_files import ARRAY_SUFFIX, read_any_depth, read_any_image, read_any_intrinsics
 from deux.io.images import LARGEST_DEPTH, write_depth
 from deux.metrics.depth_errors import depth_errors
-from deux.metrics.model_errors import LEAST_DEPTH
 from deux.report.results import error_table
 from deux.tasks.checkpoints import load_needed_model
 from deux.tasks.console import quieten_libraries, say
@@ -43,6 +44,7 @@ class PredictSettings:
         sparse_scale: stored values per metre in PNG files.
         intrinsics: a text or .npy file.
         ground_truth: depth to compare with, as `sparse`.
+        ground_truth_scale: stored values per metre in its PNG file; None for `sparse_scale`.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -54,9 +56,12 @@ class PredictSettings:
     sparse_scale: float
     intrinsics: str | None
     ground_truth: str | None
+    ground_truth_scale: float | None
 
     def __post_init__(self) -> None:
         check_range("predict.sparse_scale", self.sparse_scale, 0, ends=False)
+        if self.ground_truth_scale is not None:
+            check_range("predict.ground_truth_scale", self.ground_truth_scale, 0, ends=False)
 
 
 @dataclass(frozen=True)
@@ -79,14 +84,15 @@ class RecordedFrame:
 def run(cfg: DictConfig) -> None:
     """Complete the depth of a frame by the model `predict.checkpoint`, in float32, and write it to the run folder.
 
-    With ground truth, its errors are printed beside those of interpolation. A repeated command overwrites its files.
+    With ground truth, its errors are printed beside those of interpolation, where there are points to interpolate. A
+    repeated command overwrites its files.
     """
     quieten_libraries()
     sections = sections_of(cfg)
     settings, camera = sections.read("predict", PredictSettings), sections.read("camera", Camera)
     frame = read_frame(settings)
     name, model = load_needed_model(sections.plugin("model"), settings.checkpoint, "predict.checkpoint")
-    check_points(frame.sparse_depth, model, settings)
+    check_units(frame, model, settings)
     truth = None if frame.ground_truth is None else unseen(frame, camera)
     depth = predict_arrays(frame.image, frame.sparse_depth, frame.intrinsics, model)
     for path in write_prediction(depth, run_folder()):
@@ -94,7 +100,9 @@ def run(cfg: DictConfig) -> None:
     nearest, median, farthest = np.percentile(depth, (0, 50, 100))
     say(f"Depth from {nearest:.2f} to {farthest:.2f} m, {median:.2f} m in the median, at {_size(depth)} pixels")
     if truth is not None:
-        maps = {name: depth, "interpolated points": interpolate(frame.sparse_depth).clip(LEAST_DEPTH)}
+        maps = {name: depth}
+        if frame.sparse_depth.any():  # without points there is nothing to interpolate
+            maps["interpolated points"] = interpolate(frame.sparse_depth)
         rows = {row: _errors(predicted, truth, camera) for row, predicted in maps.items()}
         counted = np.count_nonzero(truth)
         say(error_table(f"Errors on the {counted:,} pixels with ground truth that are no sparse points", rows))
@@ -116,42 +124,53 @@ def read_frame(chosen: PredictSettings) -> RecordedFrame:
     image = read_any_image(paths["image"])
     sparse_depth = read_any_depth(paths["sparse"], chosen.sparse_scale)
     intrinsics = read_any_intrinsics(paths["intrinsics"])
-    truth = read_any_depth(user_path(chosen.ground_truth), chosen.sparse_scale) if chosen.ground_truth else None
+    truth_scale = chosen.ground_truth_scale or chosen.sparse_scale
+    truth = read_any_depth(user_path(chosen.ground_truth), truth_scale) if chosen.ground_truth else None
     for option, depth in (("sparse", sparse_depth), ("ground_truth", truth)):
         if depth is not None and depth.shape != image.shape[:2]:
             raise DeuxError(f"image has {_size(image)} pixels and {option} {_size(depth)}: they must be of one size.")
-    height, width = image.shape[:2]
-    x, y = intrinsics[:2, 2]
-    if not (0 <= x < width and 0 <= y < height):
-        log.warning(
-            f"the principal point ({x:g}, {y:g}) lies outside the image of {_size(image)} pixels: "
-            f"{paths['intrinsics']} seems to belong to images of another size."
-        )
+    if sentence := camera_warning(intrinsics, image.shape[0], image.shape[1], str(paths["intrinsics"])):
+        log.warning(sentence)
     return RecordedFrame(image, sparse_depth, intrinsics, truth)
 
 
-def check_points(sparse_depth: np.ndarray, model: DepthModel, chosen: PredictSettings) -> None:
-    """Say so if there are no points, or if many lie outside the model's range, which is what a wrong unit does.
+def check_units(frame: RecordedFrame, model: DepthModel, chosen: PredictSettings) -> None:
+    """Say so if there are no points, or if their values or those of the ground truth look like another unit's.
 
     Raises:
-        DeuxError: all of them do.
+        DeuxError: all points lie outside the range of depths that the model predicts.
     """
-    points = sparse_depth[sparse_depth > 0]
+    points = frame.sparse_depth[frame.sparse_depth > 0]
     if not points.size:
         log.warning(f"{chosen.sparse} holds no point, all its values are 0: the depth comes from the image alone.")
         return
     outside = float(np.mean((points < model.min_depth) | (points > model.max_depth)))
-    if outside < MANY:
-        return
+    found = [_other_unit(points, model, chosen) if outside < MANY else _range_warning(points, outside, model, chosen)]
+    if outside == 1:
+        raise DeuxError(str(found[0]))
+    if frame.ground_truth is not None:
+        what = str(chosen.ground_truth)
+        found.append(ratio_warning(frame.ground_truth, frame.sparse_depth, what, "predict.ground_truth_scale"))
+    for sentence in found:
+        if sentence is not None:
+            log.warning(sentence)
+
+
+def _other_unit(points: np.ndarray, model: DepthModel, chosen: PredictSettings) -> str | None:
+    """The sentence for points of a PNG file within the model's range that are likely to be in another unit."""
+    if str(chosen.sparse).endswith(ARRAY_SUFFIX):
+        return None
+    return unit_warning(points, chosen.sparse_scale, model.max_depth, str(chosen.sparse), "predict.sparse_scale")
+
+
+def _range_warning(points: np.ndarray, outside: float, model: DepthModel, chosen: PredictSettings) -> str:
+    """The sentence for points of which the part `outside` lies where the model predicts no depth."""
     share = "all" if outside == 1 else f"{outside:.0%} of the"
-    sentence = (
+    return (
         f"{share} {points.size:,} points of {chosen.sparse} lie outside the {model.min_depth:g} to {model.max_depth:g} "
         f"m that the model predicts (they go from {points.min():g} to {points.max():g} m): is their unit right? A PNG "
         f"file holds predict.sparse_scale={chosen.sparse_scale:g} values per metre; it is 1000 for millimetres."
     )
-    if outside == 1:
-        raise DeuxError(sentence)
-    log.warning(sentence)
 
 
 def unseen(frame: RecordedFrame, camera: Camera) -> np.ndarray:

@@ -101,6 +101,7 @@ def fit(
         DeuxError: an option is wrong, a dataset is broken, or the loss is not finite.
     """
     seed_everything(seed, workers=True, verbose=False)
+    terms = make_objective(model, objective)
     data = TripletDataModule(
         model,
         train=train,
@@ -110,8 +111,10 @@ def fit(
         seed=seed,
         num_workers=settings.num_workers,
         offsets=settings.offsets,
+        sources=terms.needs_reconstructions,
+        poses=terms.needs_reconstructions and pose == "simulator",
     )
-    module = DepthCompletion(model, make_objective(model, objective), make_pose_source(pose, model), settings, metrics)
+    module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics)
     checkpoints = folder / "checkpoints"
     own = trainer_arguments or {}
     trainer = make_trainer(

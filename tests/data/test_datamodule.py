@@ -209,6 +209,30 @@ def test_evaluation_needs_no_poses_but_truth(tmp_path: Path) -> None:
         list(TripletDataModule(ToyModel(), test=[DatasetReader(blind)]).test_dataloader())
 
 
+def test_the_test_set_has_every_listed_frame_and_reads_no_source_frame(tmp_path: Path) -> None:
+    video = dataset(tmp_path / "video", split="test", triplets=False, kinds=("image", "sparse_depth", "ground_truth"))
+    lines = (video / "test_image.txt").read_text().splitlines(keepends=True)
+    (video / "test_image.txt").write_text("".join(lines[i] for i in (0, 3, 8, 15)))  # the first frame of each sequence
+    whole = list(TripletDataModule(ToyModel(), test=[DatasetReader(video)], batch_size=3).test_dataloader())
+    assert [batch.image.shape[0] for batch in whole] == [3, 1]
+    assert all(batch.sources.shape[1] == 0 for batch in whole)
+    for name in ("hall-00/image/000002.png", "hall-00/image/000001.png", "kitchen-00/image/000006.png"):
+        (video / "data" / name).write_bytes(b"a source frame")
+    again = list(TripletDataModule(ToyModel(), test=[DatasetReader(video)], batch_size=3).test_dataloader())
+    torch.testing.assert_close(torch.cat([b.image for b in again]), torch.cat([b.image for b in whole]))
+
+
+@pytest.mark.parametrize(("sources", "frames"), [(True, 12), (False, 16)])
+def test_frames_without_source_frames_train_where_none_are_needed(tmp_path: Path, sources: bool, frames: int) -> None:
+    video = dataset(tmp_path / "video", triplets=False)
+    held_out = dataset(tmp_path / "held-out", split="validation", triplets=False)
+    data = module([video], sources=sources)
+    data.validation = [DatasetReader(held_out)]
+    for loader in (data.train_dataloader(), data.val_dataloader()):
+        assert len(loader.dataset) == frames  # type: ignore[arg-type]
+        assert all(batch.sources.shape[1] == (2 if sources else 0) for batch in loader)
+
+
 @pytest.mark.parametrize("workers", [0, 1])
 def test_a_truncated_file_is_one_sentence_whoever_reads_it(tmp_path: Path, workers: int) -> None:
     folder = dataset(tmp_path / "d")
@@ -216,7 +240,7 @@ def test_a_truncated_file_is_one_sentence_whoever_reads_it(tmp_path: Path, worke
     file.write_bytes(file.read_bytes()[:64])
     with pytest.raises(DeuxError) as caught:
         drawn(module([folder], num_workers=workers))
-    assert str(caught.value) == f"{file} is truncated or no PNG file (64 bytes)."
+    assert str(caught.value) == f"{file} is truncated (64 bytes)."
 
 
 @pytest.mark.parametrize("poses", [True, False])

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from void_layout import dataset, walk, write
 
 from deux.contracts import FrameReference
@@ -47,7 +48,7 @@ def release(folder: Path) -> Path:
 
 def test_the_void_release_is_read_with_its_frame_offset(tmp_path: Path) -> None:
     reader = DatasetReader(release(tmp_path))
-    found = reader.triplets("train", (-3, 3))
+    found = [triplet for triplet in reader.triplets("train", (-3, 3)) if triplet.sources]
     assert [target.name[-4:] for target, _ in found] == [f"{i:04d}" for i in range(3, 9)]
     assert [source.name[-4:] for source in found[0].sources] == ["0000", "0006"]
     assert [target.name[-4:] for target, _ in reader.triplets("test", (-1, -2))] == ["0004", "0005"]
@@ -75,8 +76,117 @@ def test_a_split_that_is_not_there_is_an_error(tmp_path: Path) -> None:
 
 def test_a_split_without_frames_is_an_error(tmp_path: Path) -> None:
     root = release(tmp_path)
+    (root / "test_image.txt").write_text("\n \n")
     with pytest.raises(DeuxError, match=r"The test split of .* has no frames"):
-        DatasetReader(root).triplets("test", (-9, -10))
+        DatasetReader(root).triplets("test", (-1, -2))
+
+
+def test_every_listed_frame_is_a_target_and_those_that_lack_a_source_frame_have_none(tmp_path: Path) -> None:
+    reader = DatasetReader(release(tmp_path))
+    for offsets in ((-1, -2), (-3, 3), (-9, -10), (-20,)):
+        found = reader.triplets("train", offsets)
+        assert [int(target.name[-4:]) for target, _ in found] == list(range(12))
+        for number, (_, sources) in enumerate(found):
+            wanted = [number + offset for offset in offsets]
+            assert [int(source.name[-4:]) for source in sources] == (
+                wanted if all(0 <= other < 12 for other in wanted) else []
+            )
+
+
+def test_sources_are_found_in_the_order_of_time_whatever_the_names(tmp_path: Path) -> None:
+    reader = DatasetReader(write(tmp_path / "video", {"hall": walk("hall", 12)}, names="frame_{}"))
+    found = reader.triplets("train", (-1, 1))
+    assert {target.name: [source.name for source in sources] for target, sources in found}["frame_9"] == [
+        "frame_8",
+        "frame_10",
+    ]
+
+
+def test_blank_lines_and_the_ends_of_lines_of_other_systems_are_let_through(tmp_path: Path) -> None:
+    root = release(tmp_path)
+    before = DatasetReader(root).triplets("train", (-1, -2))
+    lines = (root / "train_image.txt").read_text().splitlines()
+    (root / "train_image.txt").write_bytes(
+        "\r\n".join(["\ufeff" + lines[0], *lines[1:5], "", *lines[5:], " ", ""]).encode()
+    )
+    assert DatasetReader(root).triplets("train", (-1, -2)) == before
+
+
+def test_jpeg_images_are_read(tmp_path: Path) -> None:
+    root = dataset(tmp_path / "d", triplets=False)
+    reader = DatasetReader(root)
+    frame = FrameReference("hall-00", "000003")
+    png = reader.image(frame)
+    for number, file in enumerate(sorted((root / "data").glob("*/image/*.png"))):
+        with Image.open(file) as image:
+            image.save(
+                file.with_suffix((".jpg", ".jpeg", ".JPG")[number % 3]), format="JPEG", quality=97, subsampling=0
+            )
+        file.unlink()
+    before = reader.triplets("train", (-1, -2))  # the list still says .png
+    assert len(before) == 16
+    assert np.abs(reader.image(frame).astype(int) - png).max() < 12
+    (root / "train_image.txt").write_text((root / "train_image.txt").read_text().replace(".png", ".jpg"))
+    assert reader.triplets("train", (-1, -2)) == before
+
+
+def test_a_listed_frame_without_an_image_is_named(tmp_path: Path) -> None:
+    root = release(tmp_path)
+    for number in (4, 5):
+        next((root / "data/stairs/image").glob(f"*{number:04d}.png")).unlink()
+    with pytest.raises(
+        DeuxError, match=r"image/.*0004\.png is missing, which .*test_image\.txt names, and so are 1 mor"
+    ):
+        DatasetReader(root).triplets("test", (-1, -2))
+
+
+def test_a_broken_pose_that_no_list_names_makes_no_source_frame(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    root = dataset(tmp_path / "d", triplets=False)
+    np.savetxt(root / "data/hall-00/absolute_pose/000003.txt", np.full((4, 4), -np.inf))
+    lines = (root / "train_image.txt").read_text().splitlines(keepends=True)
+    (root / "train_image.txt").write_text("".join(line for line in lines if "hall-00/image/000003" not in line))
+    for _ in range(2):
+        found = DatasetReader(root).triplets("train", (-1, -2))
+    single = [target.name for target, sources in found if not sources and target.sequence == "hall-00"]
+    assert single == ["000000", "000001", "000004", "000005"]
+    assert len(caplog.messages) == 1
+    assert "absolute_pose/000003.txt does not hold a pose" in caplog.messages[0]
+
+
+def test_a_broken_pose_of_a_listed_frame_is_an_error_where_it_is_read(tmp_path: Path) -> None:
+    root = dataset(tmp_path / "d", triplets=False)
+    np.savetxt(root / "data/hall-00/absolute_pose/000003.txt", np.full((4, 4), -np.inf))
+    assert sum(not sources for _, sources in DatasetReader(root).triplets("train", (-1, -2))) == 4
+    with pytest.raises(DeuxError, match=r"absolute_pose/000003\.txt does not hold a pose"):
+        DatasetReader(root).pose(FrameReference("hall-00", "000003"))
+
+
+def test_the_scale_is_the_number_of_stored_values_per_metre(tmp_path: Path) -> None:
+    root, frame = dataset(tmp_path / "d"), FrameReference("hall-00", "000003")
+    usual, other = DatasetReader(root), DatasetReader(root, scale=1000.0)
+    np.testing.assert_allclose(other.sparse_depth(frame), usual.sparse_depth(frame) * 0.256, rtol=1e-6)
+    np.testing.assert_allclose(other.ground_truth(frame), usual.ground_truth(frame) * 0.256, rtol=1e-6)
+    both = DatasetReader(root, scale=1000.0, ground_truth_scale=256.0)
+    np.testing.assert_array_equal(both.ground_truth(frame), usual.ground_truth(frame))
+    for options in ({"scale": 0.0}, {"ground_truth_scale": -1.0}):
+        with pytest.raises(DeuxError, match=r"^data\.\w*scale is .*: it must be above 0\.$"):
+            DatasetReader(root, **options)
+
+
+@pytest.mark.parametrize("triplets", [True, False])
+def test_sequences_can_be_kept_out_of_the_training_for_validation(tmp_path: Path, triplets: bool) -> None:
+    root = dataset(tmp_path / "d", triplets=triplets)
+    reader = DatasetReader(root, validation=("kitchen-00",))
+    train, validation = (reader.triplets(split, (-1, -2)) for split in ("train", "validation"))
+    assert {target.sequence for target, _ in train} == {"hall-00"}
+    assert {target.sequence for target, _ in validation} == {"kitchen-00"}
+    assert train + validation == DatasetReader(root).triplets("train", (-1, -2))
+    with pytest.raises(DeuxError, match=r"has no sequence 'kitchen': did you mean kitchen-00"):
+        DatasetReader(root, validation=("kitchen",))
+    with pytest.raises(DeuxError, match=r"The train split of .* has no frames"):
+        DatasetReader(root, validation=("kitchen-00", "hall-00")).triplets("train", (-1, -2))
 
 
 @pytest.mark.parametrize("line", ["somewhere/else.png", "data/only.png"])

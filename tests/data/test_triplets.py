@@ -214,18 +214,40 @@ def test_frames_need_no_poses(tmp_path: Path) -> None:
         collate([item, same])
 
 
-def test_a_target_may_have_no_source_frames(folder: Path) -> None:
-    class Single(DatasetReader):
-        def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-            return [Triplet(target, ()) for target, _ in super().triplets(split, offsets)]
-
-    items = TripletDataset([Single(folder)], "train", FULL)
-    batch = collate([items[0], items[1]])
-    assert batch.sources.shape == (2, 0, 3, 40, 48)
+def test_targets_without_source_frames_are_left_out_where_these_are_needed(tmp_path: Path) -> None:
+    video = written(tmp_path / "video", triplets=False)  # eight frames of two sequences
+    needed = load(video)
+    assert len(needed) == 12
+    assert collate([needed[i] for i in range(12)]).sources.shape == (12, 2, 3, 40, 48)
+    every = load(video, replace(FULL, sources="unread"))
+    assert [triplet.target.name for _, triplet in every.triplets[:8]] == [f"{i:06d}" for i in range(8)]
+    batch = collate([every[i] for i in range(16)])
+    assert batch.sources.shape == (16, 0, 3, 40, 48)
     assert batch.source_from_target is None
-    torch.testing.assert_close(batch.image[0], load(folder)[0].image)
-    with pytest.raises(DeuxError, match=r"Frames with \[0, 2\] source frames do not fit in one batch"):
-        collate([items[0], load(folder)[1]])
+    torch.testing.assert_close(batch.image[2], needed[0].image)
+    torch.testing.assert_close(every.with_sources(2).sources, needed[0].sources)
+    torch.testing.assert_close(every.with_sources(2).source_from_target, needed[0].source_from_target)
+    assert every.with_sources(0).sources.shape == (0, 3, 40, 48)
+
+
+def test_a_dataset_of_single_frames_cannot_be_trained_on_where_source_frames_are_needed(tmp_path: Path) -> None:
+    video = written(tmp_path / "video", triplets=False, frames=2)
+    assert len(load(video, replace(FULL, sources="unread"))) == 4
+    with pytest.raises(
+        DeuxError, match=rf"^None of the 4 train frames of {video} has source frames: what lies -1 and -2"
+    ):
+        load(video)
+
+
+def test_poses_are_not_touched_unless_asked_for(folder: Path) -> None:
+    before = load(folder)[0]
+    for poses in (folder / "data").glob("*/absolute_pose"):
+        poison(poses)
+    item = load(folder, replace(FULL, poses=False))[0]
+    assert item.source_from_target is None
+    torch.testing.assert_close(item.sources, before.sources)
+    with pytest.raises(DeuxError, match=r"absolute_pose/.* is not a text file of numbers"):
+        load(folder)[0]
 
 
 def test_a_truncated_file_is_named(folder: Path) -> None:

@@ -1,5 +1,6 @@
 """Camera matrices in text files."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux.io.calibration import read_intrinsics, read_pose, write_matrix
+from deux.io.calibration import camera_warning, read_intrinsics, read_pose, write_matrix
 
 
 def test_every_bit_of_a_pose_comes_back(tmp_path: Path) -> None:
@@ -52,3 +53,28 @@ def test_singular_and_other_wrong_intrinsics_are_refused_by_name(tmp_path: Path,
     (tmp_path / "K.txt").write_text(text)
     with pytest.raises(DeuxError, match=r"K\.txt does not hold"):
         read_intrinsics(tmp_path / "K.txt")
+
+
+K = Camera(640, 480, hfov=60.0).intrinsics
+
+
+@pytest.mark.parametrize("hfov", [20.0, 60.0, 120.0, 160.0])
+def test_cameras_of_all_views_are_let_through(hfov: float) -> None:
+    assert camera_warning(Camera(640, 480, hfov=hfov).intrinsics, 480, 640, "K.txt") is None
+
+
+@pytest.mark.parametrize(
+    ("matrix", "sentence"),
+    [
+        (np.diag([1 / 640, 1 / 480, 1.0]) @ K, "multiply its first row by the width 640 and its second row by the hei"),
+        (np.diag([4.0, 4.0, 1.0]) @ K, r"\(1278, 958\) lies outside the image of 640 x 480 pixels: K\.txt seems to"),
+        (np.diag([0.5, 0.5, 1.0]) @ K, r"far from the middle .*: K\.txt seems to belong to images of about 320 x 240"),
+        (np.diag([1.6, 1.6, 1.0]) @ K, r"far from the middle .*: K\.txt seems to belong to images of about 1023 x 767"),
+    ],
+    ids=["normalised", "four times", "half", "larger"],
+)
+def test_a_matrix_of_another_image_is_noticed(matrix: np.ndarray, sentence: str) -> None:
+    found = camera_warning(matrix, 480, 640, "K.txt")
+    assert found is not None
+    assert re.search(sentence, found)
+    assert "\n" not in found

@@ -1,11 +1,16 @@
 """Pictures as other programs write them; `tests/tasks/test_predict.py` goes through what is damaged."""
 
+import struct
+import zlib
+
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
 from deux.errors import DeuxError
 from deux.io.camera_files import read_any_depth, read_any_image
+from deux.io.images import read_image
 
 
 @pytest.fixture
@@ -28,6 +33,57 @@ def test_pixels_stay_where_they_are_stored(tmp_path, rgb):
     exif[0x0112] = 6  # "turn it by 90 degrees"
     Image.fromarray(rgb).save(tmp_path / "a.png", exif=exif)
     np.testing.assert_array_equal(read_any_image(tmp_path / "a.png"), rgb)
+
+
+@pytest.mark.parametrize("channels", [2, 3, 4])
+@pytest.mark.parametrize("factor", [257, 16, 4])
+def test_colours_of_16_bits_are_refused_however_many_are_used(tmp_path, rgb, channels, factor):
+    """Pillow gives the upper byte: of a 10-bit picture 0 to 3."""
+    pixels = np.repeat(rgb[..., :1], 4, axis=2)[..., :channels] if channels == 2 else np.dstack([rgb, rgb[..., :1]])
+    write_png(tmp_path / "a.png", pixels[..., :channels].astype(np.uint16) * factor)
+    for read in (read_any_image, read_image):
+        with pytest.raises(
+            DeuxError, match=r"a\.png is an image of 16 bits a channel where 8 are expected: convert it"
+        ):
+            read(tmp_path / "a.png")
+
+
+def write_png(path, pixels):
+    """Write H x W x 2, 3 or 4 uint16 as a PNG file, chunk by chunk."""
+    height, width, channels = pixels.shape
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in pixels)
+    header = struct.pack(">IIBBBBB", width, height, 16, {2: 4, 3: 2, 4: 6}[channels], 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows)), (b"IEND", b""))
+    body = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+    assert cv2.imread(str(path), cv2.IMREAD_UNCHANGED).dtype == np.uint16
+
+
+def test_a_png_without_its_end_is_truncated(tmp_path, rgb):
+    Image.fromarray(rgb).save(tmp_path / "a.png")
+    content = (tmp_path / "a.png").read_bytes()
+    (tmp_path / "a.png").write_bytes(content[:-12])
+    with pytest.raises(DeuxError, match=r"a\.png is truncated"):
+        read_any_image(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("name", ["d.tiff", "d.TIF", "d.exr"])
+def test_depth_in_floating_point_pictures_is_refused(tmp_path, name):
+    Image.fromarray(np.ones((4, 4), np.float32)).save(tmp_path / name, format="TIFF")
+    with pytest.raises(DeuxError, match=rf"{name} is of a format that depth is not read from: write it as a \.npy"):
+        read_any_depth(tmp_path / name)
+
+
+@pytest.mark.parametrize(("pixels", "mode"), [(np.ones((4, 4), np.uint8), "L"), (np.ones((4, 4, 3), np.uint8), "RGB")])
+def test_depth_of_8_bits_is_refused(tmp_path, pixels, mode):
+    Image.fromarray(pixels).save(tmp_path / "d.png")
+    with pytest.raises(DeuxError, match=rf"d\.png is an image of mode {mode} where a 16-bit depth map is expected"):
+        read_any_depth(tmp_path / "d.png")
+    Image.fromarray(pixels).save(tmp_path / "d.jpg")
+    with pytest.raises(DeuxError, match=r"d\.jpg is no PNG file .*: a 16-bit depth map in PNG format is expected"):
+        read_any_depth(tmp_path / "d.jpg")
 
 
 @pytest.mark.parametrize(("dtype", "mode"), [(np.uint16, "I;16"), (np.float32, "F"), (np.int32, "I")])

@@ -6,7 +6,7 @@ from deux.contracts import Batch, DepthModel, Prediction
 from deux.errors import DeuxError
 from deux.geometry.scaffolding import interpolate
 from deux.metrics.depth_errors import depth_errors
-from deux.metrics.model_errors import evaluate, median_depth
+from deux.metrics.model_errors import evaluate
 
 
 class Constant(DepthModel):
@@ -49,11 +49,48 @@ def test_the_model_and_both_baselines_are_measured_on_the_same_frames():
     assert found.constant["mae"] > 0
 
 
-def test_a_frame_without_points_keeps_the_baselines_finite():
+def test_in_a_frame_without_points_the_baselines_are_the_median_of_the_other_frames():
+    """They are not 0, whose inverse would rule the mean, and no frame is left out."""
+    first, second = batch(0), batch(1)
+    second.sparse_depth[1] = 0.0
+    found = evaluate(Constant(2.0), [first, second])
+    assert (found.images, found.without_points, found.without_truth) == (4, 1, 0)
+    frames = [(b.ground_truth[i : i + 1], b.sparse_depth[i, 0].numpy()) for b in (first, second) for i in range(2)]
+    medians = [float(np.median(sparse[sparse > 0])) for _, sparse in frames[:3]]
+    assert found.constant["imae"] == pytest.approx(
+        np.mean(
+            [
+                depth_errors(torch.full_like(truth, median), truth)["imae"].item()
+                for (truth, _), median in zip(frames, [*medians, np.median(medians)], strict=True)
+            ]
+        )
+    )
+    dense = [torch.from_numpy(interpolate(sparse))[None, None] for _, sparse in frames[:3]]
+    dense.append(torch.full_like(dense[0], float(np.median(medians))))
+    theirs = [depth_errors(depth, truth)["irmse"].item() for depth, (truth, _) in zip(dense, frames, strict=True)]
+    assert found.baseline["irmse"] == pytest.approx(np.mean(theirs))
+
+
+def test_without_any_point_there_is_no_baseline():
     empty = batch()
     empty.sparse_depth = torch.zeros_like(empty.sparse_depth)
     found = evaluate(Constant(2.0), [empty])
-    assert all(np.isfinite(value) for value in (*found.baseline.values(), *found.constant.values()))
+    assert found.without_points == 2
+    assert all(np.isnan(value) for value in (*found.baseline.values(), *found.constant.values()))
+    assert all(np.isfinite(value) for value in found.metrics.values())
+
+
+def test_frames_without_ground_truth_in_range_are_counted():
+    dark = batch()
+    dark.ground_truth[1] = 20.0
+    found = evaluate(Constant(2.0), [dark])
+    assert (found.images, found.without_truth) == (2, 1)
+
+
+def test_no_source_frame_is_looked_at():
+    single = batch()
+    single.sources, single.source_from_target = single.sources[:, :0], None
+    assert evaluate(Constant(2.0), [single]).metrics == evaluate(Constant(2.0), [batch()]).metrics
 
 
 def test_it_says_what_is_missing():
@@ -68,10 +105,11 @@ def test_it_says_what_is_missing():
 
 
 def test_the_constant_baseline_is_the_median_of_the_points():
-    sparse = np.zeros((4, 4), np.float32)
-    sparse.flat[[0, 5, 9]] = [1.0, 2.0, 7.0]
-    assert (median_depth(sparse) == 2.0).all()
-    assert not median_depth(np.zeros((5, 6), np.float32)).any()
+    one = batch(frames=1)
+    one.sparse_depth = torch.zeros_like(one.sparse_depth)
+    one.sparse_depth.view(-1)[[0, 5, 9]] = torch.tensor([1.0, 2.0, 7.0])
+    expected = depth_errors(torch.full_like(one.ground_truth, 2.0), one.ground_truth)
+    assert evaluate(Constant(1.0), [one]).constant == pytest.approx({n: v.item() for n, v in expected.items()})
 
 
 class Broken(Constant):

@@ -58,3 +58,14 @@ def test_the_tables_columns_have_the_metrics_names_and_units():
     ]
     assert table.caption == "Errors on the test frames (12 training frames, seed 3)"
     assert "| kbnet, deux frames | 1.0 | 2.0 | 3.0 | 4.0 |" in results().table().markdown().replace("**", "")
+
+
+def test_the_table_says_how_many_frames_and_what_the_baselines_stand_for():
+    table = results(images=30, without_truth=2, without_points=3).table()
+    assert table.caption == "Errors on the 30 test frames (12 training frames, seed 3)"
+    assert table.notes == (
+        "2 of the test frames have no ground truth in range and do not count.",
+        "3 of the test frames have no sparse point; interpolation and median take the median depth of the other frames "
+        "there.",
+    )
+    assert results(images=30).table().notes == ()

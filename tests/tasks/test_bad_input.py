@@ -187,7 +187,7 @@ def make_singular(path: Path) -> None:
 
 
 DAMAGES = {
-    "truncated image": ("image/*.png", truncate, "is truncated or no PNG file (100 bytes)."),
+    "truncated image": ("image/*.png", truncate, "is truncated (100 bytes)."),
     "missing image": ("image/*.png", Path.unlink, "is missing."),
     "missing points": ("sparse_depth/*.png", Path.unlink, "is missing."),
     "empty pose": ("absolute_pose/*.txt", empty, "does not hold a pose: 3 or 4 rows of 4 finite numbers are expected."),

@@ -69,16 +69,17 @@ class TumRgbd(Reader):
                 raise DeuxError(f"{self.folder} has no video {name!r}: {near_matches(name, names)}")
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """The frames of the split's videos whose source frames, at the offsets, are in the same video."""
+        """The frames of the split's videos, with the frames at the offsets if all of them are in the same video."""
         chosen = {"validation": self.validation, "test": self.test}
         chosen["train"] = tuple(sorted(set(self._videos) - {*self.validation, *self.test}))
         found = []
         for video in chosen.get(split, ()):
             frames = [FrameReference(video, name) for name in self._videos[video]]
-            for i in range(max(0, -min(offsets, default=0)), len(frames) - max(0, *offsets, 0)):
-                found.append(Triplet(frames[i], tuple(frames[i + offset] for offset in offsets)))
+            for i, target in enumerate(frames):
+                complete = all(0 <= i + offset < len(frames) for offset in offsets)
+                found.append(Triplet(target, tuple(frames[i + offset] for offset in offsets if complete)))
         if not found:
-            raise DeuxError(f"{self.folder} has no {split} frames with source frames: data.{split} may name videos.")
+            raise DeuxError(f"{self.folder} has no {split} frames: data.{split} may name videos.")
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:

@@ -1,0 +1,237 @@
+"""What a reader makes of recorded frames, split by split: cameras, depth and poses, and whether they fit together."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.depth_unit import ratio_warning, unit_warning
+from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
+from deux.errors import DeuxError
+from deux.figures.drawing import save_figure
+from deux.figures.frame_preview import PreviewFrame, draw_preview
+from deux.geometry.poses import motion
+from deux.io.calibration import camera_warning
+
+SPLITS = ("train", "validation", "test")
+
+CHECKED = 12
+"""Frames of a split, spread evenly over it, that are read."""
+
+PREVIEWED = 3
+"""Frames of a split that the preview shows."""
+
+RANGE = (0.1, 10.0)
+"""Metres between which the depth of indoor scenes lies."""
+
+
+@dataclass
+class SplitCheck:
+    """What was found in one split.
+
+    Args:
+        split: "train", "validation" or "test".
+        frames: number of targets; 0 if the folder has no such split.
+        facts: what was found, a line each.
+        problems: what is likely to be wrong, a sentence each.
+        warp: the warp error of the true depth; None without poses, ground truth or neighbours.
+        preview: the figure; None if none was drawn.
+    """
+
+    split: str
+    frames: int = 0
+    facts: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    warp: WarpErrors | None = None
+    preview: Path | None = None
+
+
+def check_frames(
+    reader: Reader,
+    offsets: tuple[int, ...] = (-1, -2),
+    previews: Path | None = None,
+    max_depth: float = RANGE[1],
+    show: Callable[[str], None] = print,
+) -> list[SplitCheck]:
+    """Read some frames of each split and say what they are like.
+
+    Args:
+        reader: of the recorded frames.
+        offsets: the source frames of a training, in frames from the target, where the folder does not list them.
+        previews: takes a figure of each split, `<split>.png`; None for no figures.
+        max_depth: farthest depth in metres of the scenes, by which the unit of depth is judged.
+        show: prints a line.
+
+    Returns:
+        One for each split, those that the folder does not have included. A split with `problems` needs a look.
+
+    Raises:
+        DeuxError: a file of a frame is missing, damaged or of another kind.
+    """
+    found = []
+    for split in SPLITS:
+        check = _check_split(reader, split, offsets, previews, max_depth)
+        show(f"{split}: {check.frames} frames" if check.frames else f"{split}: none")
+        for line in check.facts:
+            show(f"  {line}")
+        for line in check.problems:
+            show(f"  LOOK: {line}")
+        found.append(check)
+    return found
+
+
+def _check_split(
+    reader: Reader, split: str, offsets: tuple[int, ...], previews: Path | None, max_depth: float
+) -> SplitCheck:
+    try:
+        triplets = reader.triplets(split, offsets)
+    except DeuxError as error:
+        return SplitCheck(split, facts=[str(error)])
+    check = SplitCheck(split, len(triplets))
+    sequences = {triplet.target.sequence for triplet in triplets}
+    check.facts.append(f"{len(sequences)} sequence{'s' if len(sequences) > 1 else ''}")
+    if single := sum(not triplet.sources for triplet in triplets):
+        check.facts.append(f"{single} frames have no source frames at {list(offsets)}: evaluated, but not trained on")
+    chosen = _spread(triplets, CHECKED)
+    _check_cameras(reader, [one.target for one in chosen], check)
+    _check_depth(reader, [one.target for one in chosen], max_depth, check)
+    neighbours = _neighbours(reader, split)
+    _check_poses(reader, neighbours, check)
+    _check_warp(reader, neighbours, check)
+    if previews is not None:
+        rows = [_preview(reader, one) for one in _spread(neighbours or chosen, PREVIEWED)]
+        check.preview = save_figure(draw_preview(rows), previews / f"{split}.png")
+        check.facts.append(f"preview: {check.preview}")
+    return check
+
+
+def _spread(triplets: Sequence[Triplet], count: int) -> list[Triplet]:
+    """As many of the triplets, evenly over all."""
+    return [triplets[i] for i in np.unique(np.linspace(0, len(triplets) - 1, count).round().astype(int))]
+
+
+def _neighbours(reader: Reader, split: str) -> list[Triplet]:
+    """Targets with the frame before them, or with the nearest that the folder lists."""
+    try:
+        found = reader.triplets(split, (-1,))
+    except DeuxError:
+        return []
+    complete = [Triplet(target, sources[:1]) for target, sources in found if sources]
+    return _spread(complete, CHECKED) if complete else []
+
+
+def _check_cameras(reader: Reader, frames: Sequence[FrameReference], check: SplitCheck) -> None:
+    """Image size and intrinsics, of each sequence once."""
+    cameras: dict[str, str] = {}
+    for frame in {frame.sequence: frame for frame in frames}.values():
+        height, width = reader.image(frame).shape[:2]
+        matrix = reader.intrinsics(frame)
+        (fx, fy), (x, y) = matrix[[0, 1], [0, 1]], matrix[:2, 2]
+        views = [math.degrees(2 * math.atan(side / (2 * f))) for side, f in ((width, fx), (height, fy))]
+        line = (
+            f"{width} x {height} pixels; focal length {fx:.1f}, {fy:.1f}, principal point {x:.1f}, {y:.1f}; field of "
+            f"view {views[0]:.0f} x {views[1]:.0f} degrees"
+        )
+        cameras.setdefault(line, frame.sequence)
+        if sentence := camera_warning(matrix, height, width, f"the camera matrix of {frame.sequence}"):
+            check.problems.append(sentence)
+    for line, sequence in cameras.items():
+        check.facts.append(line if len(cameras) == 1 else f"{sequence}: {line}")
+
+
+def _check_depth(reader: Reader, frames: Sequence[FrameReference], max_depth: float, check: SplitCheck) -> None:
+    """Range, share of valid pixels and unit of the sparse points and of the ground truth."""
+    points = [reader.sparse_depth(frame).ravel() for frame in frames]
+    truths = [truth.ravel() for frame in frames if (truth := reader.ground_truth(frame)) is not None]
+    counts = [int(np.count_nonzero(depth)) for depth in points]
+    check.facts.append(
+        f"{np.median(counts):.0f} sparse points a frame ({min(counts)} to {max(counts)}), {_range(points)}"
+    )
+    if 0 in counts:
+        check.problems.append(f"{counts.count(0)} of the {len(counts)} frames that were read have no sparse point.")
+    if truths:
+        valid = np.mean([np.mean(truth > 0) for truth in truths])
+        check.facts.append(f"ground truth at {valid:.0%} of the pixels, {_range(truths)}")
+    else:
+        check.facts.append("no ground truth: no errors can be measured")
+    scale = getattr(reader, "scale", None)
+    sentences = []
+    if scale is not None:
+        sentences.append(unit_warning(np.concatenate(points), scale, max_depth, "the sparse points", "data.scale"))
+    if len(truths) == len(points) and all(map(_same_size, truths, points)):
+        both = np.concatenate(truths), np.concatenate(points)
+        sentences.append(ratio_warning(*both, "the ground truth", "data.ground_truth_scale"))
+    check.problems.extend(sentence for sentence in sentences if sentence is not None)
+
+
+def _same_size(one: np.ndarray, other: np.ndarray) -> bool:
+    return one.size == other.size
+
+
+def _range(maps: Sequence[np.ndarray]) -> str:
+    values = np.concatenate(maps)
+    values = values[values > 0]
+    if not values.size:
+        return "no depth at all"
+    least, median, most = np.percentile(values, (1, 50, 99))
+    inside = np.mean((values >= RANGE[0]) & (values <= RANGE[1]))
+    return (
+        f"{least:.2f} to {most:.2f} m (1st to 99th percentile), {median:.2f} m in the median, {inside:.0%} within "
+        f"{RANGE[0]:g} to {RANGE[1]:g} m"
+    )
+
+
+def _check_poses(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck) -> None:
+    """How far the camera moves from frame to frame."""
+    poses = [(reader.pose(target), reader.pose(sources[0])) for target, sources in neighbours]
+    motions = [motion(one, other) for one, other in poses if one is not None and other is not None]
+    if motions:
+        distance, angle = np.median(motions, axis=0)
+        check.facts.append(f"the camera moves {distance:.3f} m and {angle:.2f} degrees a frame (median)")
+    elif neighbours:
+        check.facts.append("no poses: train with pose=learned")
+    else:
+        check.facts.append("no neighbouring frames: nothing is said of poses")
+
+
+def _pair(reader: Reader, triplet: Triplet) -> FramePair | None:
+    """A frame and its neighbour; None if there is no pose or no ground truth, or nothing beside the frame."""
+    target, sources = triplet
+    if not sources:
+        return None
+    depth, pose, source_pose = reader.ground_truth(target), reader.pose(target), reader.pose(sources[0])
+    if depth is None or pose is None or source_pose is None:
+        return None
+    return FramePair(
+        reader.image(target), reader.image(sources[0]), depth, reader.intrinsics(target), pose, source_pose
+    )
+
+
+def _check_warp(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck) -> None:
+    """The warp error of the true depth against the identity's, and the verdict."""
+    pairs = [pair for triplet in neighbours if (pair := _pair(reader, triplet)) is not None]
+    if not pairs:
+        return
+    check.warp = errors = warp_errors(pairs, getattr(reader, "scale", None))
+    check.facts.append(
+        f"warp error of the true depth: {errors.warped:.1f} of 255 to the neighbouring frame; with no motion "
+        f"{errors.identity:.1f}"
+    )
+    if not errors.right:
+        wrong = "the poses, their unit or that of the depth are wrong, by the warp error of the true depth: "
+        check.problems.append(wrong + (errors.explanation or "it is not half of that with no motion") + ".")
+
+
+def _preview(reader: Reader, triplet: Triplet) -> PreviewFrame:
+    pair = _pair(reader, triplet)
+    target = triplet.target
+    return PreviewFrame(
+        f"{target.sequence} {target.name}",
+        reader.image(target),
+        reader.sparse_depth(target),
+        reader.ground_truth(target),
+        None if pair is None else warp(pair, pair.pose, pair.source_pose),
+    )

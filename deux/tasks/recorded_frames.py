@@ -1,0 +1,129 @@
+"""Recorded frames that a task is given: how they are read, what of them counts, and whether they look right."""
+
+import logging
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from deux.configuration import user_path
+from deux.contracts import DepthModel, FrameReference, Reader, Triplet
+from deux.data.depth_unit import ratio_warning, unit_warning
+from deux.errors import DeuxError
+from deux.io.calibration import camera_warning
+from deux.task_sections import Sections
+from deux.tasks.console import say
+
+CHECKED = 8
+"""Frames of a split, spread evenly over it, whose camera and unit of depth are looked at."""
+
+log = logging.getLogger(__name__)
+
+
+class Needs(NamedTuple):
+    """What a task reads of frames besides image, sparse points and intrinsics.
+
+    Args:
+        sources: source frames; frames that have none are left out.
+        poses: the frames' poses.
+        ground_truth: the true depth.
+    """
+
+    sources: bool = False
+    poses: bool = False
+    ground_truth: bool = False
+
+
+def read_given(sections: Sections, folder: str) -> Reader:
+    """The reader of a folder of recorded frames, as the section `data` says it is read."""
+    reader: Reader = sections.plugin("data").create(user_path(folder))
+    return reader
+
+
+def validation_of(reader: Reader, offsets: tuple[int, ...], needs: Needs) -> list[Reader]:
+    """The reader itself if its folder has frames to validate on; none, and a line that says why, if it has not.
+
+    Args:
+        reader: of the recorded frames.
+        offsets: the source frames, in frames from the target, where the folder does not list them.
+        needs: what the training reads.
+    """
+    try:
+        found = reader.triplets("validation", offsets)
+    except DeuxError as error:
+        say(f"  no validation: {error}")
+        return []
+    if needs.sources and not any(triplet.sources for triplet in found):
+        say(f"  no validation: none of the validation frames of {reader.folder} has source frames at {list(offsets)}")
+        return []
+    if reader.ground_truth(found[0].target) is None:
+        say(f"  no validation: {reader.folder} has no ground truth of {found[0].target.sequence}")
+        return []
+    return [reader]
+
+
+def check_recorded(reader: Reader, split: str, offsets: tuple[int, ...], model: DepthModel, needs: Needs) -> None:
+    """Say how many frames of a split are used, and look at some of them before any work is done.
+
+    Warns of depth in a likely other unit and of intrinsics of images of another size.
+
+    Args:
+        reader: of the recorded frames.
+        split: "train", "validation" or "test".
+        offsets: the source frames, in frames from the target, where the folder does not list them.
+        model: gives the depths that are plausible.
+        needs: what the task reads.
+
+    Raises:
+        DeuxError: there are no poses though they are needed, or a file is missing, damaged or of another kind.
+    """
+    found = reader.triplets(split, offsets)
+    complete = [triplet for triplet in found if triplet.sources or not needs.sources]
+    others = f"; {len(found) - len(complete)} others have no source frames at {list(offsets)}"
+    say(f"  {len(complete)} {split} frames of {reader.folder}{others if len(complete) < len(found) else ''}")
+    if not complete:
+        return  # the data module says so in a sentence
+    chosen = _spread(complete)
+    if needs.poses:
+        _check_poses(reader, chosen)
+    for frame in {frame.sequence: frame for frame in chosen}.values():
+        height, width = reader.sparse_depth(frame).shape
+        camera = f"the camera matrix of {frame.sequence} in {reader.folder}"
+        _warn(camera_warning(reader.intrinsics(frame), height, width, camera))
+    _check_unit(reader, chosen, needs.ground_truth, model.max_depth)
+
+
+def _spread(found: Sequence[Triplet]) -> list[FrameReference]:
+    """`CHECKED` targets, evenly over all."""
+    return [found[i].target for i in np.unique(np.linspace(0, len(found) - 1, CHECKED).round().astype(int))]
+
+
+def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
+    for frame in frames:
+        if reader.pose(frame) is None:
+            raise DeuxError(
+                f"pose=simulator needs the poses of the frames, and {reader.folder} has none of {frame.sequence}: use "
+                "pose=learned, or frames with poses."
+            )
+
+
+def _check_unit(reader: Reader, frames: Sequence[FrameReference], truth: bool, max_depth: float) -> None:
+    """Warn of a likely other unit: of the points where the reader has an option for it, and of the ground truth."""
+    points = [reader.sparse_depth(frame) for frame in frames]
+    if (scale := getattr(reader, "scale", None)) is not None:
+        flat = np.concatenate([depth.ravel() for depth in points])
+        _warn(unit_warning(flat, scale, max_depth, f"the points of {reader.folder}", "data.scale"))
+    maps = [reader.ground_truth(frame) for frame in frames] if truth else []
+    pairs = [
+        (known.ravel(), depth.ravel())
+        for known, depth in zip(maps, points, strict=False)
+        if known is not None and known.shape == depth.shape
+    ]
+    if pairs:
+        known, depth = (np.concatenate(values) for values in zip(*pairs, strict=True))
+        _warn(ratio_warning(known, depth, f"the ground truth of {reader.folder}", "data.ground_truth_scale"))
+
+
+def _warn(sentence: str | None) -> None:
+    if sentence is not None:
+        log.warning(sentence)

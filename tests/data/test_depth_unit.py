@@ -1,0 +1,59 @@
+"""The unit of stored depth, judged by its values."""
+
+import numpy as np
+import pytest
+
+from deux.data.depth_unit import likely_scale, ratio_warning, unit_warning
+
+
+def scene(nearest: float, farthest: float) -> np.ndarray:
+    """Metres of a slanted wall, with holes."""
+    depth = np.linspace(nearest, farthest, 400).reshape(20, 20)
+    depth[::3] = 0.0
+    return depth
+
+
+ROOM, TABLE, HALL, ROAD = scene(0.8, 5.0), scene(0.5, 1.2), scene(2.0, 7.5), scene(5.0, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("depth", "max_depth"), [(ROOM, 10.0), (TABLE, 10.0), (HALL, 10.0), (ROAD, 100.0), (ROOM, 8.0)]
+)
+@pytest.mark.parametrize("scale", [256.0, 1000.0, 5000.0])
+def test_the_right_unit_is_let_through(depth: np.ndarray, max_depth: float, scale: float) -> None:
+    stored = np.rint(depth * scale)
+    assert likely_scale(stored / scale, scale, max_depth) is None
+    assert unit_warning(stored / scale, scale, max_depth, "a.png", "data.scale") is None
+
+
+@pytest.mark.parametrize(
+    ("depth", "right", "wrong"),
+    [
+        (ROOM, 1000.0, 256.0),
+        (HALL, 1000.0, 256.0),
+        (ROOM, 5000.0, 256.0),
+        (ROOM, 5000.0, 1000.0),
+        (TABLE, 256.0, 1000.0),
+    ],
+)
+def test_the_unit_that_fits_is_named(depth: np.ndarray, right: float, wrong: float) -> None:
+    read = np.rint(depth * right) / wrong
+    assert likely_scale(read, wrong, 10.0) == right
+    sentence = unit_warning(read, wrong, 10.0, "points.png", "predict.sparse_scale")
+    assert sentence is not None
+    median = np.median(depth[depth > 0])
+    assert f"would be {median:.2f} m with predict.sparse_scale={right:g}" in sentence
+
+
+def test_nothing_is_said_of_no_depth_or_of_what_no_unit_explains() -> None:
+    assert likely_scale(np.zeros((4, 4)), 256.0, 10.0) is None
+    assert likely_scale(np.full((4, 4), 1e6), 256.0, 10.0) is None
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1.0, False), (1.2, False), (3.9, True), (0.256, True)])
+def test_ground_truth_in_another_unit_is_noticed_at_the_points(factor: float, said: bool) -> None:
+    rng = np.random.default_rng(0)
+    sparse = np.where(rng.random(ROOM.shape) < 0.2, ROOM * rng.normal(1.0, 0.05, ROOM.shape), 0.0)
+    found = ratio_warning(factor * ROOM, sparse, "truth.png", "predict.ground_truth_scale")
+    assert (found is not None) == said
+    assert ratio_warning(np.where(sparse > 0, 0.0, 9 * ROOM), sparse, "truth.png", "x") is None  # no pixel in common

@@ -1,0 +1,205 @@
+"""Recorded video in the plain layout, without manifest and triplet list: trained on and evaluated by every model."""
+
+import csv
+import json
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from deux.contracts import Action
+from deux.geometry.camera import Camera
+from deux.registry import registry
+from deux.testing.box_world import Box, BoxWorld
+
+MODELS = ("kbnet", "voiced", "scaffnet", "fusionnet")
+FRAMES = 6
+
+CAMERA = Camera(72, 66)
+"""Above 64 pixels, since a pose network halves the image six times before its last convolution of 3 x 3: on maps of one
+pixel the CPU's bfloat16 gradient of such a convolution is not initialised where the kernel sees padding alone."""
+
+
+def record(folder: Path, split: str, sequence: str, camera: Camera, scale: float = 256.0) -> Path:
+    """Write a walk through a room as one sequence of a dataset, and its frames to the split's image list."""
+    world = BoxWorld(4.0, 5.0, (Box(0.5, 0.5, 1.0, 1.2, 0.8),), camera)
+    world.reset(2.0, 4.0, 0.2)
+    rng = np.random.default_rng(0)
+    base = folder / "data" / sequence
+    for kind in ("image", "sparse_depth", "ground_truth", "absolute_pose"):
+        (base / kind).mkdir(parents=True)
+    np.savetxt(base / "K.txt", camera.intrinsics)
+    for number in range(FRAMES):
+        world.step(Action.FORWARD)
+        world.step(Action.LEFT)
+        frame = world.observe()
+        points = np.where(rng.random(frame.depth.shape) < 0.1, frame.depth, 0.0)
+        Image.fromarray(frame.rgb).save(base / f"image/{number}.jpg", quality=95)
+        for kind, depth in (("sparse_depth", points), ("ground_truth", frame.depth)):
+            Image.fromarray(np.rint(depth * scale).astype(np.uint16)).save(base / f"{kind}/{number}.png")
+        np.savetxt(base / f"absolute_pose/{number}.txt", frame.pose)
+        with (folder / f"{split}_image.txt").open("a") as listed:
+            listed.write(f"{folder.name}/data/{sequence}/image/{number}.jpg\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory) -> Path:
+    """Three sequences, one for each split; the frames of the test split differ in size."""
+    folder = tmp_path_factory.mktemp("recorded") / "video"
+    record(folder, "train", "kitchen", CAMERA)
+    record(folder, "validation", "office", CAMERA)
+    record(folder, "test", "hall", Camera(48, 48))
+    record(folder, "test", "stairs", Camera(64, 40, hfov=70.0))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def without_poses(video) -> Path:
+    """The same as a camera without a tracker would leave it."""
+    folder = video.parent / "without_poses"
+    shutil.copytree(video, folder)
+    for poses in folder.glob("data/*/absolute_pose"):
+        shutil.rmtree(poses)
+    return folder
+
+
+def known(name: str, model_file) -> list[str]:
+    """The options that spare the training of a foundation."""
+    return [f"foundation.checkpoint={model_file('scaffnet')}"] if name == "fusionnet" else []
+
+
+def results(folder: Path) -> dict:
+    return json.loads((folder / "results.json").read_text())
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_recorded_poses(tiny, video, model_file, tmp_path, model):
+    """Training and validation need no scenes; every frame of the test list is evaluated, whatever its size."""
+    options = [f"hydra.run.dir={tmp_path}/run", f"training_data={video}", *known(model, model_file), "scenes=files"]
+    outcome = tiny(tmp_path, "task=train", *options, model=model)
+    assert (outcome.code, outcome.err) == (0, "")
+    supervised = registry().get("depth_models", model).supervised
+    for split in ("train", "validation"):
+        count = (
+            f"6 {split} frames of {video}" if supervised else f"4 {split} frames of {video}; 2 others have no source"
+        )
+        assert count in outcome.out
+    assert not (tmp_path / "datasets").exists()
+    (log,) = tmp_path.glob("run/logs/**/metrics.csv")
+    with log.open() as lines:
+        assert any(row.get("validation/mae") for row in csv.DictReader(lines))
+
+    folders = [f"evaluation.checkpoint={tmp_path}/run", f"hydra.run.dir={tmp_path}/tested", f"evaluation.data={video}"]
+    outcome = tiny(tmp_path, "task=evaluate", *folders, "scenes=files", model=model)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"12 test frames of {video}" in outcome.out
+    found = results(tmp_path / "tested")
+    assert (found["images"], found["without_points"], found["without_truth"]) == (12, 0, 0)
+    assert all(math.isfinite(value) for value in found["metrics"].values())
+
+
+@pytest.mark.parametrize("model", ["kbnet", "voiced", "fusionnet"])
+def test_learned_poses(tiny, without_poses, model_file, tmp_path, model):
+    options = [f"training_data={without_poses}", f"hydra.run.dir={tmp_path}/run", *known(model, model_file)]
+    outcome = tiny(tmp_path, "task=train", *options, model=model)
+    assert outcome.sentence == (
+        f"pose=simulator needs the poses of the frames, and {without_poses} has none of kitchen: use pose=learned, or "
+        "frames with poses."
+    )
+    assert not list(tmp_path.glob("run/checkpoints/*"))
+    outcome = tiny(tmp_path, "task=train", *options, "pose=learned", model=model)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert (tmp_path / "run/model.safetensors").exists()
+
+
+def test_a_supervised_model_needs_no_poses(tiny, without_poses, tmp_path):
+    options = [f"training_data={without_poses}", f"hydra.run.dir={tmp_path}/run"]
+    outcome = tiny(tmp_path, "task=train", *options, model="scaffnet")
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_a_foundation_is_trained_on_generated_flats_and_that_is_said(tiny, video, tmp_path):
+    """The crop of the recorded frames is larger than the camera of those flats."""
+    options = [f"training_data={video}", f"hydra.run.dir={tmp_path}/run", "training.crop=[64,72]"]
+    outcome = tiny(tmp_path, "task=train", *options, model="fusionnet")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "fusionnet is built on scaffnet, which learns from 1 generated scenes first" in outcome.out
+    assert [path.name.partition("-")[0] for path in tmp_path.glob("datasets/[!.]*")] == ["synthetic"]
+
+
+def copy(video: Path, folder: Path) -> Path:
+    shutil.copytree(video, folder / "copy")
+    return folder / "copy"
+
+
+def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny, video, tmp_path):
+    folder = copy(video, tmp_path)
+    (folder / "validation_image.txt").unlink()
+    options = ["task=train", f"training_data={folder}", "scenes.validation=2", f"hydra.run.dir={tmp_path}/run"]
+    outcome = tiny(tmp_path, *options)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"no validation: {folder} has no validation split" in outcome.out
+    assert not (tmp_path / "datasets").exists()
+    lines = [f"copy/data/office/image/{number}.jpg" for number in range(FRAMES)]
+    with (folder / "train_image.txt").open("a") as listed:
+        listed.write("\n".join(lines))
+    outcome = tiny(tmp_path, *options[:-1], "data.validation=[office]", f"hydra.run.dir={tmp_path}/held-out")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"4 validation frames of {folder}; 2 others" in outcome.out
+
+
+@pytest.mark.parametrize("why", ["single", "blind"])
+def test_a_validation_split_that_cannot_be_used_is_said(tiny, video, tmp_path, why):
+    folder = copy(video, tmp_path)
+    if why == "single":
+        (folder / "validation_image.txt").write_text("copy/data/office/image/0.jpg\ncopy/data/office/image/1.jpg")
+    else:
+        shutil.rmtree(folder / "data/office/ground_truth")
+    outcome = tiny(tmp_path, "task=train", f"training_data={folder}", f"hydra.run.dir={tmp_path}/run")
+    assert (outcome.code, outcome.err) == (0, "")
+    sentence = {"single": "none of the validation frames of", "blind": f"{folder} has no ground truth of office"}
+    assert f"no validation: {sentence[why]}" in outcome.out
+
+
+def test_depth_in_millimetres_is_noticed_and_read_by_an_option(tiny, video, model_file, tmp_path):
+    folder = record(tmp_path / "mm", "test", "hall", Camera(48, 48), scale=1000.0)
+    options = ["task=evaluate", f"evaluation.data={folder}", f"evaluation.checkpoint={model_file('kbnet')}"]
+    outcome = tiny(tmp_path, *options, f"hydra.run.dir={tmp_path}/wrong")
+    assert outcome.code == 0
+    assert outcome.err.startswith(f"WARNING: the median depth of the points of {folder} is ")
+    assert "with data.scale=1000 (millimetres): is the unit right?" in outcome.err
+    outcome = tiny(tmp_path, *options, f"hydra.run.dir={tmp_path}/right", "data.scale=1000")
+    assert (outcome.code, outcome.err) == (0, "")
+    for depth in folder.glob("data/hall/sparse_depth/*.png"):
+        stored = np.array(Image.open(depth))
+        Image.fromarray(np.rint(stored * 0.256).astype(np.uint16)).save(depth)
+    outcome = tiny(tmp_path, *options, f"hydra.run.dir={tmp_path}/truth")
+    assert f"WARNING: the ground truth of {folder} is 3.91 times the sparse depth" in outcome.err
+    scales = ["data.ground_truth_scale=1000", f"hydra.run.dir={tmp_path}/both"]
+    assert tiny(tmp_path, *options, *scales).err == ""
+
+
+def test_intrinsics_divided_by_the_images_size_are_noticed(tiny, video, tmp_path):
+    folder = copy(video, tmp_path)
+    matrix = np.loadtxt(folder / "data/kitchen/K.txt")
+    np.savetxt(folder / "data/kitchen/K.txt", np.diag([1 / 72, 1 / 66, 1.0]) @ matrix)
+    outcome = tiny(tmp_path, "task=train", f"training_data={folder}", f"hydra.run.dir={tmp_path}/run")
+    assert outcome.err.startswith("WARNING: the focal lengths 0.5 and 0.54")
+    assert "multiply its first row by the width 72 and its second row by the height 66." in outcome.err
+
+
+def test_frames_without_points_are_counted_in_the_table(tiny, video, model_file, tmp_path):
+    folder = copy(video, tmp_path)
+    Image.fromarray(np.zeros((48, 48), np.uint16)).save(folder / "data/hall/sparse_depth/2.png")
+    options = [f"evaluation.data={folder}", f"evaluation.checkpoint={model_file('kbnet')}"]
+    outcome = tiny(tmp_path, "task=evaluate", *options, f"hydra.run.dir={tmp_path}/run")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "Errors on the 12 test frames" in outcome.out
+    found = results(tmp_path / "run")
+    assert found["without_points"] == 1
+    assert found["baseline"]["imae"] < 500.0
+    assert found["constant"]["imae"] < 500.0

@@ -96,19 +96,7 @@ class Kitti(RecordedVideo):
         if frame.sequence == self.test:
             return read_intrinsics(image.parent.parent / "intrinsics" / f"{image.stem}.txt")
         drive, camera = _parts(frame.sequence)
-        return self._calibration(self._raw_root / drive[:10] / "calib_cam_to_cam.txt", camera)
-
-    def _calibration(self, path: Path, camera: str) -> np.ndarray:
-        """The first three columns of the projection matrix of a rectified camera."""
-        name = f"P_rect_{camera[-2:]}:"
-        for line in read_bytes(path).decode(errors="replace").splitlines():
-            words = line.split()
-            if words[:1] == [name] and len(words) == 13:
-                try:
-                    return checked_intrinsics(np.array(words[1:], dtype=np.float64).reshape(3, 4)[:, :3].copy(), path)
-                except ValueError:
-                    break
-        raise DeuxError(f"{path} has no line {name} with twelve numbers.")
+        return _rectified(self._raw_root / drive[:10] / "calib_cam_to_cam.txt", camera)
 
     def _find(self) -> Frames:
         found: Frames = {}
@@ -131,12 +119,6 @@ class Kitti(RecordedVideo):
                         for name, stem in sortable_names(images).items()
                     }
         if self._drives:
-            if not usable:
-                raise DeuxError(
-                    f"{self._raw_root} has none of the images of the drives in {self.folder}: "
-                    "<date>/<drive>_sync/image_02/data/<frame>.png of the raw recordings is expected, and data.raw "
-                    "names their folder."
-                )
             report_skipped(self.folder, usable, {"without raw image": missing})
         if self._selection is not None:
             found[self.test] = self._selected(self._selection)
@@ -179,6 +161,11 @@ class Kitti(RecordedVideo):
     def _expected(self, split: str) -> str:
         if split == "test":
             return f"depth_selection/{self.test}/ with the folders image, velodyne_raw and intrinsics is expected."
+        if self._drives and set(self._frames) <= {self.test}:
+            return (
+                f"{self._raw_root} has none of the images of its drives; <date>/<drive>_sync/image_02/data/<frame>.png "
+                "of the raw recordings is expected, and data.raw names their folder."
+            )
         if split == "validation":
             return "data_depth_velodyne/val/ or data.validation=3, which keeps three training drives, is expected."
         return "data_depth_velodyne/train/<drive>_sync/proj_depth/velodyne_raw/image_02/<frame>.png is expected."
@@ -201,16 +188,12 @@ class Kitti(RecordedVideo):
 
     def _slow(self) -> Iterator[tuple[str, str]]:
         """By the velocity that the car's navigation system measured."""
-        for sequence, frames in self._frames.items():
-            if sequence == self.test or self._drives[_parts(sequence)[0]] != "train":
-                continue
-            drive = _parts(sequence)[0]
+        for drive, split in self._drives.items():
             folder = self._raw_root / drive[:10] / drive / "oxts" / "data"
-            if folder.is_dir():
-                for name, files in frames.items():
-                    path = folder / f"{files.image.stem}.txt"
-                    if path.exists() and _speed(path) < self.min_speed:
-                        yield sequence, name
+            if split == "train" and folder.is_dir():
+                slow = {path.stem for path in folder.glob("*.txt") if _speed(path) < self.min_speed}
+                for number in self.cameras:
+                    yield from ((f"{drive}_image_{number:02d}", name) for name in slow)
 
     @cached_property
     def _drives(self) -> dict[str, str]:
@@ -243,6 +226,19 @@ def _parts(sequence: str) -> tuple[str, str]:
     """Drive and camera of a sequence's name, 2011_09_26_drive_0001_sync_image_02."""
     drive, _, camera = sequence.rpartition("_image_")
     return drive, f"image_{camera}"
+
+
+def _rectified(path: Path, camera: str) -> np.ndarray:
+    """The first three columns of a rectified camera's projection matrix in calib_cam_to_cam.txt, 3 x 3 float64."""
+    name = f"P_rect_{camera[-2:]}:"
+    for line in read_bytes(path).decode(errors="replace").splitlines():
+        words = line.split()
+        if words[:1] == [name] and len(words) == 13:
+            try:
+                return checked_intrinsics(np.array(words[1:], dtype=np.float64).reshape(3, 4)[:, :3].copy(), path)
+            except ValueError:
+                break
+    raise DeuxError(f"{path} has no line {name} with twelve numbers.")
 
 
 def _speed(path: Path) -> float:

@@ -160,7 +160,7 @@ class NyuV2(RecordedVideo):
     def _find(self) -> Frames:
         found: Frames = {}
         total = usable = 0
-        for sequence, layout, folder in self._image_folders():
+        for sequence, (layout, folder) in self._sequences.items():
             images = list_files(folder, IMAGE_SUFFIXES, layout.image_names)
             depths = list_files(_depth_folder(self.folder, folder, layout), DEPTH_SUFFIXES, layout.depth_names)
             truths = matching(images, depths)
@@ -189,7 +189,7 @@ class NyuV2(RecordedVideo):
 
     def _video(self) -> list[Clip]:
         clips = []
-        for sequence, layout, _ in self._image_folders():
+        for sequence, (layout, _) in self._sequences.items():
             frames = self._frames[sequence]
             if layout.single is None:
                 gap = layout.gap if self.gap is None else self.gap
@@ -198,7 +198,7 @@ class NyuV2(RecordedVideo):
 
     def _single_frames(self, split: Literal["train", "test"]) -> list[Clip]:
         clips = []
-        for sequence, layout, _ in self._image_folders():
+        for sequence, (layout, _) in self._sequences.items():
             if layout.single == split:
                 clips.append(Clip(sequence, [n for n, files in self._frames[sequence].items() if files.has_depth]))
         if self._labelled is not None:
@@ -220,11 +220,19 @@ class NyuV2(RecordedVideo):
         path = self.folder / LABELLED
         return LabelledImages(path) if path.exists() else None
 
+    @cached_property
+    def _sequences(self) -> dict[str, tuple[_Layout, Path]]:
+        """How each sequence is laid out, and its folder of images; of two layouts with one name the first counts."""
+        found: dict[str, tuple[_Layout, Path]] = {}
+        for sequence, layout, folder in self._image_folders():
+            found.setdefault(sequence, (layout, folder))
+        return found
+
     def _image_folders(self) -> Iterator[tuple[str, _Layout, Path]]:
-        """The sequences: their names, how they are laid out, and their folders of images."""
+        """The sequences that are there: name, layout and folder of images."""
         for layout in _LAYOUTS:
             for folder in sorted(self.folder.glob(layout.images)):
-                if folder.is_dir() and list_files(folder, IMAGE_SUFFIXES, layout.image_names):
+                if any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.glob(layout.image_names)):
                     scene = folder.parent.name if folder.name in ("rgb", "images") else folder.name
                     yield scene if layout.single is None else f"{layout.single}_{scene}", layout, folder
 

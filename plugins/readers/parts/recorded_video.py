@@ -18,6 +18,9 @@ from deux.io.camera_files import read_any_depth, read_any_image
 
 SPLITS = ("train", "validation", "test")
 
+MANY_FRAMES = 10
+"""An offset that is as large counts frames: a gap on top of it would take frames that show other things."""
+
 log = logging.getLogger(__name__)
 
 
@@ -100,6 +103,7 @@ class RecordedVideo(Reader):
         if split not in self._divided:
             self._divided[split] = self._clips(split)
         for clip in self._divided[split]:
+            _check_reach(clip.gap, offsets)
             position = {name: index for index, name in enumerate(clip.frames)}
             for name in clip.targets:
                 sources = _sources(clip.frames, position.get(name), [clip.gap * offset for offset in offsets])
@@ -189,6 +193,16 @@ def report_skipped(what: object, usable: int, skipped: Mapping[str, int]) -> Non
         log.warning("%s: %d of %d frames: %s", what, usable, total, reasons)
     else:
         log.info("%s: %d frames", what, total)
+
+
+def _check_reach(gap: int, offsets: tuple[int, ...]) -> None:
+    """Refuse offsets that are meant as frames, such as those of the published experiments, beside a gap."""
+    farthest = max(map(abs, offsets), default=0)
+    if gap > 1 and farthest >= MANY_FRAMES:
+        raise DeuxError(
+            f"training.offsets={list(offsets)} and data.gap={gap} make source frames {gap * farthest} frames away: "
+            "data.gap=1 takes the offsets as frames, or training.offsets=[-1,1] takes frames that are a gap away."
+        )
 
 
 def _sources(frames: Sequence[str], index: int | None, steps: Sequence[int]) -> list[str] | None:

@@ -191,7 +191,7 @@ def test_what_is_missing_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     with pytest.raises(DeuxError, match=r"has no depth maps of KITTI: neither data_depth_velodyne/train"):
         Kitti(tmp_path)
     write_drive(tmp_path, drive_name(1), list(video(4)), raw="elsewhere")
-    with pytest.raises(DeuxError, match=r"has none of the images of the drives.*data\.raw names"):
+    with pytest.raises(DeuxError, match=r"has none of the images of its drives.*data\.raw names"):
         Kitti(tmp_path).triplets("train", (-1,))
     reader = Kitti(tmp_path, raw=str(tmp_path / "elsewhere"))
     with pytest.raises(DeuxError, match=r"calib_cam_to_cam\.txt is missing"):

@@ -76,6 +76,14 @@ def test_published_gap_and_margin(tmp_path: Path) -> None:
     assert [source.name for source in found[0].sources] == [names[20], names[40]]
 
 
+def test_offsets_in_frames_beside_a_gap_are_refused(tmp_path: Path) -> None:
+    """The published experiments have training.offsets=[-10,10]."""
+    root = write_release(tmp_path / "void_1500", {"a": video(24)})
+    with pytest.raises(DeuxError, match=r"make source frames 100 frames away: data\.gap=1 takes the offsets as frames"):
+        Void(root, margin=0, validation=0).triplets("train", (-10, 10))
+    assert len(Void(root, gap=1, margin=0, validation=0).triplets("train", (-10, 10))) == 4
+
+
 def test_the_test_split_has_every_frame_of_its_list(tmp_path: Path) -> None:
     root = write_release(tmp_path / "void_1500", {"a": video(3), "b": video(12)}, test=("b",))
     found = Void(root, gap=4, validation=0).triplets("test", (-1, 1))

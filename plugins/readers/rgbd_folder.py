@@ -154,12 +154,11 @@ class RgbdFolder(RecordedVideo):
                     f"{' or '.join(_choice(self.depth, DEPTH_FOLDERS))} of .png or .npy files is expected, and "
                     "data.depth may name another."
                 )
-            found[sequence] = {
+            found[sequence] = {}
+            for name, stem in names.items():
                 # Where a video has points of its own, none are sampled for the frames that lack them.
-                name: FrameFiles(images[stem], points.get(stem), None if lacks else depths.get(stem), self.scale)
-                for name, stem in names.items()
-                for lacks in [bool(points) and stem not in points]
-            }
+                truth = depths.get(stem) if stem in points or not points else None
+                found[sequence][name] = FrameFiles(images[stem], points.get(stem), truth, self.scale)
         return found
 
     def _clips(self, split: str) -> list[Clip]:
@@ -239,6 +238,8 @@ class RgbdFolder(RecordedVideo):
                 raise DeuxError(f"{video} has no poses called {self.poses}, as data.poses says.")
             stems = {name: files.image.stem for name, files in self._frames[sequence].items()}
             known = {} if path is None else read_trajectory(path, list(stems.values()), self.world_to_camera)
+            if path is not None and not known:
+                raise DeuxError(f"{path} has a pose for none of the images: their names or times are not in it.")
             found[sequence] = {name: known[stem] for name, stem in stems.items() if stem in known}
         return found
 

@@ -219,6 +219,9 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         RgbdFolder(folder, images="left")
     with pytest.raises(DeuxError, match=r"has no poses called slam\.txt, as data.poses says"):
         whole(folder, poses="slam.txt").triplets("train", (-1,))
+    (folder / "poses").mkdir()
+    with pytest.raises(DeuxError, match="hall/poses has a pose for none of the images"):
+        whole(folder, poses="poses").triplets("train", (-1,))
     with pytest.raises(DeuxError, match=r"no validation frames .*data\.validation=0\.1 keeps a tenth of the frames"):
         whole(folder).triplets("validation", ())
     with pytest.raises(DeuxError, match=r"no train frames .*data\.gap=9 must leave some"):

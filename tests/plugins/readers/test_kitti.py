@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from written_frames import save_depth, save_image, video
+from written_frames import save_depth, save_image, video, with_sources
 
 from deux.contracts import FrameReference
 from deux.errors import DeuxError
@@ -96,7 +96,7 @@ class TestKitti(ReaderSuite):
 def test_source_frames_without_depth_are_images_of_the_raw_recording(tmp_path: Path) -> None:
     write_drive(tmp_path, drive_name(1), list(video(9)), cameras=(2, 3), ends=2)
     calibration(tmp_path / "kitti_raw" / DATE, np.eye(3), np.diag([2.0, 2.0, 1.0]))
-    found = Kitti(tmp_path).triplets("train", (-1, 1))
+    found = with_sources(Kitti(tmp_path), (-1, 1))
     assert [target for target, _ in found] == [
         FrameReference(f"{drive_name(1)}_image_{camera}", f"{number:010d}")
         for camera in ("02", "03")
@@ -104,14 +104,14 @@ def test_source_frames_without_depth_are_images_of_the_raw_recording(tmp_path: P
     ]
     assert [source.name for source in found[0].sources] == ["0000000001", "0000000003"]
     assert Kitti(tmp_path).intrinsics(found[-1].target)[0, 0] == 2.0
-    assert len(Kitti(tmp_path, cameras=(3,)).triplets("train", (-1, 1))) == 5
+    assert len(with_sources(Kitti(tmp_path, cameras=(3,)), (-1, 1))) == 5
 
 
 def test_jpeg_images_in_a_folder_elsewhere(tmp_path: Path) -> None:
     frames = list(video(4))
     write_drive(tmp_path, drive_name(1), frames, raw="../elsewhere", suffix=".jpg")
     reader = Kitti(tmp_path, raw=str(tmp_path.parent / "elsewhere"))
-    found = reader.triplets("train", (-1,))
+    found = with_sources(reader, (-1,))
     assert len(found) == 3
     decoded = cv2.imread(str(tmp_path.parent / f"elsewhere/{DATE}/{drive_name(1)}/image_02/data/0000000001.jpg"))
     np.testing.assert_allclose(reader.image(found[0].target)[..., ::-1].astype(int), decoded, atol=3)
@@ -124,11 +124,11 @@ def test_frames_in_which_the_car_stands_are_no_training_targets(
     calibration(tmp_path / "kitti_raw" / DATE, np.eye(3))
     write_oxts(tmp_path, drive_name(1), [9.0, 1.0, 0.2, 0.4, 0.6, 9.0])
     with caplog.at_level(logging.WARNING):
-        moving = Kitti(tmp_path).triplets("train", (-1,))
+        moving = with_sources(Kitti(tmp_path), (-1,))
     assert [target.name[-1] for target, _ in moving] == ["1", "4", "5"]
     assert moving[1].sources[0].name[-1] == "3"
     assert f"{tmp_path}, train: 4 of 6 frames: 2 static" in [record.getMessage() for record in caplog.records]
-    assert len(Kitti(tmp_path, min_speed=0.0).triplets("train", (-1,))) == 5
+    assert len(with_sources(Kitti(tmp_path, min_speed=0.0), (-1,))) == 5
 
 
 def test_the_published_list_of_static_frames(tmp_path: Path) -> None:
@@ -137,11 +137,11 @@ def test_the_published_list_of_static_frames(tmp_path: Path) -> None:
     write_oxts(tmp_path, drive_name(1), [0.0] * 4)
     listed = tmp_path / "static_frames.txt"
     listed.write_text(f"{DATE} {drive_name(1)} 0000000002\n{DATE} {drive_name(7)} 0000000001\n")
-    found = Kitti(tmp_path, static_frames=str(listed)).triplets("train", (-1,))
+    found = with_sources(Kitti(tmp_path, static_frames=str(listed)), (-1,))
     assert [target.name[-1] for target, _ in found] == ["1", "3"] * 2
     listed.write_text("0000000002\n")
     with pytest.raises(DeuxError, match=r"static_frames\.txt has the line '0000000002': date, drive and frame"):
-        Kitti(tmp_path, static_frames=str(listed)).triplets("train", (-1,))
+        with_sources(Kitti(tmp_path, static_frames=str(listed)), (-1,))
 
 
 def test_validation_is_the_official_one_or_training_drives(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_the_selection_is_a_test_split_of_single_frames(tmp_path: Path) -> None:
         np.testing.assert_array_equal(reader.ground_truth(target), frame.ground_truth)
         np.testing.assert_array_equal(reader.intrinsics(target), frame.intrinsics)
     with pytest.raises(DeuxError, match=r"no train frames.*data_depth_velodyne/train"):
-        reader.triplets("train", (-1, 1))
+        with_sources(reader, (-1, 1))
 
 
 def test_the_anonymous_test_set_has_no_ground_truth(tmp_path: Path) -> None:
@@ -192,16 +192,16 @@ def test_what_is_missing_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixtu
         Kitti(tmp_path)
     write_drive(tmp_path, drive_name(1), list(video(4)), raw="elsewhere")
     with pytest.raises(DeuxError, match=r"has none of the images of its drives.*data\.raw names"):
-        Kitti(tmp_path).triplets("train", (-1,))
+        with_sources(Kitti(tmp_path), (-1,))
     reader = Kitti(tmp_path, raw=str(tmp_path / "elsewhere"))
     with pytest.raises(DeuxError, match=r"calib_cam_to_cam\.txt is missing"):
-        reader.intrinsics(reader.triplets("train", (-1,))[0].target)
+        reader.intrinsics(with_sources(reader, (-1,))[0].target)
     (tmp_path / "elsewhere" / DATE / "calib_cam_to_cam.txt").write_text(CLOCK)
     with pytest.raises(DeuxError, match=r"has no line P_rect_02: with twelve numbers"):
-        reader.intrinsics(reader.triplets("train", (-1,))[0].target)
+        reader.intrinsics(with_sources(reader, (-1,))[0].target)
     (tmp_path / "elsewhere" / DATE / drive_name(1) / "image_02/data/0000000003.png").unlink()
     with caplog.at_level(logging.WARNING):
-        assert len(Kitti(tmp_path, raw=str(tmp_path / "elsewhere")).triplets("train", (-1,))) == 2
+        assert len(with_sources(Kitti(tmp_path, raw=str(tmp_path / "elsewhere")), (-1,))) == 2
     assert f"{tmp_path}: 3 of 4 frames: 1 without raw image" in [record.getMessage() for record in caplog.records]
     with pytest.raises(DeuxError, match=r"data\.cameras is \[0\]"):
         Kitti(tmp_path, cameras=(0,))

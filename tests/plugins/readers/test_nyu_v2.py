@@ -8,7 +8,16 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from written_frames import DENSITY, SampledSuite, in_multiples_of, save_depth, save_image, save_matrix, video
+from written_frames import (
+    DENSITY,
+    SampledSuite,
+    in_multiples_of,
+    save_depth,
+    save_image,
+    save_matrix,
+    video,
+    with_sources,
+)
 
 from deux.contracts import FrameReference
 from deux.errors import DeuxError
@@ -134,7 +143,8 @@ def test_labelled_images_as_extracted_beside_video(tmp_path: Path) -> None:
             save_image(tmp_path / base / f"rgb_{number:05d}.jpg", frame.image)
             save_depth(tmp_path / base / f"sync_depth_{number:05d}.png", frame.ground_truth, 1000.0)
     reader = NyuV2(tmp_path, validation=1)
-    train, validation, test = (reader.triplets(split, (-1,)) for split in ("train", "validation", "test"))
+    train, validation = (with_sources(reader, (-1,), split) for split in ("train", "validation"))
+    test = reader.triplets("test", (-1,))
     assert {(t.target.sequence, len(t.sources)) for t in train} == {("kitchen_0001", 1)}
     assert {t.target.sequence for t in validation} == {"study_0002"}
     assert [(t.target.sequence, t.sources) for t in test] == [("test_bath_0001", ())] * 4
@@ -153,7 +163,7 @@ def test_source_frames_are_ten_frames_away_in_unthinned_video(tmp_path: Path) ->
     for number, frame in enumerate(video(23)):
         save_image(tmp_path / f"bath_0001/rgb/{number}.png", frame.image)
         save_depth(tmp_path / f"bath_0001/depth/{number}.png", frame.ground_truth, 1000.0)
-    found = NyuV2(tmp_path, validation=0).triplets("train", (-1, 1))
+    found = with_sources(NyuV2(tmp_path, validation=0), (-1, 1))
     assert [(t.target.name, t.sources[0].name, t.sources[1].name) for t in found] == [
         ("10", "00", "20"),
         ("11", "01", "21"),
@@ -184,7 +194,7 @@ def test_what_is_missing_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixtu
         save_image(tmp_path / f"bath_0001/rgb_{number}.jpg", frame.image)
         save_depth(tmp_path / f"bath_0001/sync_depth_{number + 1}.png", frame.ground_truth, 1000.0)
     with caplog.at_level(logging.WARNING):
-        assert len(NyuV2(tmp_path, validation=0).triplets("train", (-1,))) == 2
+        assert len(with_sources(NyuV2(tmp_path, validation=0), (-1,))) == 2
     assert [record.getMessage() for record in caplog.records] == [f"{tmp_path}: 2 of 3 frames: 1 without depth"]
     with pytest.raises(DeuxError, match=r"no test frames.*with splits\.mat, test/<scene>"):
         NyuV2(tmp_path).triplets("test", ())

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from written_frames import DENSITY, SampledSuite, in_multiples_of, save_depth, save_image, save_matrix, video
+from written_frames import (
+    DENSITY,
+    SampledSuite,
+    in_multiples_of,
+    save_depth,
+    save_image,
+    save_matrix,
+    video,
+    with_sources,
+)
 
 from deux.contracts import FrameReference
 from deux.errors import DeuxError
@@ -84,7 +93,7 @@ def whole(folder: Path, **options: object) -> RgbdFolder:
 
 def test_one_video_is_named_after_its_folder(tmp_path: Path) -> None:
     frames = list(video(12))
-    found = whole(write_video(tmp_path / "hall", frames)).triplets("train", (-1,))
+    found = with_sources(whole(write_video(tmp_path / "hall", frames)), (-1,))
     assert [target.name for target, _ in found] == [f"frame_{number:02d}" for number in range(1, 12)]
     reader = whole(tmp_path / "hall")
     target = FrameReference("hall", "frame_10")
@@ -93,7 +102,7 @@ def test_one_video_is_named_after_its_folder(tmp_path: Path) -> None:
 
 
 def test_gap(tmp_path: Path) -> None:
-    found = whole(write_video(tmp_path / "hall", list(video(12))), gap=4).triplets("train", (-1, 1))
+    found = with_sources(whole(write_video(tmp_path / "hall", list(video(12))), gap=4), (-1, 1))
     assert [(t.target.name, *(s.name for s in t.sources)) for t in found] == [
         ("frame_04", "frame_00", "frame_08"),
         ("frame_05", "frame_01", "frame_09"),
@@ -106,7 +115,7 @@ def test_splits_are_blocks_that_share_no_frame(tmp_path: Path) -> None:
     write_video(tmp_path / "hall", list(video(40)))
     reader = RgbdFolder(tmp_path / "hall", validation=0.15, test=0.25, margin=3)
     numbers = {
-        split: [int(t.target.name[-2:]) for t in reader.triplets(split, (-1, -2))]
+        split: [int(t.target.name[-2:]) for t in with_sources(reader, (-1, -2), split)]
         for split in ("train", "validation", "test")
     }
     assert numbers == {"train": [*range(2, 18)], "validation": [*range(21, 27)], "test": [*range(30, 40)]}
@@ -141,8 +150,8 @@ def test_a_camera_that_stands_makes_no_training_frames(tmp_path: Path, caplog: p
     frames = [frame for frame in moving for _ in range(2)]  # every frame twice
     reader = whole(write_video(tmp_path / "hall", frames))
     with caplog.at_level(logging.WARNING):
-        found = reader.triplets("train", (-1,))
-        reader.triplets("train", (-2,))
+        found = with_sources(reader, (-1,))
+        with_sources(reader, (-2,))
     assert [(t.target.name[-1], t.sources[0].name[-1]) for t in found] == [
         ("2", "0"),
         ("4", "2"),
@@ -150,15 +159,15 @@ def test_a_camera_that_stands_makes_no_training_frames(tmp_path: Path, caplog: p
         ("8", "6"),
     ]
     assert [r.getMessage() for r in caplog.records] == [f"{tmp_path}/hall, train: 5 of 10 frames: 5 static"]
-    assert len(whole(tmp_path / "hall", min_distance=0.0, min_angle=0.0).triplets("train", (-1,))) == 9
+    assert len(with_sources(whole(tmp_path / "hall", min_distance=0.0, min_angle=0.0), (-1,))) == 9
     assert len(RgbdFolder(tmp_path / "hall", validation=0, test=0.4, margin=0).triplets("test", ())) == 4
 
 
 def test_without_poses_static_frames_are_found_by_their_images(tmp_path: Path) -> None:
     frames = [frame for frame in video(4) for _ in range(2)]
     folder = write_video(tmp_path / "hall", frames, poses=False)
-    assert len(whole(folder).triplets("train", (-1,))) == 7
-    assert len(whole(folder, min_difference=1.0).triplets("train", (-1,))) == 3
+    assert len(with_sources(whole(folder), (-1,))) == 7
+    assert len(with_sources(whole(folder, min_difference=1.0), (-1,))) == 3
 
 
 def test_frames_without_depth_or_pose_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -168,7 +177,7 @@ def test_frames_without_depth_or_pose_are_counted(tmp_path: Path, caplog: pytest
     np.savetxt(folder / "poses.txt", poses)
     (folder / "depth/frame_7.png").unlink()
     with caplog.at_level(logging.WARNING):
-        found = whole(folder).triplets("train", (-1,))
+        found = with_sources(whole(folder), (-1,))
     assert [(t.target.name[-1], t.sources[0].name[-1]) for t in found] == [
         ("1", "0"), ("2", "1"), ("3", "2"), ("5", "3"), ("6", "5"), ("8", "7"), ("9", "8"),
     ]  # fmt: skip
@@ -184,7 +193,7 @@ def test_where_a_video_has_points_none_are_sampled(tmp_path: Path) -> None:
     folder = write_video(tmp_path / "hall", frames := list(video(4)))
     for number in (0, 1, 3):
         save_depth(folder / "sparse" / f"frame_{number}.png", frames[number].sparse_depth, 1000.0)
-    assert [t.target.name[-1] for t in whole(folder).triplets("train", (-1,))] == ["1", "3"]
+    assert [t.target.name[-1] for t in with_sources(whole(folder), (-1,))] == ["1", "3"]
 
 
 def test_the_cameras_matrix(tmp_path: Path) -> None:
@@ -218,22 +227,22 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match="a folder left of"):
         RgbdFolder(folder, images="left")
     with pytest.raises(DeuxError, match=r"has no poses called slam\.txt, as data.poses says"):
-        whole(folder, poses="slam.txt").triplets("train", (-1,))
+        with_sources(whole(folder, poses="slam.txt"), (-1,))
     (folder / "poses").mkdir()
     with pytest.raises(DeuxError, match="hall/poses has a pose for none of the images"):
-        whole(folder, poses="poses").triplets("train", (-1,))
+        with_sources(whole(folder, poses="poses"), (-1,))
     with pytest.raises(DeuxError, match=r"no validation frames .*data\.validation=0\.1 keeps a tenth of the frames"):
         whole(folder).triplets("validation", ())
     with pytest.raises(DeuxError, match=r"no train frames .*data\.gap=9 must leave some"):
-        whole(folder, gap=9).triplets("train", (-1,))
+        with_sources(whole(folder, gap=9), (-1,))
     with pytest.raises(DeuxError, match="there is no split called 'tests': did you mean test"):
         whole(folder).triplets("tests", ())
     with pytest.raises(DeuxError, match=r"data\.validation \+ data\.test is 1\.1"):
         RgbdFolder(folder, validation=0.5, test=0.6)
     (folder / "depth").rename(folder / "range")
     with pytest.raises(DeuxError, match="has no depth maps of its images' names or numbers: a folder depth or depths"):
-        whole(folder).triplets("train", (-1,))
-    assert len(whole(folder, depth="range").triplets("train", (-1,))) == 5
+        with_sources(whole(folder), (-1,))
+    assert len(with_sources(whole(folder, depth="range"), (-1,))) == 5
 
 
 def test_is_installed(tmp_path: Path) -> None:
@@ -244,7 +253,7 @@ def test_is_installed(tmp_path: Path) -> None:
 def _warp_errors(reader: RgbdFolder) -> np.ndarray:
     """Mean absolute colour difference (0 to 255) of every fourth frame and its predecessor, warped and as it is."""
     errors = []
-    for target, (source,) in reader.triplets("train", (-1,))[::4]:
+    for target, (source,) in with_sources(reader, (-1,))[::4]:
         image, other = (torch.from_numpy(reader.image(f)).permute(2, 0, 1).float() for f in (target, source))
         depth = torch.from_numpy(reader.ground_truth(target))[None, None]
         intrinsics = torch.from_numpy(reader.intrinsics(target)).float()[None]
@@ -262,7 +271,7 @@ def _warp_errors(reader: RgbdFolder) -> np.ndarray:
 def test_the_lounge_is_rebuilt_from_its_neighbours(shared_data: Callable[[str], Path]) -> None:
     """The folder's README gives 8.9 for right poses and 43.9 for none, over the whole recording."""
     reader = whole(shared_data("rgbd") / "lounge")
-    frame = reader.triplets("train", (-1,))[0].target
+    frame = with_sources(reader, (-1,))[0].target
     assert reader.image(frame).shape == (360, 540, 3)
     assert (reader.sparse_depth(frame) > 0).sum() == round(reader.density * 360 * 540)
     valid = reader.ground_truth(frame) > 0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from written_frames import save_depth, save_image, save_matrix, video
+from written_frames import save_depth, save_image, save_matrix, video, with_sources
 
 from deux.contracts import FrameReference
 from deux.errors import DeuxError
@@ -60,7 +60,7 @@ def test_time_stamps_of_different_lengths_are_in_the_order_of_time(tmp_path: Pat
     root = write_release(tmp_path / "void_150", {"walk": frames}, names="{:.15g}", start=8.9, step=0.35)
     written = sorted(path.stem for path in (root / "data/walk/image").iterdir())
     assert written == ["10.3", "8.9", "9.25", "9.6", "9.95"]
-    found = Void(tmp_path, gap=1, margin=0, validation=0).triplets("train", (-1,))
+    found = with_sources(Void(tmp_path, gap=1, margin=0, validation=0), (-1,))
     assert [target.name for target, _ in found] == ["09.25", "09.60", "09.95", "10.30"]
     for (target, (source,)), frame, previous in zip(found, frames[1:], frames, strict=False):
         reader = Void(root, gap=1)
@@ -70,7 +70,7 @@ def test_time_stamps_of_different_lengths_are_in_the_order_of_time(tmp_path: Pat
 
 def test_published_gap_and_margin(tmp_path: Path) -> None:
     root = write_release(tmp_path / "void_1500", {"a": video(80), "b": video(12)}, test=("b",))
-    found = Void(root, validation=0).triplets("train", (-1, 1))
+    found = with_sources(Void(root, validation=0), (-1, 1))
     names = sorted(path.stem for path in (root / "data/a/image").iterdir())
     assert [target.name for target, _ in found] == names[30:50]
     assert [source.name for source in found[0].sources] == [names[20], names[40]]
@@ -80,8 +80,8 @@ def test_offsets_in_frames_beside_a_gap_are_refused(tmp_path: Path) -> None:
     """The published experiments have training.offsets=[-10,10]."""
     root = write_release(tmp_path / "void_1500", {"a": video(24)})
     with pytest.raises(DeuxError, match=r"make source frames 100 frames away: data\.gap=1 takes the offsets as frames"):
-        Void(root, margin=0, validation=0).triplets("train", (-10, 10))
-    assert len(Void(root, gap=1, margin=0, validation=0).triplets("train", (-10, 10))) == 4
+        with_sources(Void(root, margin=0, validation=0), (-10, 10))
+    assert len(with_sources(Void(root, gap=1, margin=0, validation=0), (-10, 10))) == 4
 
 
 def test_the_test_split_has_every_frame_of_its_list(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_validation_sequences_are_the_last_training_sequences(tmp_path: Path) ->
     split = {s: {target.sequence for target, _ in reader.triplets(s, (-1,))} for s in ("train", "validation", "test")}
     assert split == {"train": {"a"}, "validation": {"b2", "b10"}, "test": {"t"}}
     with pytest.raises(DeuxError, match=r"data\.validation=3 leaves nothing to train on: .* has 3 sequences"):
-        Void(root, gap=1).triplets("train", (-1,))
+        with_sources(Void(root, gap=1), (-1,))
     with pytest.raises(DeuxError, match=r"no validation frames.*data\.validation=3 keeps"):
         Void(root, validation=0).triplets("validation", (-1,))
 
@@ -123,7 +123,7 @@ def test_one_density_is_chosen(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match="is not what"):
         Void(tmp_path / "void_150", points=500)
     reader = Void(tmp_path, points=500, gap=1, margin=0, validation=0)
-    image = reader._files(reader.triplets("train", (-1,))[0].target).image
+    image = reader._files(with_sources(reader, (-1,))[0].target).image
     assert image.is_relative_to(tmp_path / "void_500")
     assert Void(tmp_path / "void_500", points=500, gap=1).folder == tmp_path / "void_500"
 
@@ -136,7 +136,7 @@ def test_what_is_not_the_release_is_named(tmp_path: Path) -> None:
         Void(root).triplets("test", ())
     (root / "train_image.txt").write_text("void_150/a/0.png\n")
     with pytest.raises(DeuxError, match=r"train_image\.txt has the line 'void_150/a/0\.png'"):
-        Void(root).triplets("train", (-1,))
+        with_sources(Void(root), (-1,))
 
 
 def test_is_installed(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from deux.contracts import FrameReference, Reader
+from deux.contracts import FrameReference, Reader, Triplet
 from deux.testing.readers import ReaderSuite, RecordedFrame, Recordings, record
 
 DENSITY = 0.05
@@ -38,6 +38,11 @@ def _rounded(frame: RecordedFrame, scale: float) -> RecordedFrame:
     depth = (np.rint(frame.ground_truth * scale) / scale).astype(np.float32)
     sparse = np.where(frame.sparse_depth > 0, depth, np.float32(0.0))
     return replace(frame, sparse_depth=sparse, ground_truth=depth)
+
+
+def with_sources(reader: Reader, offsets: tuple[int, ...], split: str = "train") -> list[Triplet]:
+    """The triplets of a split that can be rebuilt: those that a training of an unsupervised model takes."""
+    return [triplet for triplet in reader.triplets(split, offsets) if triplet.sources]
 
 
 def video(frames: int) -> Sequence[RecordedFrame]:

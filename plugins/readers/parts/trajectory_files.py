@@ -1,0 +1,117 @@
+"""Camera poses of a video, in the text files that are common."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from deux.errors import DeuxError
+from deux.geometry.poses import inverse
+from deux.io.atomic import read_bytes
+
+TRAJECTORY_FILES = ("poses.txt", "groundtruth.txt", "trajectory.txt", "poses", "pose")
+"""Names under which poses are looked for; the last two are folders with a file for each frame."""
+
+TOLERANCE = 0.02
+"""Seconds by which a pose may be apart from its image."""
+
+_ORTHOGONAL = 1e-3
+
+
+def read_trajectory(path: Path, stems: Sequence[str], world_to_camera: bool = False) -> dict[str, np.ndarray]:
+    """Read the poses of a video's frames.
+
+    A folder has a text file for each frame, of its name, with a 3 x 4 or 4 x 4 matrix. A file has one line for each
+    frame in their order, of 12 or 16 numbers, the rows of such a matrix; or lines of a time stamp in seconds and
+    tx ty tz qx qy qz qw, the form of the TUM benchmark, each of which belongs to the image that is nearest in time, by
+    its name, within `TOLERANCE`.
+
+    Args:
+        path: the file or folder.
+        stems: the images' file names without suffix, in the order of time.
+        world_to_camera: whether the files hold the inverse of the camera's pose.
+
+    Returns:
+        Camera-to-world matrices, 4 x 4 float64, by file name; frames without a pose are not in it, nor are those whose
+        numbers are not finite, by which recordings mark lost tracking.
+
+    Raises:
+        DeuxError: the file is missing, its lines are of another form, or a matrix is not rigid.
+    """
+    if path.is_dir():
+        rows = {stem: _numbers(file) for stem in stems if (file := path / f"{stem}.txt").exists()}
+        found = {stem: _matrix(row, path / f"{stem}.txt") for stem, row in rows.items() if np.isfinite(row).all()}
+    else:
+        table = _table(path)
+        found = _by_time(table, path, stems) if table.shape[1] == 8 else _by_order(table, path, stems)
+    return {stem: inverse(pose) for stem, pose in found.items()} if world_to_camera else found
+
+
+def _by_order(table: np.ndarray, path: Path, stems: Sequence[str]) -> dict[str, np.ndarray]:
+    if len(table) != len(stems):
+        raise DeuxError(f"{path} has {len(table)} lines for {len(stems)} images: one line for each is expected.")
+    named = zip(stems, table, strict=True)
+    return {stem: _matrix(row, path) for stem, row in named if np.isfinite(row).all()}
+
+
+def _by_time(table: np.ndarray, path: Path, stems: Sequence[str]) -> dict[str, np.ndarray]:
+    try:
+        times = np.array([[float(stem)] for stem in stems])
+    except ValueError as error:
+        raise DeuxError(
+            f"{path} has poses by time stamps, so the images must be called by theirs, such as 1305031102.175304.png."
+        ) from error
+    table = table[np.isfinite(table).all(axis=1)]
+    if not len(table):
+        return {}
+    nearest = KDTree(table[:, :1]).query(times, distance_upper_bound=TOLERANCE)[1]
+    return {
+        stem: _from_quaternion(table[i, 1:], path) for stem, i in zip(stems, nearest, strict=True) if i < len(table)
+    }
+
+
+def _from_quaternion(row: np.ndarray, path: Path) -> np.ndarray:
+    """Tx ty tz qx qy qz qw as a matrix."""
+    pose = np.eye(4)
+    try:
+        pose[:3, :3], pose[:3, 3] = Rotation.from_quat(row[3:]).as_matrix(), row[:3]
+    except ValueError as error:
+        raise DeuxError(f"{path} has a pose with a quaternion of zero length.") from error
+    return pose
+
+
+def _matrix(row: np.ndarray, path: Path) -> np.ndarray:
+    """12 or 16 numbers as a 4 x 4 matrix."""
+    if row.size not in (12, 16):
+        raise DeuxError(f"{path} has {row.size} numbers for a pose: 12 or 16, the rows of its matrix, are expected.")
+    pose = np.eye(4)
+    pose[:3] = row[:12].reshape(3, 4)
+    rotation = pose[:3, :3]
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=_ORTHOGONAL) or np.linalg.det(rotation) < 0:
+        raise DeuxError(f"{path} has a pose whose first three columns are no rotation: {np.round(row, 3).tolist()}.")
+    return pose
+
+
+def _table(path: Path) -> np.ndarray:
+    """The numbers of a text file, line by line; lines that begin with # are comments."""
+    text = read_bytes(path).decode(errors="replace")
+    lines = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
+    widths = sorted({len(line) for line in lines})
+    if len(widths) != 1 or widths[0] not in (8, 12, 16):
+        raise DeuxError(
+            f"{path} has lines of {', '.join(map(str, widths)) or 'no'} numbers: a pose is 12 or 16 numbers, the rows "
+            "of its matrix, or a time stamp and tx ty tz qx qy qz qw."
+        )
+    try:
+        return np.array(lines, dtype=np.float64)
+    except ValueError as error:
+        raise DeuxError(f"{path} is not a text file of numbers.") from error
+
+
+def _numbers(path: Path) -> np.ndarray:
+    try:
+        return np.array(read_bytes(path).split(), dtype=np.float64)
+    except ValueError as error:
+        raise DeuxError(f"{path} is not a text file of numbers.") from error

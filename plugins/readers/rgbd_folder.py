@@ -1,0 +1,294 @@
+"""`data=rgbd_folder`: anybody's RGB-D video, as folders of images and depth maps."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from deux.collection.sparse import SparseSettings
+from deux.contracts import FrameReference
+from deux.errors import DeuxError, check_range
+from deux.geometry.poses import motion
+from deux.io.camera_files import read_any_image, read_any_intrinsics
+from deux_plugins.readers.parts.frame_files import (
+    DEPTH_SUFFIXES,
+    IMAGE_SUFFIXES,
+    list_files,
+    matching,
+    natural_order,
+    sortable_names,
+)
+from deux_plugins.readers.parts.recorded_video import (
+    Clip,
+    FrameFiles,
+    Frames,
+    RecordedVideo,
+    check_video_options,
+    report_skipped,
+)
+from deux_plugins.readers.parts.trajectory_files import TRAJECTORY_FILES, read_trajectory
+
+IMAGE_FOLDERS = ("images", "image", "rgb", "color", "colour")
+DEPTH_FOLDERS = ("depth", "depths", "ground_truth")
+SPARSE_FOLDERS = ("sparse", "sparse_depth")
+INTRINSICS_FILES = ("K.txt", "intrinsics.txt", "camera_matrix.txt", "K.npy", "intrinsics.npy")
+INTRINSICS_FOLDERS = ("intrinsics", "K")
+
+
+@dataclass(frozen=True)
+class RgbdFolder(RecordedVideo):
+    """Reads one video, or a folder with a subfolder for each of several.
+
+        <video>/
+            images/ (or image, rgb, color)   <frame>.png or .jpg
+            depth/                           <frame>.png, 16 bits, or .npy of metres; registered to the images
+            sparse/ (or sparse_depth)        optional, as depth/; without it points are sampled from depth/
+            K.txt (or intrinsics.txt)        3 x 3, in pixels of the images; a folder intrinsics/ has one for each frame
+            poses.txt                        optional; see `read_trajectory` for its forms
+
+    Depth maps belong to the images of the same name, or number. Frames are in the order of the numbers in their names.
+    A frame without depth is no target. Where there are poses, a frame without one is neither target nor source in
+    training, and is evaluated all the same. K.txt may also lie in the folder above, for all videos.
+
+    Args:
+        folder: the video, or the folder of videos.
+        images: name of the folders of images, if it is another than those above.
+        depth: name of the folders of depth maps, likewise.
+        sparse: name of the folders of sparse points, likewise.
+        poses: name of the file or folder of poses, likewise.
+        world_to_camera: whether the pose files hold world-to-camera matrices.
+        fx: focal length along the rows, pixels; with fy, cx and cy it takes the place of K.txt.
+        fy: focal length along the columns, pixels.
+        cx: column of the principal point, pixels, 0 at the centre of the first pixel.
+        cy: row of the principal point, likewise.
+        scale: stored depth values per metre in PNG files: 1000 for millimetres.
+        gap: source frames are so many frames away.
+        min_distance: a training frame is static, and left out, if the camera has moved less than so many metres
+        min_angle: and turned less than so many degrees since the last one that was kept.
+        min_difference: without poses, a training frame is static if it differs by less from the last one that was kept,
+            in mean absolute grey levels of 255; above 0 every image is read at the start.
+        density: number of sparse points as a fraction of the pixels, where they are sampled.
+        split_by: "frames" divides each video, training frames first, then validation, then test; "videos" keeps whole
+            videos, the last by name.
+        validation: fraction of the frames or videos in the validation split.
+        test: fraction in the test split.
+        margin: frames between two splits of one video that are targets of neither.
+
+    Raises:
+        DeuxError: no video is found, a video lacks depth or intrinsics, or an option is out of its range.
+    """
+
+    folder: Path
+    images: str | None = None
+    depth: str | None = None
+    sparse: str | None = None
+    poses: str | None = None
+    world_to_camera: bool = False
+    fx: float | None = None
+    fy: float | None = None
+    cx: float | None = None
+    cy: float | None = None
+    scale: float = 1000.0
+    gap: int = 1
+    min_distance: float = 0.01
+    min_angle: float = 1.0
+    min_difference: float = 0.0
+    density: float = SparseSettings.density
+    split_by: Literal["frames", "videos"] = "frames"
+    validation: float = 0.1
+    test: float = 0.2
+    margin: int = 5
+
+    def __post_init__(self) -> None:
+        check_video_options(self.gap, self.scale, self.density)
+        for name in ("min_distance", "min_angle", "min_difference", "margin"):
+            check_range(f"data.{name}", getattr(self, name), 0)
+        for name in ("validation", "test"):
+            check_range(f"data.{name}", getattr(self, name), 0, 1)
+        check_range("data.validation + data.test", self.validation + self.test, 0, 1)
+        given = [name for name in ("fx", "fy", "cx", "cy") if getattr(self, name) is not None]
+        if given and len(given) < 4:
+            raise DeuxError(f"data.{given[0]} is given without all of data.fx, data.fy, data.cx and data.cy.")
+        if not self._videos:
+            raise DeuxError(
+                f"{self.folder} has no RGB-D video: a folder {' or '.join(self._image_folders)} of .png or .jpg files "
+                "is expected in it or in its subfolders; data.images may name another."
+            )
+
+    def intrinsics(self, frame: FrameReference) -> np.ndarray:
+        """3 x 3 float64: the options', the frame's own file, the video's or that of the folder above."""
+        if self.fx is not None:
+            return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]], dtype=np.float64)
+        video, stem = self._videos[frame.sequence], self._files(frame).image.stem
+        own = [video / folder / f"{stem}{suffix}" for folder in INTRINSICS_FOLDERS for suffix in (".txt", ".npy")]
+        shared = [folder / name for folder in (video, self.folder) for name in INTRINSICS_FILES]
+        for path in (*own, *shared):
+            if path.is_file():
+                return read_any_intrinsics(path)
+        raise DeuxError(
+            f"{video} has no intrinsics: K.txt with nine numbers in it, or data.fx, data.fy, data.cx and data.cy are "
+            "expected, in pixels of the images."
+        )
+
+    def pose(self, frame: FrameReference) -> np.ndarray | None:
+        """4 x 4 float64, camera-to-world; None for a frame without."""
+        pose = self._poses[frame.sequence].get(frame.name)
+        return None if pose is None else pose.copy()
+
+    def _find(self) -> Frames:
+        found: Frames = {}
+        for sequence, video in self._videos.items():
+            images = _files_in(video, self._image_folders, IMAGE_SUFFIXES)
+            names = sortable_names(images)
+            depths = matching(images, _files_in(video, _choice(self.depth, DEPTH_FOLDERS), DEPTH_SUFFIXES))
+            points = matching(images, _files_in(video, _choice(self.sparse, SPARSE_FOLDERS), DEPTH_SUFFIXES))
+            if not depths and not points:
+                raise DeuxError(
+                    f"{video} has no depth maps of its images' names or numbers: a folder "
+                    f"{' or '.join(_choice(self.depth, DEPTH_FOLDERS))} of .png or .npy files is expected, and "
+                    "data.depth may name another."
+                )
+            found[sequence] = {}
+            for name, stem in names.items():
+                # Where a video has points of its own, none are sampled for the frames that lack them.
+                truth = depths.get(stem) if stem in points or not points else None
+                found[sequence][name] = FrameFiles(images[stem], points.get(stem), truth, self.scale)
+        return found
+
+    def _clips(self, split: str) -> list[Clip]:
+        clips = []
+        skipped: Counter[str] = Counter()
+        for sequence, (before, block) in self._blocks(split).items():
+            files, posed = self._frames[sequence], self._posed(sequence)
+            if split == "train":
+                skipped["without pose"] += sum(name not in posed for name in block)
+                frames = self._moving(sequence, [name for name in block if name in posed])
+                skipped["static"] += sum(name in posed for name in block) - len(frames)
+                targets = [name for name in frames if files[name].has_depth]
+                skipped["without depth"] += len(frames) - len(targets)
+            else:
+                frames = [name for name in (*before, *block) if name in posed]
+                targets = [name for name in block if files[name].has_depth]
+                skipped["without depth"] += len(block) - len(targets)
+            clips.append(Clip(sequence, targets, frames, self.gap))
+        report_skipped(f"{self.folder}, {split}", sum(len(clip.targets) for clip in clips), skipped)
+        return clips
+
+    def _expected(self, split: str) -> str:
+        if split != "train" and getattr(self, split) == 0:
+            return f"data.{split}=0.1 keeps a tenth of the {self.split_by} for it."
+        return (
+            f"data.validation={self.validation}, data.test={self.test}, data.margin={self.margin} and "
+            f"data.gap={self.gap} must leave some."
+        )
+
+    def _blocks(self, split: str) -> dict[str, tuple[list[str], list[str]]]:
+        """The split's frames of each video, after the frames of no split that come before them."""
+        if self.split_by == "videos":
+            chosen = _divide(list(self._videos), math.ceil, self.validation, self.test, 0)[split]
+            return {video: ([], list(self._frames[video])) for video in list(self._videos)[chosen]}
+        found = {}
+        for video in self._videos:
+            names = list(self._frames[video])
+            block = _divide(names, round, self.validation, self.test, self.margin)[split]
+            free = 0 if split == "train" else self.margin
+            found[video] = names[max(0, block.start - free) : block.start], names[block]
+        return found
+
+    def _posed(self, sequence: str) -> Collection[str]:
+        """The frames that have a pose; all of them where the video has no poses."""
+        return self._poses[sequence] or self._frames[sequence]
+
+    def _moving(self, sequence: str, names: Sequence[str]) -> list[str]:
+        """The frames in which the camera has moved since the last one of them."""
+        poses = self._poses[sequence]
+        if not poses and self.min_difference == 0:
+            return list(names)
+        kept: list[str] = []
+        last: np.ndarray | None = None
+        for name in names:
+            now = poses[name] if poses else _grey(self._frames[sequence][name].image)
+            if last is None or (self._apart(last, now) if poses else self._differ(last, now)):
+                kept.append(name)
+                last = now
+        return kept
+
+    def _apart(self, first: np.ndarray, second: np.ndarray) -> bool:
+        distance, angle = motion(first, second)
+        return distance >= self.min_distance or angle >= self.min_angle
+
+    def _differ(self, first: np.ndarray, second: np.ndarray) -> bool:
+        return first.shape != second.shape or float(np.abs(first - second).mean()) >= self.min_difference
+
+    @cached_property
+    def _poses(self) -> dict[str, dict[str, np.ndarray]]:
+        """The camera-to-world matrices of each video, by the frames' names; none for a video without poses."""
+        found = {}
+        for sequence, video in self._videos.items():
+            path = next(
+                (video / name for name in _choice(self.poses, TRAJECTORY_FILES) if (video / name).exists()), None
+            )
+            if path is None and self.poses is not None:
+                raise DeuxError(f"{video} has no poses called {self.poses}, as data.poses says.")
+            stems = {name: files.image.stem for name, files in self._frames[sequence].items()}
+            known = {} if path is None else read_trajectory(path, list(stems.values()), self.world_to_camera)
+            if path is not None and not known:
+                raise DeuxError(f"{path} has a pose for none of the images: their names or times are not in it.")
+            found[sequence] = {name: known[stem] for name, stem in stems.items() if stem in known}
+        return found
+
+    @cached_property
+    def _videos(self) -> dict[str, Path]:
+        """The folder of each video, by its name; in the order of the numbers in the names."""
+        if _subfolder(self.folder, self._image_folders) is not None:
+            return {self.folder.resolve().name: self.folder}
+        there = {
+            path.name: path for path in self.folder.glob("*/") if _subfolder(path, self._image_folders) is not None
+        }
+        return {name: there[name] for name in natural_order(there)}
+
+    @property
+    def _image_folders(self) -> tuple[str, ...]:
+        return _choice(self.images, IMAGE_FOLDERS)
+
+
+def _choice(chosen: str | None, common: tuple[str, ...]) -> tuple[str, ...]:
+    """The name that the user gave, or the common ones."""
+    return common if chosen is None else (chosen,)
+
+
+def _subfolder(video: Path, names: Sequence[str]) -> Path | None:
+    """The first folder of these names."""
+    return next((video / name for name in names if (video / name).is_dir()), None)
+
+
+def _files_in(video: Path, names: Sequence[str], suffixes: tuple[str, ...]) -> dict[str, Path]:
+    """The files in the first folder of these names; none if there is no such folder."""
+    folder = _subfolder(video, names)
+    return {} if folder is None else list_files(folder, suffixes)
+
+
+def _divide(
+    items: Sequence[str], count: Callable[[float], int], validation: float, test: float, margin: int
+) -> dict[str, slice]:
+    """Cut a sequence into training, validation and test items, with `margin` items of no split in between."""
+    end = len(items)
+    found = {}
+    for split, fraction in (("test", test), ("validation", validation)):
+        start = max(0, end - count(fraction * len(items)))
+        found[split] = slice(start, end)
+        if start < end:
+            end = max(0, start - margin)
+    found["train"] = slice(0, end)
+    return found
+
+
+def _grey(path: Path) -> np.ndarray:
+    """H x W float32, 0 to 255."""
+    return cv2.cvtColor(read_any_image(path), cv2.COLOR_RGB2GRAY).astype(np.float32)

@@ -1,0 +1,303 @@
+"""The walls around the free floor as straight segments, which a slide along them needs: cells have stairs instead.
+
+As in Recast, the border of the free cells is traced and simplified. Unlike there, it is simplified towards the floor:
+the segments enclose no place outside the free cells, and part nothing that the free cells join.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+import cv2
+import numpy as np
+from skimage.measure import find_contours
+
+from deux.compilation import compiled
+
+TOLERANCE = 0.9  # cells; less than 1, by which one cell that is set back deviates
+LARGEST_DEVIATION = 0.7  # cells from a line to the borders of the cells along it; a straight wall's deviate by 0.5
+SHORTEST = 3.0  # cells; the shortest line that is fitted to a contour
+FARTHEST_CORNER = 3.0  # cells from the contour to where two walls, made longer, meet
+INSET = 1e-4  # cells from the segments to the border of the free cells, so that rounding cannot matter
+
+
+def wall_segments(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Straight segments around the free cells of a grid, closed loops all of them.
+
+    A stretch of a contour that deviates by at most `TOLERANCE` from a chord becomes a line, fitted by least squares
+    and then moved towards the floor until the contour is behind it. Where a line would leave the free cells or cross
+    another one, as in passages a cell wide, the contour stays as it is, except that the corner cells of the floor are
+    halved: what slides on stairs then meets slopes, and never a riser that stands across its way.
+
+    Args:
+        free: rows x columns bool.
+
+    Returns:
+        Starts and ends, S x 2 float64 each, as (x, y) in cells: cell (row, column) covers column <= x < column + 1,
+        row <= y < row + 1. The floor is on the side of (-uy, ux), where (ux, uy) is the direction of a segment.
+    """
+    padded = np.pad(free, 1)
+    # Cells that touch at a corner only are apart.
+    traced = find_contours(padded.astype(np.float64), 0.5, fully_connected="low")
+    contours = [_Contour(loop[:-1, ::-1] - 0.5) for loop in traced]
+    while True:
+        loops = [contour.segments() for contour in contours]
+        starts, ends, owners = (np.concatenate(parts) for parts in zip(_NO_SEGMENTS, *loops, strict=True))
+        of_contour = np.repeat(np.arange(len(loops)), [len(loop[2]) for loop in loops])
+        wrong = (owners >= 0) & (_leaves(padded, starts + 1.0, ends + 1.0) | _crosses(starts, ends))
+        if not wrong.any():
+            return starts, ends
+        for number, contour in enumerate(contours):
+            contour.simplify_less(np.unique(owners[wrong & (of_contour == number)]))
+
+
+_NO_SEGMENTS = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int64)
+
+
+class _Form(IntEnum):
+    """How a line ends: what is tried first has the highest number."""
+
+    WHOLE = 0
+    SHORTENED = 1  # by a cell on either side: what slides from the contour to the line shall meet no riser either
+    TO_CORNER = 2  # where it meets the next line, if there is one
+
+
+@dataclass
+class _Piece:
+    """A stretch of a contour that becomes a line.
+
+    Args:
+        borders: numbers of the borders of cells that it replaces, one after the other.
+        start: 2, the line's first point.
+        end: 2, its last point.
+        form: where it ends.
+    """
+
+    borders: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    form: _Form = _Form.TO_CORNER
+
+    @property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its first and last point, shortened as its form says."""
+        if self.form == _Form.WHOLE:
+            return self.start, self.end
+        cell = (self.end - self.start) / np.linalg.norm(self.end - self.start)
+        return self.start + cell, self.end - cell
+
+
+class _Contour:
+    """One closed contour of the free cells.
+
+    Args:
+        middles: M x 2, the middles of the M cell borders that it consists of, the free cells on the side of (-uy, ux).
+    """
+
+    def __init__(self, middles: np.ndarray) -> None:
+        self._middles = middles
+        following = np.roll(middles, -1, axis=0)
+        # Two borders meet at a corner of cells: each gives the coordinate in which it lies on the grid.
+        gridded, following_gridded = middles % 1.0 == 0.0, following % 1.0 == 0.0
+        corners = np.where(
+            gridded & following_gridded,
+            middles,
+            np.where(gridded, middles, np.where(following_gridded, following, (middles + following) / 2.0)),
+        )
+        self._direction = corners - np.roll(corners, 1, axis=0)
+        self._normal = np.stack([-self._direction[:, 1], self._direction[:, 0]], axis=1)
+        ahead, ahead_normal = np.roll(self._direction, -1, axis=0), np.roll(self._normal, -1, axis=0)
+        self._turn = self._direction[:, 0] * ahead[:, 1] - self._direction[:, 1] * ahead[:, 0]
+        straight = (self._turn == 0.0)[:, None]
+        self._corners = corners + INSET * np.where(straight, self._normal, self._normal + ahead_normal)
+        self._positions, self._points = self._halve_corner_cells(corners)
+        self.pieces = self._find_pieces()
+
+    def segments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Starts and ends (S x 2), and the piece to which each segment is owed, -1 for none."""
+        kept = np.ones(len(self._positions), dtype=bool)
+        positions, points, owners, reached = [], [], [], []
+        corners = [self._corner(number) for number in range(len(self.pieces))]
+        for number, piece in enumerate(self.pieces):
+            # The middle of border i is half a border before corner i.
+            first, last = (piece.borders[[0, -1]] - 0.5) % len(self._middles)
+            kept &= ~_between(self._positions, first, last)
+            start, end = piece.ends
+            if corners[number - 1] is None:
+                positions.append(first)
+                points.append(start)
+                owners.append(number)
+                reached.append(number)
+            if corners[number] is not None:
+                end = corners[number]
+                after = self.pieces[(number + 1) % len(self.pieces)].borders[0] - 0.5
+                kept &= ~_between(self._positions, last, after % len(self._middles))
+            positions.append(last)
+            points.append(end)
+            owners.append(number)
+            reached.append(-1)
+        return self._in_order(kept, positions, points, owners, reached)
+
+    def simplify_less(self, wrong: np.ndarray) -> None:
+        """Take the next form of pieces, given by their numbers; those that have been through all are halved."""
+        pieces = []
+        for number, piece in enumerate(self.pieces):
+            if number in wrong and piece.form == _Form.WHOLE:
+                pieces += self._fit(np.array_split(piece.borders, 2))
+            elif number in wrong:
+                pieces.append(replace(piece, form=_Form(piece.form - 1)))
+            else:
+                pieces.append(piece)
+        self.pieces = pieces
+
+    def _in_order(
+        self, kept: np.ndarray, positions: list[float], points: list[np.ndarray], owners: list[int], reached: list[int]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        none = np.full(int(kept.sum()), -1)
+        position = np.concatenate([self._positions[kept], positions])
+        order = np.argsort(position, kind="stable")
+        starts = np.concatenate([self._points[kept], np.reshape(points, (-1, 2))])[order]
+        owner = np.concatenate([none, np.array(owners, np.int64)])[order]
+        # A segment from the contour to a line is owed to the line.
+        to_line = np.roll(np.concatenate([none, np.array(reached, np.int64)])[order], -1)
+        ends = np.roll(starts, -1, axis=0)
+        long = np.linalg.norm(ends - starts, axis=1) > INSET / 10.0
+        return starts[long], ends[long], np.where(owner >= 0, owner, to_line)[long]
+
+    def _halve_corner_cells(self, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The contour without lines: positions along it (N) and its points (N x 2)."""
+        count = len(corners)
+        number = np.arange(count, dtype=np.float64)
+        inner, outer = self._turn > 0.0, self._turn < 0.0  # corners of the floor, of what stands on it
+        positions, points = [number[outer]], [self._corners[outer]]
+        for side in (-1, 1):
+            beyond = np.roll(np.arange(count), -side)
+            reach = np.where(inner[beyond], 0.5, 1.0)
+            kept = inner & ~outer[beyond]
+            border = np.arange(count) if side < 0 else beyond
+            place = corners + side * reach[:, None] * self._direction[border] + INSET * self._normal[border]
+            positions.append((number + side * reach)[kept] % count)
+            points.append(place[kept])
+        return np.concatenate(positions), np.concatenate(points)
+
+    def _find_pieces(self) -> list[_Piece]:
+        """The stretches between the points of Douglas and Peucker's simplification, joined where one line will do."""
+        approximated = cv2.approxPolyDP(self._middles.astype(np.float32), TOLERANCE, True)[:, 0]
+        index = {(x, y): number for number, (x, y) in enumerate(self._middles.tolist())}
+        breaks = sorted(index[x, y] for x, y in approximated.tolist())
+        for here in breaks[:]:
+            place = breaks.index(here)
+            before, after = breaks[place - 1], breaks[(place + 1) % len(breaks)]
+            if len(breaks) > 3 and self._deviation(self._inside(before, after)) <= LARGEST_DEVIATION:
+                breaks.remove(here)
+        stretches = [self._inside(first, last) for first, last in zip(breaks, [*breaks[1:], breaks[0]], strict=True)]
+        return self._fit(stretches)
+
+    def _inside(self, first: int, last: int) -> np.ndarray:
+        """The borders between two breaks; those next to them belong to the neighbouring walls as much."""
+        count = len(self._middles)
+        return np.arange(first + 1, last if last > first else last + count) % count
+
+    def _deviation(self, borders: np.ndarray) -> float:
+        """The largest distance of borders from their line."""
+        mean, direction = _line(self._middles[borders])
+        return float(np.abs((self._middles[borders] - mean) @ [-direction[1], direction[0]]).max())
+
+    def _fit(self, stretches: list[np.ndarray]) -> list[_Piece]:
+        """Lines along stretches of borders, with all corners between these behind them; short ones are left out."""
+        pieces = []
+        for borders in stretches:
+            middles = self._middles[borders]
+            if len(borders) < 2 or np.linalg.norm(middles[-1] - middles[0]) < SHORTEST:
+                continue
+            mean, direction = _line(middles)
+            normal = np.array([-direction[1], direction[0]])
+            mean = mean + ((self._corners[borders[:-1]] - mean) @ normal).max() * normal
+            start, end = (mean + (middle - mean) @ direction * direction for middle in middles[[0, -1]])
+            pieces.append(_Piece(borders, start, end))
+        return pieces
+
+    def _corner(self, number: int) -> np.ndarray | None:
+        """Where a piece's line meets the next one's, if they are to meet."""
+        piece, after = self.pieces[number], self.pieces[(number + 1) % len(self.pieces)]
+        if piece.form != _Form.TO_CORNER or len(self.pieces) < 2:
+            return None
+        along, along_after = piece.end - piece.start, after.end - after.start
+        across = along[0] * along_after[1] - along[1] * along_after[0]
+        if abs(across) < 1e-9:
+            return None
+        gap = after.start - piece.start
+        corner = piece.start + along * (gap[0] * along_after[1] - gap[1] * along_after[0]) / across
+        far = max(np.linalg.norm(corner - piece.end), np.linalg.norm(corner - after.start)) > FARTHEST_CORNER
+        turned_back = ((corner - piece.start) @ along) < 0.5 * along @ along
+        turned_back |= ((after.end - corner) @ along_after) < 0.5 * along_after @ along_after
+        return None if far or turned_back else corner
+
+
+def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and direction of N x 2 points' least-squares line, directed from the first point to the last."""
+    mean = points.mean(axis=0)
+    direction = np.linalg.svd(points - mean, full_matrices=False)[2][0]
+    return mean, direction * np.copysign(1.0, direction @ (points[-1] - points[0]))
+
+
+def _between(positions: np.ndarray, first: float, last: float) -> np.ndarray:
+    """Which positions along a closed contour are on the way from `first` to `last`."""
+    after, before = positions >= first, positions <= last
+    return after & before if first <= last else after | before
+
+
+@compiled(nogil=True)
+def _leaves(free: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Which segments (S x 2, in cells, inside the grid) pass a cell that is not free."""
+    leaves = np.zeros(len(starts), np.bool_)
+    for i in range(len(starts)):
+        leaves[i] = not is_clear(free, starts[i, 0], starts[i, 1], ends[i, 0], ends[i, 1])
+    return leaves
+
+
+@compiled(nogil=True)
+def is_clear(free: np.ndarray, x: float, y: float, end_x: float, end_y: float) -> bool:
+    """Whether all cells on a straight way between two points, in cells, are free; the grid contains both points."""
+    column, row = int(np.floor(x)), int(np.floor(y))
+    end_column, end_row = int(np.floor(end_x)), int(np.floor(end_y))
+    dx, dy = end_x - x, end_y - y
+    while free[row, column]:
+        if column == end_column and row == end_row:
+            return True
+        # The fractions of the way at which it leaves the column and the row.
+        to_column = ((column + (dx > 0.0)) - x) / dx if column != end_column else np.inf
+        to_row = ((row + (dy > 0.0)) - y) / dy if row != end_row else np.inf
+        if to_column < to_row:
+            column += 1 if dx > 0.0 else -1
+        else:
+            row += 1 if dy > 0.0 else -1
+    return False
+
+
+@compiled(nogil=True)
+def _crosses(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Which of S segments cross another one; those with a common end do not."""
+    count = len(starts)
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    order = np.argsort(low[:, 0])
+    crosses = np.zeros(count, np.bool_)
+    for place in range(count):
+        i = order[place]
+        for other in range(place + 1, count):
+            j = order[other]
+            if low[j, 0] > high[i, 0]:
+                break
+            if low[j, 1] > high[i, 1] or high[j, 1] < low[i, 1]:
+                continue
+            apart = _side(starts[i], ends[i], starts[j]) * _side(starts[i], ends[i], ends[j]) < 0.0
+            if apart and _side(starts[j], ends[j], starts[i]) * _side(starts[j], ends[j], ends[i]) < 0.0:
+                crosses[i] = crosses[j] = True
+    return crosses
+
+
+@compiled(nogil=True)
+def _side(start: np.ndarray, end: np.ndarray, point: np.ndarray) -> float:
+    """Positive where `point` is on the floor's side of the line through `start` and `end`."""
+    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])

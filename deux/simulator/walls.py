@@ -18,7 +18,7 @@ from deux.compilation import compiled
 TOLERANCE = 0.9  # cells; less than 1, by which one cell that is set back deviates
 LARGEST_DEVIATION = 0.7  # cells from a line to the borders of the cells along it; a straight wall's deviate by 0.5
 SHORTEST = 3.0  # cells; the shortest line that is fitted to a contour
-FARTHEST_CORNER = 3.0  # cells from the contour to where two walls, made longer, meet
+FARTHEST_CORNER = 1.0  # cells from the contour's corners to where two lines, made longer, meet
 INSET = 1e-4  # cells from the segments to the border of the free cells, so that rounding cannot matter
 
 
@@ -41,15 +41,16 @@ def wall_segments(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     # Cells that touch at a corner only are apart.
     traced = find_contours(padded.astype(np.float64), 0.5, fully_connected="low")
     contours = [_Contour(loop[:-1, ::-1] - 0.5) for loop in traced]
+    loops = [contour.segments() for contour in contours]
     while True:
-        loops = [contour.segments() for contour in contours]
         starts, ends, owners = (np.concatenate(parts) for parts in zip(_NO_SEGMENTS, *loops, strict=True))
         of_contour = np.repeat(np.arange(len(loops)), [len(loop[2]) for loop in loops])
         wrong = (owners >= 0) & (_leaves(padded, starts + 1.0, ends + 1.0) | _crosses(starts, ends))
         if not wrong.any():
             return starts, ends
-        for number, contour in enumerate(contours):
-            contour.simplify_less(np.unique(owners[wrong & (of_contour == number)]))
+        for number in np.unique(of_contour[wrong]):
+            contours[number].simplify_less(np.unique(owners[wrong & (of_contour == number)]))
+            loops[number] = contours[number].segments()
 
 
 _NO_SEGMENTS = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int64)
@@ -100,11 +101,8 @@ class _Contour:
         following = np.roll(middles, -1, axis=0)
         # Two borders meet at a corner of cells: each gives the coordinate in which it lies on the grid.
         gridded, following_gridded = middles % 1.0 == 0.0, following % 1.0 == 0.0
-        corners = np.where(
-            gridded & following_gridded,
-            middles,
-            np.where(gridded, middles, np.where(following_gridded, following, (middles + following) / 2.0)),
-        )
+        either = np.where(gridded, middles, following)
+        corners = np.where(gridded == following_gridded, (middles + following) / 2.0, either)
         self._direction = corners - np.roll(corners, 1, axis=0)
         self._normal = np.stack([-self._direction[:, 1], self._direction[:, 0]], axis=1)
         ahead, ahead_normal = np.roll(self._direction, -1, axis=0), np.roll(self._normal, -1, axis=0)
@@ -117,7 +115,10 @@ class _Contour:
     def segments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Starts and ends (S x 2), and the piece to which each segment is owed, -1 for none."""
         kept = np.ones(len(self._positions), dtype=bool)
-        positions, points, owners, reached = [], [], [], []
+        positions: list[float] = []
+        points: list[np.ndarray] = []
+        owners: list[int] = []
+        reached: list[int] = []
         corners = [self._corner(number) for number in range(len(self.pieces))]
         for number, piece in enumerate(self.pieces):
             # The middle of border i is half a border before corner i.
@@ -229,7 +230,8 @@ class _Contour:
             return None
         gap = after.start - piece.start
         corner = piece.start + along * (gap[0] * along_after[1] - gap[1] * along_after[0]) / across
-        far = max(np.linalg.norm(corner - piece.end), np.linalg.norm(corner - after.start)) > FARTHEST_CORNER
+        between = self._corners[self._inside(piece.borders[-1] - 1, after.borders[0])]
+        far = np.linalg.norm(between - corner, axis=1).min() > FARTHEST_CORNER
         turned_back = ((corner - piece.start) @ along) < 0.5 * along @ along
         turned_back |= ((after.end - corner) @ along_after) < 0.5 * along_after @ along_after
         return None if far or turned_back else corner

@@ -156,15 +156,14 @@ class _Contour:
         self, kept: np.ndarray, positions: list[float], points: list[np.ndarray], owners: list[int], reached: list[int]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         none = np.full(int(kept.sum()), -1)
-        position = np.concatenate([self._positions[kept], positions])
-        order = np.argsort(position, kind="stable")
+        order = np.argsort(np.concatenate([self._positions[kept], positions]), kind="stable")
         starts = np.concatenate([self._points[kept], np.reshape(points, (-1, 2))])[order]
-        owner = np.concatenate([none, np.array(owners, np.int64)])[order]
+        apart = np.linalg.norm(np.roll(starts, -1, axis=0) - starts, axis=1) > INSET / 10.0
+        starts = starts[apart]
+        owner = np.concatenate([none, np.array(owners, np.int64)])[order][apart]
         # A segment from the contour to a line is owed to the line.
-        to_line = np.roll(np.concatenate([none, np.array(reached, np.int64)])[order], -1)
-        ends = np.roll(starts, -1, axis=0)
-        long = np.linalg.norm(ends - starts, axis=1) > INSET / 10.0
-        return starts[long], ends[long], np.where(owner >= 0, owner, to_line)[long]
+        to_line = np.roll(np.concatenate([none, np.array(reached, np.int64)])[order][apart], -1)
+        return starts, np.roll(starts, -1, axis=0), np.where(owner >= 0, owner, to_line)
 
     def _halve_corner_cells(self, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The contour without lines: positions along it (N) and its points (N x 2)."""
@@ -278,28 +277,35 @@ def is_clear(free: np.ndarray, x: float, y: float, end_x: float, end_y: float) -
     return False
 
 
-@compiled(nogil=True)
 def _crosses(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
     """Which of S segments cross another one; those with a common end do not."""
-    count = len(starts)
-    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
-    order = np.argsort(low[:, 0])
-    crosses = np.zeros(count, np.bool_)
-    for place in range(count):
-        i = order[place]
-        for other in range(place + 1, count):
-            j = order[other]
-            if low[j, 0] > high[i, 0]:
+    order = np.argsort(np.minimum(starts[:, 0], ends[:, 0]))
+    crosses = np.zeros(len(starts), dtype=bool)
+    crosses[order] = _crosses_sorted(starts[order], ends[order])
+    return crosses
+
+
+@compiled(nogil=True)
+def _crosses_sorted(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """`_crosses` for segments in the order of their smaller x."""
+    crosses = np.zeros(len(starts), np.bool_)
+    for i in range(len(starts)):
+        ax, ay, bx, by = starts[i, 0], starts[i, 1], ends[i, 0], ends[i, 1]
+        for j in range(i + 1, len(starts)):
+            cx, cy, dx, dy = starts[j, 0], starts[j, 1], ends[j, 0], ends[j, 1]
+            if min(cx, dx) > max(ax, bx):
                 break
-            if low[j, 1] > high[i, 1] or high[j, 1] < low[i, 1]:
+            if min(cy, dy) > max(ay, by) or max(cy, dy) < min(ay, by):
                 continue
-            apart = _side(starts[i], ends[i], starts[j]) * _side(starts[i], ends[i], ends[j]) < 0.0
-            if apart and _side(starts[j], ends[j], starts[i]) * _side(starts[j], ends[j], ends[i]) < 0.0:
+            if (
+                _side(ax, ay, bx, by, cx, cy) * _side(ax, ay, bx, by, dx, dy) < 0.0
+                and _side(cx, cy, dx, dy, ax, ay) * _side(cx, cy, dx, dy, bx, by) < 0.0
+            ):
                 crosses[i] = crosses[j] = True
     return crosses
 
 
 @compiled(nogil=True)
-def _side(start: np.ndarray, end: np.ndarray, point: np.ndarray) -> float:
-    """Positive where `point` is on the floor's side of the line through `start` and `end`."""
-    return (end[0] - start[0]) * (point[1] - start[1]) - (end[1] - start[1]) * (point[0] - start[0])
+def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> float:
+    """Positive where (x, y) is on the floor's side of the line from (ax, ay) to (bx, by)."""
+    return (bx - ax) * (y - ay) - (by - ay) * (x - ax)

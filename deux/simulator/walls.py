@@ -130,12 +130,12 @@ class _Contour:
                 points.append(start)
                 owners.append(number)
                 reached.append(number)
-            if corners[number] is not None:
-                end = corners[number]
+            corner = corners[number]
+            if corner is not None:
                 after = self.pieces[(number + 1) % len(self.pieces)].borders[0] - 0.5
                 kept &= ~_between(self._positions, last, after % len(self._middles))
             positions.append(last)
-            points.append(end)
+            points.append(end if corner is None else corner)
             owners.append(number)
             reached.append(-1)
         return self._in_order(kept, positions, points, owners, reached)

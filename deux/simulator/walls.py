@@ -113,32 +113,34 @@ class _Contour:
         self.pieces = self._find_pieces()
 
     def segments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Starts and ends (S x 2), and the piece to which each segment is owed, -1 for none."""
+        """Starts and ends (S x 2), and the piece that is to change if a segment is wrong, -1 for none."""
         kept = np.ones(len(self._positions), dtype=bool)
-        positions: list[float] = []
-        points: list[np.ndarray] = []
-        owners: list[int] = []
-        reached: list[int] = []
+        ends: list[tuple[float, np.ndarray, int]] = []  # of lines: position along the contour, point, piece
         corners = [self._corner(number) for number in range(len(self.pieces))]
         for number, piece in enumerate(self.pieces):
-            # The middle of border i is half a border before corner i.
-            first, last = (piece.borders[[0, -1]] - 0.5) % len(self._middles)
+            first, last = self._span(piece)
             kept &= ~_between(self._positions, first, last)
             start, end = piece.ends
             if corners[number - 1] is None:
-                positions.append(first)
-                points.append(start)
-                owners.append(number)
-                reached.append(number)
+                ends.append((first, start, number))
             corner = corners[number]
             if corner is not None:
-                after = self.pieces[(number + 1) % len(self.pieces)].borders[0] - 0.5
-                kept &= ~_between(self._positions, last, after % len(self._middles))
-            positions.append(last)
-            points.append(end if corner is None else corner)
-            owners.append(number)
-            reached.append(-1)
-        return self._in_order(kept, positions, points, owners, reached)
+                end = corner
+                kept &= ~_between(self._positions, last, self._span(self.pieces[(number + 1) % len(self.pieces)])[0])
+            ends.append((last, end, number))
+        order = np.argsort([*self._positions[kept], *(position for position, _, _ in ends)], kind="stable")
+        points = np.array([*self._points[kept], *(point for _, point, _ in ends)])[order]
+        pieces = np.array([-1] * int(kept.sum()) + [number for _, _, number in ends])[order]
+        apart = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1) > INSET / 10.0
+        points, pieces = points[apart], pieces[apart]
+        # From the contour to a line it is the line that can change.
+        return points, np.roll(points, -1, axis=0), np.where(pieces >= 0, pieces, np.roll(pieces, -1))
+
+    def _span(self, piece: _Piece) -> tuple[float, float]:
+        """The positions along the contour at which a piece begins and ends."""
+        # Corner i is at position i, the middle of border i half a border before it.
+        first, last = (piece.borders[[0, -1]] - 0.5) % len(self._middles)
+        return first, last
 
     def simplify_less(self, wrong: np.ndarray) -> None:
         """Take the next form of pieces, given by their numbers; those that have been through all are halved."""
@@ -151,19 +153,6 @@ class _Contour:
             else:
                 pieces.append(piece)
         self.pieces = pieces
-
-    def _in_order(
-        self, kept: np.ndarray, positions: list[float], points: list[np.ndarray], owners: list[int], reached: list[int]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        none = np.full(int(kept.sum()), -1)
-        order = np.argsort(np.concatenate([self._positions[kept], positions]), kind="stable")
-        starts = np.concatenate([self._points[kept], np.reshape(points, (-1, 2))])[order]
-        apart = np.linalg.norm(np.roll(starts, -1, axis=0) - starts, axis=1) > INSET / 10.0
-        starts = starts[apart]
-        owner = np.concatenate([none, np.array(owners, np.int64)])[order][apart]
-        # A segment from the contour to a line is owed to the line.
-        to_line = np.roll(np.concatenate([none, np.array(reached, np.int64)])[order][apart], -1)
-        return starts, np.roll(starts, -1, axis=0), np.where(owner >= 0, owner, to_line)
 
     def _halve_corner_cells(self, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The contour without lines: positions along it (N) and its points (N x 2)."""

@@ -52,8 +52,8 @@ def pack_textures(materials: Sequence[Material]) -> TexturePyramids:
         for level in range(count):
             if level > 0:
                 height, width = texture.shape[:2]
-                # The mean over each texel's area: what keeps a pattern finer than a pixel from aliasing.
-                texture = cv2.resize(texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_AREA)
+                # Bilinear at half the size is the mean of 2 x 2 texels, and what OpenGL does where a size is odd.
+                texture = cv2.resize(texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_LINEAR)
             texels[starts[level] : starts[level] + texture.size] = texture.reshape(-1)
     return TexturePyramids(texels, offsets, sizes, material_texture)
 

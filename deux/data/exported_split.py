@@ -47,7 +47,7 @@ class ExportedSplit:
 def read_splits(
     readers: dict[str, Reader], offsets: tuple[int, ...], names: Sequence[str] = ("train", "validation", "test")
 ) -> list[ExportedSplit]:
-    """List the frames of each split.
+    """List the frames of each split; of training and validation splits those that have two source frames.
 
     Args:
         readers: of each split that is exported, by its name.
@@ -55,22 +55,22 @@ def read_splits(
         names: the order of the splits.
 
     Raises:
-        DeuxError: a split has no frames, or a target of another split than the test split has not two source frames.
+        DeuxError: a split has no frames, or none that can be trained on.
     """
     splits: list[ExportedSplit] = []
     taken: set[str] = set()
     for name in (name for name in names if name in readers):
-        triplets = tuple(readers[name].triplets(name, offsets))
+        listed = readers[name].triplets(name, offsets)
+        triplets = tuple(t for t in listed if name == "test" or len(t.sources) == SOURCES)
+        if not triplets:
+            raise DeuxError(
+                f"no frame of the {name} split of {readers[name].folder} has {SOURCES} source frames at the offsets "
+                f"{list(offsets)}: what is exported for training needs them (training.offsets)."
+            )
         own = {triplet.target.sequence for triplet in triplets}
         # One sequence in two splits would let the published set-up code take test frames for training frames.
         splits.append(ExportedSplit(name, readers[name], triplets, f"-{name}" if own & taken else ""))
         taken |= {splits[-1].sequence(triplet.target) for triplet in triplets}
-        for triplet in triplets if name != "test" else ():
-            if len(triplet.sources) != SOURCES:
-                raise DeuxError(
-                    f"{readers[name].folder} has {len(triplet.sources)} source frames for {triplet.target.name} of "
-                    f"{triplet.target.sequence}: what is exported for training needs {SOURCES}."
-                )
     return splits
 
 

@@ -234,6 +234,15 @@ def change(frame: Frame, kind: str) -> dict[str, object]:
         return {"sparse_scale": 1}
     elif kind == "other camera":
         np.savetxt(frame.folder / "K.txt", frame.intrinsics * [[4.0], [4.0], [1.0]])
+    elif kind == "smaller camera":
+        np.savetxt(frame.folder / "K.txt", frame.intrinsics * [[0.5], [0.5], [1.0]])
+    elif kind == "normalised camera":
+        np.savetxt(frame.folder / "K.txt", frame.intrinsics / [[WIDTH], [HEIGHT], [1.0]])
+    elif kind == "millimetres":  # of a small scene, which stays within the model's range
+        frame.save("sparse.png", np.rint(550 * frame.sparse).astype(np.uint16))
+    elif kind == "truth in another unit":
+        write_depth(frame.folder / "truth.png", 1.5 * frame.truth)
+        return {"ground_truth": "truth.png"}
     elif kind == "other sizes":
         frame.save("image.png", frame.rgb[:, 1:])
     elif kind == "other size of the truth":
@@ -260,6 +269,21 @@ def change(frame: Frame, kind: str) -> dict[str, object]:
             "other camera",
             r"WARNING: the principal point \(120, 88\) lies outside the image of 61 x 45 pixels: .*/K.txt",
         ),
+        ("smaller camera", r"WARNING: the principal point \(15, 11\) lies far from the middle .* about 31 x 23 pixels"),
+        (
+            "normalised camera",
+            r"too short .*: if .*/K.txt is divided by .* first row by the width 61 and its second row by the height 45",
+        ),
+        (
+            "millimetres",
+            r"the median depth of sparse.png is 5\.\d+ m with predict.sparse_scale=256 and would be 1\.\d+ m with "
+            r"predict.sparse_scale=1000 \(millimetres\)",
+        ),
+        (
+            "truth in another unit",
+            r"WARNING: truth.png is 1.5 times the sparse depth at the points .*: are both in one unit\? "
+            "predict.ground_truth_scale sets",
+        ),
     ],
 )
 def test_what_is_suspicious_is_said(predict, frame, kind, sentence):
@@ -269,6 +293,27 @@ def test_what_is_suspicious_is_said(predict, frame, kind, sentence):
     assert outcome.err.count("\n") == 1
     assert re.search(sentence, outcome.err)
     assert written(frame.folder / "run") == FILES
+
+
+def test_ground_truth_may_have_a_scale_of_its_own(predict, frame):
+    frame.save("mm.png", np.rint(1000 * frame.sparse).astype(np.uint16))
+    write_depth(frame.folder / "truth.png", frame.truth)
+    known = predict(ground_truth="truth.png")
+    scales = {"sparse_scale": 1000, "predict.ground_truth_scale": 256}
+    outcome = predict(sparse="mm.png", ground_truth="truth.png", **scales)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out == known.out
+    assert predict(ground_truth="truth.png", **{"predict.ground_truth_scale": 0}).sentence == (
+        "predict.ground_truth_scale is 0.0: it must be above 0."
+    )
+
+
+def test_without_points_nothing_is_interpolated(predict, frame):
+    write_depth(frame.folder / "truth.png", frame.truth)
+    outcome = predict(ground_truth="truth.png", **change(frame, "no points"))
+    assert outcome.code == 0
+    assert f"Errors on the {frame.truth.size:,} pixels" in outcome.out
+    assert "interpolated points" not in outcome.out
 
 
 def test_depth_beyond_what_a_png_holds_is_said(tmp_path, caplog):

@@ -13,7 +13,7 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_intrinsics, read_intrinsics
-from deux_plugins.readers.parts.frame_files import IMAGE_SUFFIXES, list_files, sortable_names
+from deux_plugins.readers.parts.frame_files import IMAGE_SUFFIXES, list_files
 from deux_plugins.readers.parts.recorded_video import (
     Clip,
     FrameFiles,
@@ -115,8 +115,8 @@ class Kitti(RecordedVideo):
                 missing += len(sparse.keys() - images.keys())
                 if images:
                     found[f"{drive}_{camera}"] = {
-                        name: FrameFiles(images[stem], sparse.get(stem), truth.get(stem), self.scale)
-                        for name, stem in sortable_names(images).items()
+                        name: FrameFiles(image, sparse.get(name), truth.get(name), self.scale)
+                        for name, image in images.items()
                     }
         if self._drives:
             report_skipped(self.folder, usable, {"without raw image": missing})
@@ -129,10 +129,10 @@ class Kitti(RecordedVideo):
         images, points = (list_files(folder / kind, (".png",)) for kind in ("image", "velodyne_raw"))
         truths = list_files(folder / "groundtruth_depth", (".png",))
         found = {}
-        for name, stem in sortable_names(images).items():
-            sparse = points.get(stem.replace("_sync_image_", "_sync_velodyne_raw_"))
-            truth = truths.get(stem.replace("_sync_image_", "_sync_groundtruth_depth_"))
-            found[name] = FrameFiles(images[stem], sparse, truth, self.scale)
+        for name, image in images.items():
+            sparse = points.get(name.replace("_sync_image_", "_sync_velodyne_raw_"))
+            truth = truths.get(name.replace("_sync_image_", "_sync_groundtruth_depth_"))
+            found[name] = FrameFiles(image, sparse, truth, self.scale)
         usable = sum(files.has_depth for files in found.values())
         report_skipped(folder, usable, {"without sparse depth": len(found) - usable})
         return found

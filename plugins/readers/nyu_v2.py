@@ -12,13 +12,12 @@ from deux.collection.sparse import SparseSettings
 from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.io.calibration import read_intrinsics
+from deux.io.layout import natural_order
 from deux_plugins.readers.parts.frame_files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
     list_files,
     matching,
-    natural_order,
-    sortable_names,
 )
 from deux_plugins.readers.parts.labelled_images import LABELLED, LabelledImages
 from deux_plugins.readers.parts.recorded_video import (
@@ -165,10 +164,7 @@ class NyuV2(RecordedVideo):
             depths = list_files(_depth_folder(self.folder, folder, layout), DEPTH_SUFFIXES, layout.depth_names)
             truths = matching(images, depths)
             scale = layout.scale if self.scale is None else self.scale
-            found[sequence] = {
-                name: FrameFiles(images[stem], None, truths.get(stem), scale)
-                for name, stem in sortable_names(images).items()
-            }
+            found[sequence] = {name: FrameFiles(image, None, truths.get(name), scale) for name, image in images.items()}
             total, usable = total + len(images), usable + len(truths)
         if total:
             report_skipped(self.folder, usable, {"without depth": total - usable})
@@ -182,7 +178,7 @@ class NyuV2(RecordedVideo):
         if split == "test":
             return self._single_frames("test")
         clips = self._video() or self._single_frames("train")
-        scenes = natural_order(clip.sequence for clip in clips)
+        scenes = sorted({clip.sequence for clip in clips}, key=natural_order)
         training, validation = held_out(scenes, self.validation, "scenes", self.folder) if scenes else ([], [])
         chosen = set(training if split == "train" else validation)
         return [clip for clip in clips if clip.sequence in chosen]

@@ -16,13 +16,12 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.geometry.poses import motion
 from deux.io.camera_files import read_any_image, read_any_intrinsics
+from deux.io.layout import natural_order
 from deux_plugins.readers.parts.frame_files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
     list_files,
     matching,
-    natural_order,
-    sortable_names,
 )
 from deux_plugins.readers.parts.recorded_video import (
     Clip,
@@ -125,8 +124,8 @@ class RgbdFolder(RecordedVideo):
         """3 x 3 float64: the options', the frame's own file, the video's or that of the folder above."""
         if self.fx is not None:
             return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]], dtype=np.float64)
-        video, stem = self._videos[frame.sequence], self._files(frame).image.stem
-        own = [video / folder / f"{stem}{suffix}" for folder in INTRINSICS_FOLDERS for suffix in (".txt", ".npy")]
+        video = self._videos[frame.sequence]
+        own = [video / folder / f"{frame.name}{suffix}" for folder in INTRINSICS_FOLDERS for suffix in (".txt", ".npy")]
         shared = [folder / name for folder in (video, self.folder) for name in INTRINSICS_FILES]
         for path in (*own, *shared):
             if path.is_file():
@@ -145,7 +144,6 @@ class RgbdFolder(RecordedVideo):
         found: Frames = {}
         for sequence, video in self._videos.items():
             images = _files_in(video, self._image_folders, IMAGE_SUFFIXES)
-            names = sortable_names(images)
             depths = matching(images, _files_in(video, _choice(self.depth, DEPTH_FOLDERS), DEPTH_SUFFIXES))
             points = matching(images, _files_in(video, _choice(self.sparse, SPARSE_FOLDERS), DEPTH_SUFFIXES))
             if not depths and not points:
@@ -155,10 +153,10 @@ class RgbdFolder(RecordedVideo):
                     "data.depth may name another."
                 )
             found[sequence] = {}
-            for name, stem in names.items():
+            for name, image in images.items():
                 # Where a video has points of its own, none are sampled for the frames that lack them.
-                truth = depths.get(stem) if stem in points or not points else None
-                found[sequence][name] = FrameFiles(images[stem], points.get(stem), truth, self.scale)
+                truth = depths.get(name) if name in points or not points else None
+                found[sequence][name] = FrameFiles(image, points.get(name), truth, self.scale)
         return found
 
     def _clips(self, split: str) -> list[Clip]:
@@ -236,11 +234,11 @@ class RgbdFolder(RecordedVideo):
             )
             if path is None and self.poses is not None:
                 raise DeuxError(f"{video} has no poses called {self.poses}, as data.poses says.")
-            stems = {name: files.image.stem for name, files in self._frames[sequence].items()}
-            known = {} if path is None else read_trajectory(path, list(stems.values()), self.world_to_camera)
+            frames = list(self._frames[sequence])
+            known = {} if path is None else read_trajectory(path, frames, self.world_to_camera)
             if path is not None and not known:
                 raise DeuxError(f"{path} has a pose for none of the images: their names or times are not in it.")
-            found[sequence] = {name: known[stem] for name, stem in stems.items() if stem in known}
+            found[sequence] = known
         return found
 
     @cached_property
@@ -251,7 +249,7 @@ class RgbdFolder(RecordedVideo):
         there = {
             path.name: path for path in self.folder.glob("*/") if _subfolder(path, self._image_folders) is not None
         }
-        return {name: there[name] for name in natural_order(there)}
+        return {name: there[name] for name in sorted(there, key=natural_order)}
 
     @property
     def _image_folders(self) -> tuple[str, ...]:

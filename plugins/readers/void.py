@@ -12,7 +12,8 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
-from deux_plugins.readers.parts.frame_files import IMAGE_SUFFIXES, list_files, natural_order, sortable_names
+from deux.io.layout import natural_order
+from deux_plugins.readers.parts.frame_files import IMAGE_SUFFIXES, list_files
 from deux_plugins.readers.parts.recorded_video import (
     Clip,
     FrameFiles,
@@ -90,7 +91,7 @@ class Void(RecordedVideo):
     def pose(self, frame: FrameReference) -> np.ndarray | None:
         """4 x 4 float64, camera-to-world; None for a sequence without a folder absolute_pose."""
         folder = self._root / "data" / frame.sequence / "absolute_pose"
-        return read_pose(folder / f"{self._files(frame).image.stem}.txt") if folder.is_dir() else None
+        return read_pose(folder / f"{frame.name}.txt") if folder.is_dir() else None
 
     def _find(self) -> Frames:
         found: Frames = {}
@@ -99,13 +100,13 @@ class Void(RecordedVideo):
             images = list_files(folder / "image", IMAGE_SUFFIXES)
             found[folder.name] = {
                 name: FrameFiles(
-                    images[stem],
-                    kinds["sparse_depth"].get(stem),
+                    image,
+                    kinds["sparse_depth"].get(name),
                     # A file that is missing among others is an error of the frame that asks for it.
-                    folder / "ground_truth" / f"{stem}.png" if kinds["ground_truth"] else None,
+                    folder / "ground_truth" / f"{name}.png" if kinds["ground_truth"] else None,
                     self.scale,
                 )
-                for name, stem in sortable_names(images).items()
+                for name, image in images.items()
             }
         return found
 
@@ -115,7 +116,9 @@ class Void(RecordedVideo):
             raise DeuxError(f"{self._root} has no {name}_image.txt, which would list the {split} frames.")
         listed = self._listed[name]
         if split != "test":
-            training, validation = held_out(natural_order(listed), self.validation, "sequences", self.folder)
+            training, validation = held_out(
+                sorted(listed, key=natural_order), self.validation, "sequences", self.folder
+            )
             listed = {sequence: listed[sequence] for sequence in (training if split == "train" else validation)}
         clips = []
         for sequence, targets in listed.items():
@@ -143,9 +146,7 @@ class Void(RecordedVideo):
             found[split] = {}
             for sequence in sorted({sequence for sequence, _ in wanted}):
                 there = self._frames.get(sequence, {})
-                names = [
-                    n for n, f in there.items() if f.sparse_depth is not None and (sequence, f.image.stem) in wanted
-                ]
+                names = [n for n, f in there.items() if f.sparse_depth is not None and (sequence, n) in wanted]
                 if names:
                     found[split][sequence] = names
             usable = sum(map(len, found[split].values()))

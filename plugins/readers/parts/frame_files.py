@@ -1,21 +1,20 @@
-"""The files of a folder as the frames of a video: listed, in the order of time, and matched by their names."""
+"""The files of a folder as the frames of a video: listed in the order of time, and matched by their names."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping
-from itertools import zip_longest
 from pathlib import Path
 
 from deux.errors import DeuxError
+from deux.io.layout import natural_order
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 DEPTH_SUFFIXES = (".png", ".npy")
 
-_DECIMAL = re.compile(r"\d+(\.\d+)?")
 _DIGITS = re.compile(r"\d+")
 
 
 def list_files(folder: Path, suffixes: Collection[str], pattern: str = "*") -> dict[str, Path]:
-    """The files of a folder by their names without the suffix; hidden files are left out.
+    """The files of a folder by their names without the suffix, in `natural_order`; hidden files are left out.
 
     Args:
         folder: the folder; one that is not there has no files.
@@ -32,38 +31,7 @@ def list_files(folder: Path, suffixes: Collection[str], pattern: str = "*") -> d
         if path.stem in found:
             raise DeuxError(f"{folder} holds both {found[path.stem].name} and {path.name}: a frame has one such file.")
         found[path.stem] = path
-    return found
-
-
-def sortable_names(stems: Iterable[str]) -> dict[str, str]:
-    """A name for each frame such that names sort as text in the order of time.
-
-    File names that are decimal numbers, such as time stamps in seconds, are ordered by their values; in others each
-    run of digits counts as a whole number, so that frame_2 comes before frame_10. The names are the file names, with
-    zeros filled in where their numbers differ in length.
-
-    Args:
-        stems: the file names without suffix.
-
-    Returns:
-        The file names by the frames' names, in the order of time.
-
-    Raises:
-        DeuxError: two file names stand for one number, such as 7 and 07.
-    """
-    stems = list(stems)
-    named = _decimal_names(stems) if all(map(_DECIMAL.fullmatch, stems)) else _natural_names(stems)
-    found: dict[str, str] = {}
-    for name, stem in sorted(zip(named, stems, strict=True)):
-        if name in found:
-            raise DeuxError(f"The files {found[name]} and {stem} have one number: their order in time is not known.")
-        found[name] = stem
-    return found
-
-
-def natural_order(names: Iterable[str]) -> list[str]:
-    """Names of folders or files in the order of the numbers in them: room_2 before room_10."""
-    return list(sortable_names(names).values())
+    return {stem: found[stem] for stem in sorted(found, key=natural_order)}
 
 
 def matching(stems: Iterable[str], files: Mapping[str, Path]) -> dict[str, Path]:
@@ -86,28 +54,6 @@ def matching(stems: Iterable[str], files: Mapping[str, Path]) -> dict[str, Path]
             return {}
         return {stem: numbered[_numbers(stem)] for stem in stems if _numbers(stem) in numbered}
     return {stem: files[stem] for stem in stems if stem in files}
-
-
-def _decimal_names(stems: list[str]) -> list[str]:
-    """Zeros before the whole part and after the fraction: 7.5 and 10.25 become 07.50 and 10.25."""
-    parts = [stem.partition(".") for stem in stems]
-    whole = max((len(part[0]) for part in parts), default=0)
-    fraction = max((len(part[2]) for part in parts), default=0)
-    return [f"{a.zfill(whole)}.{b.ljust(fraction, '0')}" if fraction else a.zfill(whole) for a, _, b in parts]
-
-
-def _natural_names(stems: list[str]) -> list[str]:
-    """Zeros before the n-th run of digits of each name, to the length of the longest n-th run."""
-    widths: list[int] = []
-    for stem in stems:
-        runs = [len(run) for run in _DIGITS.findall(stem)]
-        widths = [max(pair) for pair in zip_longest(widths, runs, fillvalue=0)]
-    return [_padded(stem, widths) for stem in stems]
-
-
-def _padded(stem: str, widths: list[int]) -> str:
-    remaining = iter(widths)
-    return _DIGITS.sub(lambda run: run[0].zfill(next(remaining)), stem)
 
 
 def _numbers(stem: str) -> tuple[int, ...]:

@@ -94,8 +94,7 @@ class RecordedVideo(Reader):
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         """The split's targets with their source frames, `Clip.gap` times as far away as the offsets say.
 
-        Frames of a video that lack a source frame are left out of "train" only: what is evaluated is every frame, and
-        the others come without source frames.
+        Frames of a video that lack a source frame, and single frames, come without source frames.
         """
         if split not in SPLITS:
             raise DeuxError(f"there is no split called {split!r}: {near_matches(split, SPLITS)}")
@@ -107,8 +106,6 @@ class RecordedVideo(Reader):
             position = {name: index for index, name in enumerate(clip.frames)}
             for name in clip.targets:
                 sources = _sources(clip.frames, position.get(name), [clip.gap * offset for offset in offsets])
-                if sources is None and clip.frames and split == "train":
-                    continue
                 found.append(
                     Triplet(
                         FrameReference(clip.sequence, name),

@@ -165,9 +165,9 @@ def test_source_frames_are_ten_frames_away_in_unthinned_video(tmp_path: Path) ->
         save_depth(tmp_path / f"bath_0001/depth/{number}.png", frame.ground_truth, 1000.0)
     found = with_sources(NyuV2(tmp_path, validation=0), (-1, 1))
     assert [(t.target.name, t.sources[0].name, t.sources[1].name) for t in found] == [
-        ("10", "00", "20"),
-        ("11", "01", "21"),
-        ("12", "02", "22"),
+        ("10", "0", "20"),
+        ("11", "1", "21"),
+        ("12", "2", "22"),
     ]
 
 

@@ -7,39 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deux.errors import DeuxError
-from deux_plugins.readers.parts.frame_files import list_files, matching, natural_order, sortable_names
+from deux_plugins.readers.parts.frame_files import list_files, matching
 from deux_plugins.readers.parts.trajectory_files import read_trajectory
 
 
-@pytest.mark.parametrize(
-    ("stems", "named"),
-    [
-        (["frame_10", "frame_2", "frame_1"], {"frame_01": "frame_1", "frame_02": "frame_2", "frame_10": "frame_10"}),
-        (["00011", "00002"], {"00002": "00002", "00011": "00011"}),
-        (["10.25", "10.5", "9", "9.75"], {"09.00": "9", "09.75": "9.75", "10.25": "10.25", "10.50": "10.5"}),
-        (["r3_f12", "r10_f2", "r3_f2"], {"r03_f02": "r3_f2", "r03_f12": "r3_f12", "r10_f02": "r10_f2"}),
-        (["b", "a"], {"a": "a", "b": "b"}),
-        ([], {}),
-    ],
-)
-def test_names_sort_as_text_in_the_order_of_time(stems: list[str], named: dict[str, str]) -> None:
-    assert list(sortable_names(stems).items()) == list(named.items())
-    assert sorted(named) == list(named)
-
-
-def test_two_files_with_one_number_are_an_error() -> None:
-    with pytest.raises(DeuxError, match="The files 07 and 7 have one number"):
-        sortable_names(["7", "07", "8"])
-
-
-def test_folders_are_in_the_order_of_their_numbers() -> None:
-    assert natural_order(["room_10", "room_2", "hall"]) == ["hall", "room_2", "room_10"]
-
-
-def test_files_are_listed_by_name(tmp_path: Path) -> None:
-    for name in ("1.png", "2.JPG", ".3.png", "4.txt", "depth_5.png"):
+def test_files_are_listed_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for name in ("1.png", "12.png", "2.JPG", ".3.png", "4.txt", "depth_5.png"):
         (tmp_path / name).touch()
-    assert set(list_files(tmp_path, (".png", ".jpg"))) == {"1", "2", "depth_5"}
+    assert list(list_files(tmp_path, (".png", ".jpg"))) == ["1", "2", "12", "depth_5"]
     assert set(list_files(tmp_path, (".png",), "depth_*")) == {"depth_5"}
     assert list_files(tmp_path / "none", (".png",)) == {}
     (tmp_path / "1.jpg").touch()

@@ -243,8 +243,8 @@ class Training:
         if chosen.checkpoint is not None:
             return weights_file(user_path(chosen.checkpoint))
         say(
-            f"  {recipe.model.name} is built on {foundation.name}, which learns from {chosen.scenes} generated scenes "
-            f"first (foundation.source={chosen.source}); foundation.checkpoint= takes a trained one"
+            f"  {recipe.model.name} is built on {foundation.name}, which learns from synthetic scenes first "
+            f"({chosen.scenes} of foundation.source={chosen.source}); foundation.checkpoint= takes a trained one"
         )
         camera = self._datasets.simulation.camera
         # The crop of recorded frames may be larger than the frames of these scenes.

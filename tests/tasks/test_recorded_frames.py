@@ -127,7 +127,10 @@ def test_a_foundation_is_trained_on_generated_flats_and_that_is_said(tiny, video
     options = [f"training_data={video}", f"hydra.run.dir={tmp_path}/run", "training.crop=[64,72]"]
     outcome = tiny(tmp_path, "task=train", *options, model="fusionnet")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "fusionnet is built on scaffnet, which learns from 1 generated scenes first" in outcome.out
+    assert (
+        "fusionnet is built on scaffnet, which learns from synthetic scenes first (1 of foundation.source=apartments)"
+        in outcome.out
+    )
     assert [path.name.partition("-")[0] for path in tmp_path.glob("datasets/[!.]*")] == ["synthetic"]
 
 

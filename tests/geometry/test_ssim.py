@@ -75,7 +75,7 @@ def test_half_precision_and_autocast_do_not_reach_the_comparison(window):
 def test_a_gpu_gives_the_values_of_the_cpu(window):
     image, other = images(2, 3, 24, 30)
     similarity = ssim(image.cuda(), other.cuda(), window)
-    torch.testing.assert_close(similarity.cpu(), ssim(image, other, window), atol=1e-5, rtol=0)
+    torch.testing.assert_close(similarity.cpu(), ssim(image, other, window), atol=5e-5, rtol=0)
 
 
 @on_both_paths

@@ -53,7 +53,7 @@ class SmallPoseNetwork(nn.Module):
 
     def forward(self, target: Tensor, source: Tensor) -> Tensor:
         translation = 0.1 * self.layer(torch.cat([target, source], dim=1)).mean(dim=(2, 3))
-        pose = torch.eye(4).repeat(len(target), 1, 1)
+        pose = torch.eye(4, device=target.device).repeat(len(target), 1, 1)
         pose[:, :3, 3] = translation.float()
         return pose
 

@@ -12,8 +12,8 @@ COVERED = 0.3  # fraction of the floor that is under the ceilings of a building
 LEAST_BUILDING = 10.0  # square metres under one roof that make a building, however much floor is around it
 
 
-def inside_building(floor: np.ndarray, covered: np.ndarray, resolution: float) -> np.ndarray:
-    """Which cells of a floor plan are inside a building; all of them where there is none, as in scans without ceiling.
+def inside_building(floor: np.ndarray, covered: np.ndarray, resolution: float) -> np.ndarray | None:
+    """Which cells of a floor plan are inside a building.
 
     There is a building if at least `COVERED` of the floor is covered. On a large ground it is less: then there is one
     if `LEAST_BUILDING` is covered in one piece and fills at least half of the floor in the rectangle around it.
@@ -24,17 +24,17 @@ def inside_building(floor: np.ndarray, covered: np.ndarray, resolution: float) -
         resolution: edge of a cell in metres.
 
     Returns:
-        Rows x columns bool.
+        Rows x columns bool; None if there is no building, as in scans without ceiling.
     """
     covered = covered & floor
     if not (floor & ~covered).any():
-        return np.ones(floor.shape, bool)
+        return floor if floor.any() else None
     reach = HOLE / resolution
     margin = int(np.ceil(2 * reach)) + 1
     near = ndimage.distance_transform_edt(~np.pad(covered, margin)) <= reach
     closed = (ndimage.distance_transform_edt(near) > reach)[margin:-margin, margin:-margin] | covered
     if covered.sum() < COVERED * floor.sum() and not _stands_out(floor, closed & floor, resolution):
-        return np.ones(floor.shape, bool)
+        return None
     holes, count = ndimage.label(ndimage.binary_fill_holes(closed) & ~closed)
     sizes = np.bincount((holes * floor).ravel(), minlength=count + 1)
     small = sizes <= SKYLIGHT * covered.sum()

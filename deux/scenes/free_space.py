@@ -73,6 +73,7 @@ def survey_floor(
     resolution: float = 0.05,
     caster: RayCaster | None = None,
     other_floors: Sequence[float] = (),
+    bounds: Box | None = None,
     region: Box | None = None,
     start: tuple[float, float] | None = None,
 ) -> FloorSurvey:
@@ -90,13 +91,14 @@ def survey_floor(
         resolution: edge of a cell in metres.
         caster: rays against `mesh`, where there is one already.
         other_floors: world y of the scene's other floors, metres.
+        bounds: the part of the scene that is looked at; None for all of it.
         region: where the robot's centre stays; None for no bound.
         start: world x and z of a point in the part that is taken; None for the largest one.
 
     Raises:
         DeuxError: the robot fits nowhere, or not at `start`; or the scene is too large.
     """
-    frame = _frame(mesh, resolution, region, robot.radius)
+    frame = _frame(mesh, resolution, region or bounds, robot.radius)
     fine = GridFrame(
         frame.origin_x, frame.origin_z, frame.rows * FINENESS, frame.columns * FINENESS, resolution / FINENESS
     )
@@ -117,7 +119,8 @@ def survey_floor(
     elif free.any():
         covered = _covered(caster or RayCaster(mesh), frame, heights, free)
         if start is None or covered[frame.cell(*start)]:
-            free &= inside_building(free, covered, resolution)
+            inside = inside_building(free, covered, resolution)
+            free = free if inside is None else free & inside
     parts, count = ndimage.label(free)
     if count:
         # What is nowhere near the floor's height, such as a roof that no stairs lead to, is another floor or none.
@@ -130,7 +133,7 @@ def survey_floor(
         )
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    chosen = sizes.argmax() if start is None else _part_at(frame, parts, start)
+    chosen = int(sizes.argmax()) if start is None else _part_at(frame, parts, start)
     taken = parts == chosen
     # Surfaces that cannot be reached, such as table tops, are obstacles through and through.
     regions, _ = ndimage.label(clearance > 0.0)
@@ -192,16 +195,14 @@ def _part_at(frame: GridFrame, parts: np.ndarray, start: tuple[float, float]) ->
         return int(parts[rows, columns])
     x, z = _centres(frame)
     distance = np.where(parts > 0, np.hypot(x - start[0], z - start[1]), np.inf)
-    nearest_x, nearest_z = frame.centre(*np.unravel_index(distance.argmin(), frame.shape))
+    nearest_x, nearest_z = frame.centre(*divmod(int(distance.argmin()), frame.columns))
     raise DeuxError(
         f"the start x={start[0]:.2f}, z={start[1]:.2f} is not on free floor: the nearest free point is "
         f"x={nearest_x:.2f}, z={nearest_z:.2f}."
     )
 
 
-def _unreached(
-    parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray
-) -> tuple[UnreachedLevel, ...]:
+def _unreached(parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray) -> tuple[UnreachedLevel, ...]:
     """The parts, numbered in rows x columns and with their areas in m2, that are large and not the chosen one."""
     others = [part for part in np.argsort(-areas, kind="stable") if areas[part] >= LEAST_LEVEL and part != chosen]
     ground = np.median(heights[parts == chosen])

@@ -139,9 +139,7 @@ def _rasterise(
                 below, above = lowest, highest
                 if flatness > STEEP:
                     middle = (
-                        polygon[0, 1]
-                        + slope_x * (column + 0.5 - polygon[0, 0])
-                        + slope_z * (row + 0.5 - polygon[0, 2])
+                        polygon[0, 1] + slope_x * (column + 0.5 - polygon[0, 0]) + slope_z * (row + 0.5 - polygon[0, 2])
                     )
                     spread = 0.5 * (abs(slope_x) + abs(slope_z))
                     below, above = max(below, middle - spread), min(above, middle + spread)
@@ -196,9 +194,7 @@ def _plane(polygon: np.ndarray, cell: float) -> tuple[float, float, float]:
 
 
 @compiled(nogil=True)
-def _between(
-    polygon: np.ndarray, count: int, result: np.ndarray, scratch: np.ndarray, axis: int, cell: int
-) -> int:
+def _between(polygon: np.ndarray, count: int, result: np.ndarray, scratch: np.ndarray, axis: int, cell: int) -> int:
     """The part of a convex polygon within one cell along an axis; returns the number of its corners."""
     count = _half(polygon, count, scratch, axis, float(cell), 1.0)
     return _half(scratch, count, result, axis, cell + 1.0, -1.0)
@@ -224,9 +220,7 @@ def _half(polygon: np.ndarray, count: int, result: np.ndarray, axis: int, border
 
 
 @compiled(nogil=True)
-def _insert(
-    spans: Spans, used: int, row: int, column: int, low: float, high: float, level: float, gap: float
-) -> int:
+def _insert(spans: Spans, used: int, row: int, column: int, low: float, high: float, level: float, gap: float) -> int:
     """Fill a part of a column, joined with what is nearer than `gap`; returns the number of spans in use."""
     before, span = -1, spans.first[row, column]
     while span >= 0 and spans.high[span] <= low - gap:
@@ -252,9 +246,7 @@ def _insert(
 
 
 @compiled(nogil=True)
-def _nearest_tops(
-    spans: Spans, near: float, low: float, high: float, climb: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _nearest_tops(spans: Spans, near: float, low: float, high: float, climb: float) -> tuple[np.ndarray, np.ndarray]:
     """In each column the walkable top nearest to a height, NaN where there is none, and the bottom of what is above."""
     tops, ceilings = np.full(spans.first.shape, np.nan, np.float32), np.full(spans.first.shape, np.inf, np.float32)
     for row in range(tops.shape[0]):
@@ -274,13 +266,12 @@ def _nearest_tops(
 @compiled(nogil=True)
 def _blocked(tops: np.ndarray, ceilings: np.ndarray, climb: float, height: float) -> np.ndarray:
     """Columns without a top, and of each pair of neighbours between which the robot cannot pass the higher one."""
-    rows, columns = tops.shape
     blocked = np.isnan(tops)
-    for row in range(rows):
-        for column in range(columns):
+    for row in range(tops.shape[0]):
+        for column in range(tops.shape[1]):
             here = tops[row, column]
             for down, right in ((1, 0), (0, 1)):
-                if row + down >= rows or column + right >= columns:
+                if row + down == tops.shape[0] or column + right == tops.shape[1]:
                     continue
                 there = tops[row + down, column + right]
                 room = min(ceilings[row, column], ceilings[row + down, column + right]) - max(here, there)

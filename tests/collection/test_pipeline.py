@@ -121,7 +121,11 @@ def test_the_specification_describes_itself_in_json() -> None:
     description = specification(uncertainty=L1).description()
     assert json.loads(json.dumps(description)) == description
     assert (description["simulator"], description["uncertainty"]) == ({"name": "toy"}, {"name": "l1"})
-    assert description["scenes"][1] == {"name": "hall", "identity": "toy-22"}
+    assert description["scenes"][1] == {
+        "name": "hall",
+        "identity": "toy-22",
+        "area": {"floor": "largest", "region": None, "start": None},
+    }
 
 
 def test_starts_differ_between_scenes_episodes_and_seeds_but_not_between_explorers() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deux.contracts import COLOR, DEPTH, Action, Channel, Floor, Robot, Scene, SceneReference, Simulator
+from deux.contracts import COLOR, DEPTH, Action, Channel, Floor, Robot, Scene, SceneArea, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose, yaw_of
@@ -37,7 +37,8 @@ def two_storeys(make_quads: Callable[..., Scene], box: Scene, refer: Refer) -> S
         face_material=np.tile(mesh.face_material, 2),
         face_label=np.tile(mesh.face_label, 2),
     )
-    return refer(replace(box, mesh=doubled, floors=(Floor(0.0, 12.0), Floor(2.8, 12.0))))
+    scene = replace(box, mesh=doubled, floors=(Floor(0.0, 12.0), Floor(2.8, 12.0)))
+    return replace(refer(scene), area=SceneArea(floor="all"))
 
 
 class TestMeshSimulator(SimulatorSuite):

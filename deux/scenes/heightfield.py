@@ -248,7 +248,8 @@ def _insert(spans: Spans, used: int, row: int, column: int, low: float, high: fl
 @compiled(nogil=True)
 def _nearest_tops(spans: Spans, near: float, low: float, high: float, climb: float) -> tuple[np.ndarray, np.ndarray]:
     """In each column the walkable top nearest to a height, NaN where there is none, and the bottom of what is above."""
-    tops, ceilings = np.full(spans.first.shape, np.nan, np.float32), np.full(spans.first.shape, np.inf, np.float32)
+    tops: np.ndarray = np.full(spans.first.shape, np.nan, np.float32)
+    ceilings: np.ndarray = np.full(spans.first.shape, np.inf, np.float32)
     for row in range(tops.shape[0]):
         for column in range(tops.shape[1]):
             span = spans.first[row, column]

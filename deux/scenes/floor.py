@@ -11,8 +11,9 @@ from deux.scenes.cover import CEILING, inside_building
 from deux.scenes.ray_caster import RayCaster
 
 COLUMNS = 20_000  # verticals along which a scene is looked at
-SPACING = 0.5  # greatest distance in metres between two of them
+SPACING = 1.0  # greatest distance in metres between two of them
 LEVEL = 0.7  # least |cosine| between a level surface's normal and the vertical: scanned floors are rough
+OUTWARD = 0.95  # fraction of the surfaces seen from above that face up where solids have their faces outside
 THICKNESS = 0.05  # half the height in metres over which one floor's surfaces spread
 BREADTH = 0.3  # metres that a floor goes on to one side at least, along x and along z: it is not the inside of a wall
 HEADROOM = 1.0  # metres of empty space above anything that can be a floor
@@ -30,7 +31,8 @@ def find_floors(mesh: SceneMesh, caster: RayCaster | None = None) -> tuple[Floor
     surfaces on verticals that are spread evenly over the scene are looked at. Those that are level and have `HEADROOM`
     above them can be floors; in a building, only those under a ceiling. Where hardly anything is under a ceiling the
     scene has no building in it (`deux.scenes.cover`) and all of them can.
-    The direction in which a triangle faces is not used, since files disagree about it.
+    Files disagree about the direction in which triangles face. Only where nearly all that is seen from above faces up is
+    it used, to leave out the inside of solid ground: between a surface that faces down and one above that faces up.
 
     A floor is a height that has at least `DOMINANT` of the area of the largest such level, `STOREY` at least from the
     floor below; between two floors that are nearer to each other, as split levels of a room are, the lower one counts.
@@ -91,8 +93,12 @@ def _look(caster: RayCaster, bounds: tuple[float, float, float, float]) -> _Leve
     # At random in their cells: vertical through the edges between triangles, a ray may slip through.
     places = np.stack([column, row], axis=-1) + np.random.default_rng(0).random((rows * columns, 2))
     height, face = caster.surfaces_below(np.array(bounds[:2]) + spacing * places)
-    headroom = _headroom(height)
-    standing = _is_level(caster.mesh)[face] & (face >= 0) & (headroom > HEADROOM)
+    slope = _slope(caster.mesh)[face]
+    level = (np.abs(slope) > LEVEL) & (face >= 0)
+    headroom, topmost, ceiling = _above(height, level)
+    standing = level & topmost & (headroom > HEADROOM)
+    if len(height) and (slope[0][face[0] >= 0] > 0.0).mean() > OUTWARD:
+        standing &= (slope > 0.0) | (np.take_along_axis(slope, ceiling, axis=0) < 0.0) | np.isinf(headroom)
     standing &= _is_broad(np.where(standing, height, np.nan).reshape(-1, rows, columns), spacing).reshape(face.shape)
     covered = standing & (headroom < CEILING)
     inside = inside_building(
@@ -100,6 +106,7 @@ def _look(caster: RayCaster, bounds: tuple[float, float, float, float]) -> _Leve
     )
     building = None
     if inside is not None:
+        covered &= inside.ravel()
         where = np.argwhere(inside)
         z, x = (np.array([where.min(axis=0) - 1, where.max(axis=0) + 2]) * spacing).T
         building = (
@@ -113,16 +120,28 @@ def _look(caster: RayCaster, bounds: tuple[float, float, float, float]) -> _Leve
     return _LevelSurfaces(height[standing], covered[standing], spacing**2, building)
 
 
-def _headroom(height: np.ndarray) -> np.ndarray:
-    """Metres of empty space above surfaces on verticals, K x N world y from the highest down, NaN where there is none.
+def _above(height: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is above surfaces on verticals.
 
-    What is within 2 x `THICKNESS` above a surface is its own roughness, or a rug on it.
+    What is within 2 x `THICKNESS` above a surface is its own roughness, a rug on it, or the floor on a ground slab.
+
+    Args:
+        height: K x N world y, from the highest surface down, NaN where there are no more.
+        level: K x N bool, whether the surface is level.
+
+    Returns:
+        K x N metres of empty space, infinite where there is nothing above; K x N bool, whether no other level surface
+        is just above; and K x N, the number in its column of the surface at the upper end of the empty space.
     """
-    room = np.full(height.shape, np.inf)
+    room, topmost = np.full(height.shape, np.inf), np.ones(height.shape, bool)
+    ceiling = np.zeros(height.shape, np.int64)
     for number in range(1, len(height)):
         rise = height[:number] - height[number]
-        room[number] = np.where(rise > 2 * THICKNESS, rise, np.inf).min(axis=0)
-    return room
+        near = rise <= 2 * THICKNESS + 1e-6
+        higher = np.where((rise > 0.0) & ~near, rise, np.inf)
+        room[number], ceiling[number] = higher.min(axis=0), higher.argmin(axis=0)
+        topmost[number] = ~(near & level[:number]).any(axis=0)
+    return room, topmost, ceiling
 
 
 def _is_broad(height: np.ndarray, spacing: float) -> np.ndarray:
@@ -146,12 +165,12 @@ def _is_broad(height: np.ndarray, spacing: float) -> np.ndarray:
     return broad
 
 
-def _is_level(mesh: SceneMesh) -> np.ndarray:
-    """Which triangles are level, F bool."""
+def _slope(mesh: SceneMesh) -> np.ndarray:
+    """Cosine between each triangle's normal, by the order of its corners, and the vertical; F, 0 if it has no area."""
     corners = mesh.triangles.astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    level: np.ndarray = np.abs(normals[:, 1]) > LEVEL * np.linalg.norm(normals, axis=1)
-    return level
+    cosine: np.ndarray = normals[:, 1] / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
+    return cosine
 
 
 def _levels(heights: np.ndarray, area_each: float, least_area: float) -> list[Floor]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -23,6 +24,7 @@ FINENESS = 3  # columns along a cell's edge; odd, so that the middle one is at t
 REACH = 2.0  # metres above and below a floor that belong to it where there is no other floor
 SPLIT = 0.6  # metres from a floor's height within which any part of it must come: split levels do, tables do not
 LEAST_LEVEL = 4.0  # square metres; smaller parts that the robot cannot reach, such as table tops, are not told of
+TOLERANCE = 1e-4  # metres: distances on the grid are exact but for rounding
 LARGEST = 100e6  # cells of the fine grid: about 2 GB
 
 Box = tuple[float, float, float, float]
@@ -107,13 +109,14 @@ def survey_floor(
     low, high = (below + floor_height) / 2, (above + floor_height) / 2
     surface = walkable_surface(mesh, fine, robot, floor_height, low, high)
     # Beyond the grid there is no floor either.
-    distance = ndimage.distance_transform_edt(~np.pad(surface.blocked, 1, constant_values=True)) * fine.resolution
+    open_columns = np.pad(~surface.blocked, 1).astype(np.uint8)
+    distance = cv2.distanceTransform(open_columns, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     middle = slice(FINENESS // 2, None, FINENESS)
-    clearance = distance[1:-1, 1:-1][middle, middle].astype(np.float32)
+    clearance = distance[middle, middle] * np.float32(fine.resolution)
     heights = surface.height[middle, middle]
 
     # With half a cell at least, an obstacle without thickness parts the cells on its two sides.
-    free = clearance > max(robot.radius, resolution / 2)
+    free = clearance > max(robot.radius, resolution / 2) + TOLERANCE
     if region is not None:
         free &= _cells_in(frame, region)
     elif free.any():

@@ -31,8 +31,8 @@ def find_floors(mesh: SceneMesh, caster: RayCaster | None = None) -> tuple[Floor
     surfaces on verticals that are spread evenly over the scene are looked at. Those that are level and have `HEADROOM`
     above them can be floors; in a building, only those under a ceiling. Where hardly anything is under a ceiling the
     scene has no building in it (`deux.scenes.cover`) and all of them can.
-    Files disagree about the direction in which triangles face. Only where nearly all that is seen from above faces up is
-    it used, to leave out the inside of solid ground: between a surface that faces down and one above that faces up.
+    Files disagree about the direction in which triangles face. Only where nearly all that is seen from above faces up
+    is it used, to leave out the inside of solid ground: between a surface that faces down and one above that faces up.
 
     A floor is a height that has at least `DOMINANT` of the area of the largest such level, `STOREY` at least from the
     floor below; between two floors that are nearer to each other, as split levels of a room are, the lower one counts.

@@ -33,7 +33,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class UnreachedLevel:
-    """A part of a floor that is free but that the robot cannot get to.
+    """A level of a floor that is free but too high or too low for the robot to get to.
 
     Args:
         rise: how much higher it lies than the part where the robot is, metres.
@@ -50,7 +50,7 @@ class FloorSurvey:
 
     Args:
         space: the free floor.
-        unreached: the parts that are no part of it, the largest first.
+        unreached: the large levels that are no part of it, the largest first.
     """
 
     space: FreeSpace
@@ -142,7 +142,7 @@ def survey_floor(
     regions, _ = ndimage.label(clearance > 0.0)
     clearance[~np.isin(regions, np.unique(regions[taken]))] = 0.0
     space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
-    return FloorSurvey(space, _unreached(parts, sizes * resolution**2, chosen, heights))
+    return FloorSurvey(space, _unreached(parts, sizes * resolution**2, chosen, heights, robot.max_climb))
 
 
 def _frame(mesh: SceneMesh, resolution: float, region: Box | None, radius: float) -> GridFrame:
@@ -205,10 +205,11 @@ def _part_at(frame: GridFrame, parts: np.ndarray, start: tuple[float, float]) ->
     )
 
 
-def _unreached(parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray) -> tuple[UnreachedLevel, ...]:
-    """The parts, numbered in rows x columns and with their areas in m2, that are large and not the chosen one."""
-    others = [part for part in np.argsort(-areas, kind="stable") if areas[part] >= LEAST_LEVEL and part != chosen]
-    ground = np.median(heights[parts == chosen])
-    return tuple(
-        UnreachedLevel(float(np.median(heights[parts == part]) - ground), float(areas[part])) for part in others
-    )
+def _unreached(
+    parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray, climb: float
+) -> tuple[UnreachedLevel, ...]:
+    """The parts, numbered in rows x columns and with their areas in m2, that are large and more than a climb away."""
+    ground = float(np.median(heights[parts == chosen]))
+    large = [part for part in np.argsort(-areas, kind="stable") if areas[part] >= LEAST_LEVEL and part != chosen]
+    levels = [UnreachedLevel(float(np.median(heights[parts == part])) - ground, float(areas[part])) for part in large]
+    return tuple(level for level in levels if abs(level.rise) > climb)

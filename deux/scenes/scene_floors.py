@@ -2,7 +2,6 @@
 
 import functools
 import logging
-from collections.abc import Callable
 
 from deux.contracts import Floor, Robot, Scene, SceneArea
 from deux.errors import DeuxError
@@ -26,13 +25,13 @@ class SceneFloors:
         scene: with all its floors.
         area: which of them the robot lives on, and where.
         robot: its body.
-        caster: gives the rays against the scene's mesh.
+        caster: rays against the scene's mesh.
 
     Raises:
         DeuxError: there is no such floor, or the robot fits nowhere on those that there are.
     """
 
-    def __init__(self, scene: Scene, area: SceneArea, robot: Robot, caster: Callable[[], RayCaster]) -> None:
+    def __init__(self, scene: Scene, area: SceneArea, robot: Robot, caster: RayCaster) -> None:
         self._scene, self._area, self._robot, self._caster = scene, area, robot, caster
         self._surveys: dict[Floor, FloorSurvey] = {}
         self.floors = self._chosen()
@@ -46,7 +45,7 @@ class SceneFloors:
         """
         count = len(self.floors)
         if not 0 <= number < count:
-            listed = ", ".join(f"{floor.height:.2f} m ({floor.area:.0f} m2)" for floor in self.floors)
+            listed = " and ".join(_described(floor) for floor in self.floors)
             raise DeuxError(
                 f"{self._scene.name} has no floor {number}: its floors are numbered 0 to {count - 1}, at {listed}."
             )
@@ -68,17 +67,17 @@ class SceneFloors:
             # The main floor's reason stands for the others'.
             self._survey(every[0])
         taken = tuple(room) if asked == "all" else (max(room, key=lambda floor: room[floor]),)
-        taken_words = " and ".join(f"{floor.height:.2f} m ({room[floor]:.0f} m2 free)" for floor in taken)
+        lives = " and ".join(f"{_described(floor)}, of which {room[floor]:.0f} m2 are free" for floor in taken)
         _say_once(
-            f"{self._scene.name} has {len(every)} floors, {self._listed()}: the robot lives at {taken_words}, as "
-            f"scenes.floor={asked} says."
+            f"{self._scene.name} has {len(every)} floors, {self._listed()}: the robot lives at {lives} "
+            f"(scenes.floor={asked})."
         )
         return taken
 
     def _listed(self) -> str:
         """All floors of the scene in words, from the lowest to the highest."""
         ordered = sorted(self._scene.floors, key=lambda floor: floor.height)
-        return ", ".join(f"{i} at {floor.height:.2f} m ({floor.area:.0f} m2)" for i, floor in enumerate(ordered))
+        return ", ".join(f"{number} at {_described(floor)}" for number, floor in enumerate(ordered))
 
     def _try_survey(self, floor: Floor) -> FloorSurvey | None:
         try:
@@ -94,7 +93,7 @@ class SceneFloors:
                     self._scene.mesh,
                     floor.height,
                     self._robot,
-                    caster=self._caster(),
+                    caster=self._caster,
                     other_floors=others,
                     bounds=self._bounds,
                     region=self._area.region,
@@ -105,16 +104,11 @@ class SceneFloors:
                 raise DeuxError(f"{self._scene.name}: {error}{listed}") from error
             self._surveys[floor] = found
             for level in found.unreached:
-                _say_once(f"{self._scene.name}: {self._unreached(level.rise, level.area)}")
+                _say_once(
+                    f"{self._scene.name}: a level {abs(level.rise):.2f} m {'higher' if level.rise > 0 else 'lower'} of "
+                    f"{level.area:.0f} m2 cannot be reached: robot.max_climb is {self._robot.max_climb}."
+                )
         return self._surveys[floor]
-
-    def _unreached(self, rise: float, area: float) -> str:
-        if abs(rise) > self._robot.max_climb:
-            return (
-                f"a level {abs(rise):.2f} m {'higher' if rise > 0 else 'lower'} of {area:.0f} m2 cannot be reached: "
-                f"robot.max_climb is {self._robot.max_climb}."
-            )
-        return f"{area:.0f} m2 of free floor are cut off from the rest: scenes.start=[x, z] takes them instead."
 
     @functools.cached_property
     def _bounds(self) -> Box | None:
@@ -122,7 +116,11 @@ class SceneFloors:
         low, high = self._scene.mesh.bounds.astype(float)[:, [0, 2]]
         if self._area.region is not None or self._area.start is not None or (high - low).prod() <= LARGE:
             return None
-        return building_bounds(self._scene.mesh, self._caster())
+        return building_bounds(self._scene.mesh, self._caster)
+
+
+def _described(floor: Floor) -> str:
+    return f"{round(floor.height, 2) + 0.0:.2f} m ({floor.area:.0f} m2)"  # + 0.0: no minus before a zero
 
 
 @functools.cache

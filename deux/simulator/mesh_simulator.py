@@ -148,7 +148,7 @@ class _SharedScene:
 
     @cached_property
     def floors(self) -> SceneFloors:
-        return SceneFloors(self.scene, self.reference.area, self.robot, lambda: self.caster)
+        return SceneFloors(self.scene, self.reference.area, self.robot, self.caster)
 
     def body(self, floor: int) -> Body:
         if floor not in self._bodies:

@@ -69,7 +69,7 @@ class Floor:
 
     Args:
         height: world y of the floor, metres.
-        area: square metres of level surface at that height.
+        area: square metres of level surface at that height, inside the building.
     """
 
     height: float

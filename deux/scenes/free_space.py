@@ -25,7 +25,7 @@ REACH = 2.0  # metres above and below a floor that belong to it where there is n
 SPLIT = 0.6  # metres from a floor's height within which any part of it must come: split levels do, tables do not
 LEAST_LEVEL = 4.0  # square metres; smaller parts that the robot cannot reach, such as table tops, are not told of
 TOLERANCE = 1e-4  # metres: distances on the grid are exact but for rounding
-LARGEST = 100e6  # cells of the fine grid: about 2 GB
+LARGEST = 40e6  # columns of the fine grid, 11,000 m2: about 2 GB
 
 Box = tuple[float, float, float, float]
 """x_min, z_min, x_max and z_max in world metres."""
@@ -101,34 +101,14 @@ def survey_floor(
         DeuxError: the robot fits nowhere, or not at `start`; or the scene is too large.
     """
     frame = _frame(mesh, resolution, region or bounds, robot.radius)
-    fine = GridFrame(
-        frame.origin_x, frame.origin_z, frame.rows * FINENESS, frame.columns * FINENESS, resolution / FINENESS
-    )
-    below = max((y for y in other_floors if y < floor_height), default=floor_height - 2 * REACH)
-    above = min((y for y in other_floors if y > floor_height), default=floor_height + 2 * REACH)
-    low, high = (below + floor_height) / 2, (above + floor_height) / 2
-    surface = walkable_surface(mesh, fine, robot, floor_height, low, high)
-    # Beyond the grid there is no floor either.
-    open_columns = np.pad(~surface.blocked, 1).astype(np.uint8)
-    distance = cv2.distanceTransform(open_columns, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    middle = slice(FINENESS // 2, None, FINENESS)
-    clearance = distance[middle, middle] * np.float32(fine.resolution)
-    heights = surface.height[middle, middle]
-
+    heights, clearance = _standing_room(mesh, frame, robot, floor_height, other_floors)
     # With half a cell at least, an obstacle without thickness parts the cells on its two sides.
     free = clearance > max(robot.radius, resolution / 2) + TOLERANCE
     if region is not None:
         free &= _cells_in(frame, region)
     elif free.any():
-        covered = _covered(caster or RayCaster(mesh), frame, heights, free)
-        if start is None or covered[frame.cell(*start)]:
-            inside = inside_building(free, covered, resolution)
-            free = free if inside is None else free & inside
-    parts, count = ndimage.label(free)
-    if count:
-        # What is nowhere near the floor's height, such as a roof that no stairs lead to, is another floor or none.
-        distant = ndimage.minimum(np.abs(heights - floor_height), parts, np.arange(1, count + 1)) > SPLIT
-        parts[np.append(False, distant)[parts]] = 0
+        free &= _where_it_lives(caster or RayCaster(mesh), frame, heights, free, start)
+    parts = _parts_near(free, heights, floor_height)
     if not parts.any():
         raise DeuxError(
             f"there is no floor to stand on: at height {floor_height:.2f} m no place is free for a robot of radius "
@@ -143,6 +123,46 @@ def survey_floor(
     clearance[~np.isin(regions, np.unique(regions[taken]))] = 0.0
     space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
     return FloorSurvey(space, _unreached(parts, sizes * resolution**2, chosen, heights, robot.max_climb))
+
+
+def _standing_room(
+    mesh: SceneMesh, frame: GridFrame, robot: Robot, floor_height: float, other_floors: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle."""
+    below = max((y for y in other_floors if y < floor_height), default=floor_height - 2 * REACH)
+    above = min((y for y in other_floors if y > floor_height), default=floor_height + 2 * REACH)
+    resolution = frame.resolution / FINENESS
+    fine = GridFrame(frame.origin_x, frame.origin_z, frame.rows * FINENESS, frame.columns * FINENESS, resolution)
+    surface = walkable_surface(mesh, fine, robot, floor_height, (below + floor_height) / 2, (above + floor_height) / 2)
+    # Beyond the grid there is no floor either.
+    passable = np.pad(~surface.blocked, 1).astype(np.uint8)
+    distance = cv2.distanceTransform(passable, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    middle = slice(FINENESS // 2, None, FINENESS)
+    return surface.height[middle, middle], distance[middle, middle] * np.float32(resolution)
+
+
+def _where_it_lives(
+    caster: RayCaster, frame: GridFrame, heights: np.ndarray, free: np.ndarray, start: tuple[float, float] | None
+) -> np.ndarray:
+    """The free cells that are inside the building; all of them if there is none or the start lies outside."""
+    covered = _covered(caster, frame, heights, free)
+    if start is not None and not covered[frame.cell(*start)]:
+        return free
+    inside = inside_building(free, covered, frame.resolution)
+    return free if inside is None else inside
+
+
+def _parts_near(free: np.ndarray, heights: np.ndarray, floor_height: float) -> np.ndarray:
+    """The connected parts of the free cells, numbered from 1, rows x columns.
+
+    What comes nowhere near the floor's height, such as a roof that no stairs lead to, is another floor or none.
+    """
+    parts: np.ndarray = ndimage.label(free)[0]
+    count = int(parts.max())
+    nearest = ndimage.minimum(np.abs(heights - floor_height), parts, np.arange(count + 1))
+    distant = np.asarray(nearest) > SPLIT
+    distant[0] = False
+    return np.where(distant[parts], 0, parts)
 
 
 def _frame(mesh: SceneMesh, resolution: float, region: Box | None, radius: float) -> GridFrame:

@@ -126,7 +126,8 @@ def _rasterise(
         if top < band[0] or bottom > band[1]:
             continue
         first_row, last_row = _touched(polygon, 3, 2, rows)
-        if first_row > last_row or not _touched_any(polygon, columns):
+        first, last = _touched(polygon, 3, 0, columns)
+        if first_row > last_row or first > last:
             continue
         slope_x, slope_z, flatness = _plane(polygon, grid[2])
         for row in range(first_row, last_row + 1):
@@ -144,10 +145,7 @@ def _rasterise(
                     spread = 0.5 * (abs(slope_x) + abs(slope_z))
                     below, above = max(below, middle - spread), min(above, middle + spread)
                 elif last > first:
-                    corners = _between(strip, count, piece, other, 0, column)
-                    if corners == 0:
-                        continue
-                    below, above = _extent(piece, corners, 1)
+                    below, above = _extent(piece, _between(strip, count, piece, other, 0, column), 1)
                 level = above if flatness >= SLOPE else -np.inf
                 if used == len(spans.low):
                     return False
@@ -173,12 +171,6 @@ def _touched(polygon: np.ndarray, count: int, axis: int, cells: int) -> tuple[in
     if greatest < 0.0 or least >= cells:
         return 0, -1
     return int(max(0.0, math.floor(least))), int(min(cells - 1.0, math.floor(greatest)))
-
-
-@compiled(nogil=True)
-def _touched_any(polygon: np.ndarray, columns: int) -> bool:
-    first, last = _touched(polygon, 3, 0, columns)
-    return first <= last
 
 
 @compiled(nogil=True)

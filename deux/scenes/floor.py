@@ -32,7 +32,7 @@ def find_floors(mesh: SceneMesh, caster: RayCaster | None = None) -> tuple[Floor
     above them can be floors; in a building, only those under a ceiling. Where hardly anything is under a ceiling the
     scene has no building in it (`deux.scenes.cover`) and all of them can.
     Files disagree about the direction in which triangles face. Only where nearly all that is seen from above faces up
-    is it used, to leave out the inside of solid ground: between a surface that faces down and one above that faces up.
+    is it used, to leave out the undersides of solid ground, which face down and have the inside of the ground above.
 
     A floor is a height that has at least `DOMINANT` of the area of the largest such level, `STOREY` at least from the
     floor below; between two floors that are nearer to each other, as split levels of a room are, the lower one counts.
@@ -95,10 +95,12 @@ def _look(caster: RayCaster, bounds: tuple[float, float, float, float]) -> _Leve
     height, face = caster.surfaces_below(np.array(bounds[:2]) + spacing * places)
     slope = _slope(caster.mesh)[face]
     level = (np.abs(slope) > LEVEL) & (face >= 0)
-    headroom, topmost, ceiling = _above(height, level)
+    headroom, topmost = _above(height, level)
     standing = level & topmost & (headroom > HEADROOM)
     if len(height) and (slope[0][face[0] >= 0] > 0.0).mean() > OUTWARD:
-        standing &= (slope > 0.0) | (np.take_along_axis(slope, ceiling, axis=0) < 0.0) | np.isinf(headroom)
+        # A point is in as many solids as more surfaces above it face up than down.
+        solids = np.cumsum(np.sign(slope) * (face >= 0), axis=0) - np.sign(slope)
+        standing &= (slope > 0.0) | (solids <= 0)
     standing &= _is_broad(np.where(standing, height, np.nan).reshape(-1, rows, columns), spacing).reshape(face.shape)
     covered = standing & (headroom < CEILING)
     inside = inside_building(
@@ -120,7 +122,7 @@ def _look(caster: RayCaster, bounds: tuple[float, float, float, float]) -> _Leve
     return _LevelSurfaces(height[standing], covered[standing], spacing**2, building)
 
 
-def _above(height: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _above(height: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What is above surfaces on verticals.
 
     What is within 2 x `THICKNESS` above a surface is its own roughness, a rug on it, or the floor on a ground slab.
@@ -130,18 +132,16 @@ def _above(height: np.ndarray, level: np.ndarray) -> tuple[np.ndarray, np.ndarra
         level: K x N bool, whether the surface is level.
 
     Returns:
-        K x N metres of empty space, infinite where there is nothing above; K x N bool, whether no other level surface
-        is just above; and K x N, the number in its column of the surface at the upper end of the empty space.
+        K x N metres of empty space, infinite where there is nothing above; and K x N bool, whether no other level
+        surface is just above.
     """
     room, topmost = np.full(height.shape, np.inf), np.ones(height.shape, bool)
-    ceiling = np.zeros(height.shape, np.int64)
     for number in range(1, len(height)):
         rise = height[:number] - height[number]
         near = rise <= 2 * THICKNESS + 1e-6
-        higher = np.where((rise > 0.0) & ~near, rise, np.inf)
-        room[number], ceiling[number] = higher.min(axis=0), higher.argmin(axis=0)
+        room[number] = np.where((rise > 0.0) & ~near, rise, np.inf).min(axis=0)
         topmost[number] = ~(near & level[:number]).any(axis=0)
-    return room, topmost, ceiling
+    return room, topmost
 
 
 def _is_broad(height: np.ndarray, spacing: float) -> np.ndarray:

@@ -100,8 +100,8 @@ class SceneFloors:
                     start=self._area.start,
                 )
             except DeuxError as error:
-                listed = f" The floors of the scene are {self._listed()}." if others else ""
-                raise DeuxError(f"{self._scene.name}: {error}{listed}") from error
+                listed = f"; the floors of the scene are {self._listed()}." if others else "."
+                raise DeuxError(f"{self._scene.name}: {str(error).removesuffix('.')}{listed}") from error
             self._surveys[floor] = found
             for level in found.unreached:
                 _say_once(

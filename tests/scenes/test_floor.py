@@ -160,6 +160,10 @@ def test_a_house_is_found_on_its_ground_plane(mesh_of, slab, house, reach):
     assert building_bounds(mesh) == pytest.approx((0.0, 0.0, 8.0, 6.0), abs=1.1)
 
 
+def test_the_underside_of_solid_ground_is_no_floor(mesh_of, slab, house):
+    assert heights(mesh_of(*house(door=True), slab([-20, -5, -20], [28, -0.05, 26]))) == [0.0]
+
+
 def test_a_garden_of_steps_and_trees_has_no_floors(mesh_of, slab, house):
     garden, terrace = slab([-30, -1, -30], [40, -0.1, 15]), slab([-30, -1, 15], [40, 1.5, 40])
     trees = [slab([x, 3, 10], [x + 3, 5, 13]) for x in (-20, -12, 14, 20)]

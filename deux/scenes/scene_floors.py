@@ -36,6 +36,7 @@ class SceneFloors:
         self._surveys: dict[Floor, FloorSurvey] = {}
         self.floors = self._chosen()
         """The floors on which the robot lives, the main one first."""
+        self._say_taken()
 
     def free_space(self, number: int) -> FreeSpace:
         """The free space of a floor, by its number among `floors`.
@@ -49,7 +50,13 @@ class SceneFloors:
             raise DeuxError(
                 f"{self._scene.name} has no floor {number}: its floors are numbered 0 to {count - 1}, at {listed}."
             )
-        return self._survey(self.floors[number]).space
+        found = self._survey(self.floors[number])
+        for level in found.unreached:
+            _say_once(
+                f"{self._scene.name}: a level {abs(level.rise):.2f} m {'higher' if level.rise > 0 else 'lower'} of "
+                f"{level.area:.0f} m2 cannot be reached: robot.max_climb is {self._robot.max_climb}."
+            )
+        return found.space
 
     def _chosen(self) -> tuple[Floor, ...]:
         every, asked = self._scene.floors, self._area.floor
@@ -66,13 +73,22 @@ class SceneFloors:
         if not room:
             # The main floor's reason stands for the others'.
             self._survey(every[0])
-        taken = tuple(room) if asked == "all" else (max(room, key=lambda floor: room[floor]),)
-        lives = " and ".join(f"{_described(floor)}, of which {room[floor]:.0f} m2 are free" for floor in taken)
-        _say_once(
-            f"{self._scene.name} has {len(every)} floors, {self._listed()}: the robot lives at {lives} "
-            f"(scenes.floor={asked})."
-        )
-        return taken
+        return tuple(room) if asked == "all" else (max(room, key=lambda floor: room[floor]),)
+
+    def _say_taken(self) -> None:
+        """Log which floors there are and on which of them the robot lives, if there are several."""
+        count = len(self._scene.floors)
+        if count > 1:
+            lives = " and ".join(self._room(floor) for floor in self.floors)
+            _say_once(
+                f"{self._scene.name} has {count} floors, {self._listed()}: the robot lives at {lives} "
+                f"(scenes.floor={self._area.floor})."
+            )
+
+    def _room(self, floor: Floor) -> str:
+        if floor not in self._surveys:
+            return _described(floor)
+        return f"{_described(floor)}, of which {self._surveys[floor].space.area:.0f} m2 are free"
 
     def _listed(self) -> str:
         """All floors of the scene in words, from the lowest to the highest."""
@@ -103,11 +119,6 @@ class SceneFloors:
                 listed = f"; the floors of the scene are {self._listed()}." if others else "."
                 raise DeuxError(f"{self._scene.name}: {str(error).removesuffix('.')}{listed}") from error
             self._surveys[floor] = found
-            for level in found.unreached:
-                _say_once(
-                    f"{self._scene.name}: a level {abs(level.rise):.2f} m {'higher' if level.rise > 0 else 'lower'} of "
-                    f"{level.area:.0f} m2 cannot be reached: robot.max_climb is {self._robot.max_climb}."
-                )
         return self._surveys[floor]
 
     @functools.cached_property

@@ -49,9 +49,12 @@ def test_the_floor_with_the_most_room_is_taken_and_said(tall_house, caplog):
     assert f"m2), of which {floors.free_space(0).area:.0f} m2 are free (scenes.floor=largest)." in line
 
 
-def test_all_floors_and_a_floor_by_its_number(tall_house):
+def test_all_floors_and_a_floor_by_its_number(tall_house, caplog):
     assert sorted(heights(chosen(tall_house, floor="all"))) == [0.0, 2.9]
-    upper = chosen(tall_house, floor=1)
+    with caplog.at_level(logging.WARNING):
+        upper = chosen(tall_house, floor=1)
+    assert "2 floors, 0 at 0.00 m" in caplog.text
+    assert "the robot lives at 2.90 m" in caplog.text
     assert heights(upper) == [2.9]
     assert upper.free_space(0).floor_height == pytest.approx(2.9)
     with pytest.raises(

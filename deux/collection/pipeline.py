@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
+from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator, count_floors
 from deux.collection.exploration import explore
 from deux.collection.sparse import sample_sequences
-from deux.collection.specification import VIEWPOINTS, DatasetSpec
+from deux.collection.specification import VIEWPOINTS, DatasetSpec, place_name
 from deux.collection.verification import Rejection, verify_sequences
 from deux.collection.viewpoints import ViewpointsPlan, collect_viewpoints
 from deux.contracts import DepthPredictor
@@ -61,11 +61,11 @@ def build_dataset(
         make_folder(partial / "data")
         clock = _Clock()
         if spec.explorer == VIEWPOINTS:
-            collect_viewpoints(_viewpoint_plans(spec, partial), make_simulator, progress)
+            collect_viewpoints(_viewpoint_plans(spec, partial, make_simulator), make_simulator, progress)
         else:
             assert make_explorer is not None
             explore(
-                _episode_plans(spec, partial),
+                _episode_plans(spec, partial, make_simulator),
                 make_simulator,
                 make_explorer,
                 predict_depth,
@@ -163,23 +163,29 @@ def write_lists(
     return len(lines["triplets"])
 
 
-def _episode_plans(spec: DatasetSpec, partial: Path) -> list[EpisodePlan]:
+def _episode_plans(spec: DatasetSpec, partial: Path, make_simulator: MakeSimulator) -> list[EpisodePlan]:
     _check_names(spec)
     return [
         EpisodePlan(
-            folder=partial / "data" / f"{scene.name}-{episode:02d}",
+            folder=partial / "data" / f"{place_name(scene, floor)}-{episode:02d}",
             scene=scene,
             seed=spec.episode_seed(scene, episode),
             steps=spec.steps,
+            floor=floor,
         )
         for scene in spec.scenes
+        for floor in range(count_floors(scene, make_simulator))
         for episode in range(spec.episodes)
     ]
 
 
-def _viewpoint_plans(spec: DatasetSpec, partial: Path) -> list[ViewpointsPlan]:
+def _viewpoint_plans(spec: DatasetSpec, partial: Path, make_simulator: MakeSimulator) -> list[ViewpointsPlan]:
     _check_names(spec)
-    return [ViewpointsPlan(partial, scene, spec.episode_seed(scene, 0), spec.steps) for scene in spec.scenes]
+    return [
+        ViewpointsPlan(partial, scene, spec.episode_seed(scene, 0), spec.steps, floor)
+        for scene in spec.scenes
+        for floor in range(count_floors(scene, make_simulator))
+    ]
 
 
 def _check_names(spec: DatasetSpec) -> None:

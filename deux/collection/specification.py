@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 from deux.collection.sparse import SparseSettings
 from deux.collection.verification import VerificationSettings
-from deux.contracts import SceneReference
+from deux.contracts import SceneArea, SceneReference
 from deux.registry import PluginChoice
 from deux.simulator.simulation import Simulation
 
-DATASET_VERSION = 3
+DATASET_VERSION = 4
 """Raised by every change of the code that changes the datasets it makes."""
 
 VIEWPOINTS = "viewpoints"
@@ -28,11 +28,11 @@ class DatasetSpec:
 
     Args:
         name: short name, the first part of the dataset's folder name.
-        scenes: the scenes, each with `name` and `identity`.
+        scenes: the scenes, each with `name`, `identity` and `area`.
         explorer: the explorer's registered name, or `VIEWPOINTS`.
         simulation: simulator, camera and robot.
-        steps: actions, and so frames, of an episode; for `VIEWPOINTS` the number of viewpoints in each scene.
-        episodes: episodes in each scene.
+        steps: actions, and so frames, of an episode; for `VIEWPOINTS` the number of viewpoints on each floor.
+        episodes: episodes on each floor of each scene; a scene has one floor unless its `area` asks for all.
         sparse: how many sparse points a frame has.
         verification: which frames are rejected.
         seed: seed of the starts, the explorers and the viewpoints.
@@ -65,7 +65,9 @@ class DatasetSpec:
             "version": DATASET_VERSION,
             **values,
             **self.simulation.description(),
-            "scenes": [{"name": scene.name, "identity": scene.identity} for scene in self.scenes],
+            "scenes": [
+                {"name": scene.name, "identity": scene.identity, "area": _plain(scene.area)} for scene in self.scenes
+            ],
             "explorer_settings": dict(self.explorer_settings),
             "uncertainty": self.uncertainty and self.uncertainty.description,
             "sparse": asdict(self.sparse),
@@ -90,3 +92,13 @@ class DatasetSpec:
 def episode_seed(seed: int, scene: SceneReference, episode: int) -> int:
     """Seed of one episode. It depends on nothing but a run's seed, the scene and the episode's number there."""
     return zlib.crc32(f"{seed}/{scene.identity}/{episode}".encode())
+
+
+def _plain(area: SceneArea) -> dict[str, Any]:
+    """An area as JSON values."""
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in asdict(area).items()}
+
+
+def place_name(scene: SceneReference, floor: int) -> str:
+    """The name under which what is recorded on one floor of a scene is kept: the scene's on its main floor."""
+    return scene.name if floor == 0 else f"{scene.name}-floor{floor}"

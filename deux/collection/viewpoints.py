@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.collection.episodes import MakeSimulator
+from deux.collection.specification import place_name
 from deux.contracts import COLOR, Action, Frame, Robot, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace
@@ -32,7 +33,7 @@ _ATTEMPTS = 50
 
 @dataclass(frozen=True)
 class ViewpointsPlan:
-    """The viewpoints of one scene.
+    """The viewpoints of one floor of a scene.
 
     Args:
         dataset: folder whose `data/` takes the sequences.
@@ -50,7 +51,7 @@ class ViewpointsPlan:
 
     def paths(self, index: int) -> SequencePaths:
         """The three-frame sequence of one viewpoint."""
-        return SequencePaths(self.dataset / "data" / f"{self.scene.name}-view{index:04d}")
+        return SequencePaths(self.dataset / "data" / f"{place_name(self.scene, self.floor)}-view{index:04d}")
 
 
 def collect_viewpoints(

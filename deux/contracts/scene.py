@@ -69,7 +69,7 @@ class Floor:
 
     Args:
         height: world y of the floor, metres.
-        area: square metres of level surface at that height.
+        area: square metres of level surface at that height, inside the building.
     """
 
     height: float
@@ -107,11 +107,23 @@ class SceneArea:
             number counts the floors from the lowest upwards, 0 is the lowest.
         region: x_min, z_min, x_max and z_max in world metres that the robot stays within; None for no bound.
         start: x and z in world metres of a point whose connected floor is taken; None for the largest one.
+
+    Raises:
+        DeuxError: a value is out of its range.
     """
 
     floor: int | Literal["largest", "all"] = "largest"
     region: tuple[float, float, float, float] | None = None
     start: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not (self.floor in ("largest", "all") or (isinstance(self.floor, int) and self.floor >= 0)):
+            raise DeuxError(f"scenes.floor is {self.floor!r}, but must be largest, all, or a number from 0 upwards.")
+        if self.region is not None and not (self.region[0] < self.region[2] and self.region[1] < self.region[3]):
+            raise DeuxError(
+                f"scenes.region is {list(self.region)}, but must be [x_min, z_min, x_max, z_max] with each minimum "
+                "less than its maximum."
+            )
 
 
 @dataclass(frozen=True)

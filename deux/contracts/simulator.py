@@ -80,7 +80,7 @@ class Simulator(ABC):
     """What the numbers in `Frame.labels` stand for; empty where nothing is labelled."""
 
     floors: tuple[Floor, ...]
-    """The floors of the scene, the main one first."""
+    """The floors of the scene that its `area` chooses, the main one first."""
 
     @property
     def object_labels(self) -> tuple[str, ...]:
@@ -130,7 +130,8 @@ class Simulator(ABC):
 
     @abstractmethod
     def free_space(self, floor: int = 0) -> FreeSpace:
-        """The true free part of a floor, all of it connected. Privileged: no agent sees it unasked.
+        """The true free part of a floor within the scene's `area`, all of it connected. Privileged: no agent sees it
+        unasked.
 
         Raises:
             DeuxError: the robot fits nowhere on it, or there is no such floor.

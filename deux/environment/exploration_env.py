@@ -92,7 +92,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode at a random place of some scene's floor.
+        """Begin an episode at a random place of some scene, on one of the floors that the simulator offers.
 
         Args:
             seed: of this and the following episodes.
@@ -108,11 +108,15 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             raise DeuxError(f"there is no scene {index}: the environment has {len(self._scenes)}, from 0.")
         self._length = int(options.get("steps", self._steps))
         self.simulator = self._pool.simulator(self._scenes[index])
-        self.simulator.reset(*random_starts(self.simulator.free_space(), 1, self.np_random)[0])
+        floors = len(self.simulator.floors)
+        floor = int(self.np_random.integers(floors)) if floors > 1 else 0
+        self.simulator.reset(*random_starts(self.simulator.free_space(floor), 1, self.np_random)[0], floor)
         self.memory = ExplorationMemory(self._camera, self._robot, self._crops)
         names = self.simulator.label_names if self._labels else ()
         episode_seed = int(self.np_random.integers(2**31))
-        self.reward.reset(Episode(episode_seed, self._length, self._camera, self._robot, label_names=names))
+        self.reward.reset(
+            Episode(episode_seed, self._length, self._camera, self._robot, label_names=names, floor=floor)
+        )
         self._step = 0
         observation, _ = self._look(collided=False)
         return observation, self._info(collided=False)

@@ -2,20 +2,59 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
 from deux.contracts import SceneMesh
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace, GridFrame
+from deux.scenes.cover import CEILING, inside_building
+from deux.scenes.heightfield import walkable_surface
 from deux.scenes.ray_caster import RayCaster
 
 if TYPE_CHECKING:
     from deux.contracts import Robot
 
-FINENESS = 3  # samples along a cell's edge; odd, so that the middle one is the cell's centre
+FINENESS = 3  # columns along a cell's edge; odd, so that the middle one is at the cell's centre
+REACH = 2.0  # metres above and below a floor that belong to it where there is no other floor
+SPLIT = 0.6  # metres from a floor's height within which any part of it must come: split levels do, tables do not
+LEAST_LEVEL = 4.0  # square metres; smaller parts that the robot cannot reach, such as table tops, are not told of
+TOLERANCE = 1e-4  # metres: distances on the grid are exact but for rounding
+LARGEST = 40e6  # columns of the fine grid, 11,000 m2: about 2 GB
+
+Box = tuple[float, float, float, float]
+"""x_min, z_min, x_max and z_max in world metres."""
+
+
+@dataclass(frozen=True)
+class UnreachedLevel:
+    """A level of a floor that is free but too high or too low for the robot to get to.
+
+    Args:
+        rise: how much higher it lies than the part where the robot is, metres.
+        area: free square metres.
+    """
+
+    rise: float
+    area: float
+
+
+@dataclass(frozen=True)
+class FloorSurvey:
+    """What is known of one floor.
+
+    Args:
+        space: the free floor.
+        unreached: the large levels that are no part of it, the largest first.
+    """
+
+    space: FreeSpace
+    unreached: tuple[UnreachedLevel, ...]
 
 
 def free_space(
@@ -25,11 +64,27 @@ def free_space(
     resolution: float = 0.05,
     caster: RayCaster | None = None,
 ) -> FreeSpace:
-    """Find the largest connected part of the floor on which the robot fits.
+    """Find the largest connected part of a scene's only floor on which the robot fits; see `survey_floor`."""
+    return survey_floor(mesh, floor_height, robot, resolution, caster).space
 
-    The robot is blocked where a ray down from its height meets no surface within `robot.max_climb` of the floor, and
-    where any triangle passes through the height between there and the robot's top: rays alone miss upright sheets.
-    What is blocked grows by the robot's radius. Floor beyond `robot.max_climb` (up a ramp or stairs) does not count.
+
+def survey_floor(
+    mesh: SceneMesh,
+    floor_height: float,
+    robot: Robot,
+    resolution: float = 0.05,
+    caster: RayCaster | None = None,
+    other_floors: Sequence[float] = (),
+    bounds: Box | None = None,
+    region: Box | None = None,
+    start: tuple[float, float] | None = None,
+) -> FloorSurvey:
+    """Find a connected part of a floor on which the robot fits, as Recast's navigation meshes do.
+
+    Surfaces belong to a floor up to half the way to the next floor above and below, or `REACH` where there is none, so
+    stairs, ramps and low steps are free as far as that. The robot stands and steps as `walkable_surface` says. What it
+    cannot step to, a drop too, grows by its radius. It stays inside the building, as `inside_building` says, unless
+    `region` is given or `start` lies outside.
 
     Args:
         mesh: the scene.
@@ -37,97 +92,144 @@ def free_space(
         robot: its radius, height and greatest climb.
         resolution: edge of a cell in metres.
         caster: rays against `mesh`, where there is one already.
+        other_floors: world y of the scene's other floors, metres.
+        bounds: the part of the scene that is looked at; None for all of it.
+        region: where the robot's centre stays; None for no bound.
+        start: world x and z of a point in the part that is taken; None for the largest one.
 
     Raises:
-        DeuxError: the robot fits nowhere.
+        DeuxError: the robot fits nowhere, or not at `start`; or the scene is too large.
     """
-    low, high = mesh.bounds[0, [0, 2]], mesh.bounds[1, [0, 2]]
-    # A thousandth of a cell, left over by rounding, makes no new cell.
-    columns, rows = np.maximum(np.ceil((high - low) / resolution - 1e-3), 1).astype(int)
-    frame = GridFrame(float(low[0]), float(low[1]), int(rows), int(columns), resolution)
-    fine = GridFrame(
-        frame.origin_x, frame.origin_z, frame.rows * FINENESS, frame.columns * FINENESS, resolution / FINENESS
-    )
-
-    blocked = _blocked_from_above(caster or RayCaster(mesh), fine, floor_height, robot)
-    _mark_upright(blocked, fine, mesh.triangles, floor_height + robot.max_climb, floor_height + robot.height)
-    # Beyond the scene's bounds there is no floor either.
-    distance = ndimage.distance_transform_edt(~np.pad(blocked, 1, constant_values=True)) * fine.resolution
-    clearance = distance[1:-1, 1:-1][FINENESS // 2 :: FINENESS, FINENESS // 2 :: FINENESS].astype(np.float32)
-
-    regions, count = ndimage.label(clearance > robot.radius)
-    if count == 0:
+    frame = _frame(mesh, resolution, region or bounds, robot.radius)
+    heights, clearance = _standing_room(mesh, frame, robot, floor_height, other_floors)
+    # With half a cell at least, an obstacle without thickness parts the cells on its two sides.
+    free = clearance > max(robot.radius, resolution / 2) + TOLERANCE
+    if region is not None:
+        free &= _cells_in(frame, region)
+    elif free.any():
+        free &= _where_it_lives(caster or RayCaster(mesh), frame, heights, free, start)
+    parts = _parts_near(free, heights, floor_height)
+    if not parts.any():
         raise DeuxError(
             f"there is no floor to stand on: at height {floor_height:.2f} m no place is free for a robot of radius "
             f"{robot.radius} m and height {robot.height} m."
         )
-    sizes = np.bincount(regions.ravel())
+    sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    return FreeSpace(frame, regions == sizes.argmax(), clearance, floor_height)
+    chosen = int(sizes.argmax()) if start is None else _part_at(frame, parts, start)
+    taken = parts == chosen
+    # Surfaces that cannot be reached, such as table tops, are obstacles through and through.
+    regions, _ = ndimage.label(clearance > 0.0)
+    clearance[~np.isin(regions, np.unique(regions[taken]))] = 0.0
+    space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
+    return FloorSurvey(space, _unreached(parts, sizes * resolution**2, chosen, heights, robot.max_climb))
 
 
-def _blocked_from_above(caster: RayCaster, grid: GridFrame, floor_height: float, robot: Robot) -> np.ndarray:
-    """Rows x columns bool: no floor, or something on it, below a ray from the robot's height at the cell's centre."""
-    x = grid.origin_x + (np.arange(grid.columns) + 0.5) * grid.resolution
-    z = grid.origin_z + (np.arange(grid.rows) + 0.5) * grid.resolution
-    origins = np.empty((*grid.shape, 3), np.float32)
-    origins[..., 0], origins[..., 1], origins[..., 2] = x, floor_height + robot.height, z[:, None]
-    down = np.broadcast_to(np.array([0.0, -1.0, 0.0], np.float32), origins.shape)
-    fall = caster.cast(origins.reshape(-1, 3), down.reshape(-1, 3)).distance.reshape(grid.shape)
-    return np.abs(fall - robot.height) > robot.max_climb
+def _standing_room(
+    mesh: SceneMesh, frame: GridFrame, robot: Robot, floor_height: float, other_floors: Sequence[float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle."""
+    below = max((y for y in other_floors if y < floor_height), default=floor_height - 2 * REACH)
+    above = min((y for y in other_floors if y > floor_height), default=floor_height + 2 * REACH)
+    resolution = frame.resolution / FINENESS
+    fine = GridFrame(frame.origin_x, frame.origin_z, frame.rows * FINENESS, frame.columns * FINENESS, resolution)
+    surface = walkable_surface(mesh, fine, robot, floor_height, (below + floor_height) / 2, (above + floor_height) / 2)
+    # Beyond the grid there is no floor either.
+    passable = np.pad(~surface.blocked, 1).astype(np.uint8)
+    distance = cv2.distanceTransform(passable, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    middle = slice(FINENESS // 2, None, FINENESS)
+    return surface.height[middle, middle], distance[middle, middle] * np.float32(resolution)
 
 
-def _mark_upright(blocked: np.ndarray, grid: GridFrame, triangles: np.ndarray, low: float, high: float) -> None:
-    """Set the cells under the outlines of all triangles' parts between the heights `low` and `high`.
+def _where_it_lives(
+    caster: RayCaster, frame: GridFrame, heights: np.ndarray, free: np.ndarray, start: tuple[float, float] | None
+) -> np.ndarray:
+    """The free cells that are inside the building; all of them if there is none or the start lies outside."""
+    covered = _covered(caster, frame, heights, free)
+    if start is not None and not covered[frame.cell(*start)]:
+        return free
+    inside = inside_building(free, covered, frame.resolution)
+    return free if inside is None else inside
 
-    The outline is enough: inside it, a part that is not upright is met by the rays from above.
 
-    Args:
-        blocked: rows x columns bool, changed in place.
-        grid: where `blocked` lies.
-        triangles: F x 3 x 3, metres.
-        low: lower height in metres.
-        high: upper height in metres.
+def _parts_near(free: np.ndarray, heights: np.ndarray, floor_height: float) -> np.ndarray:
+    """The connected parts of the free cells, numbered from 1, rows x columns.
+
+    What comes nowhere near the floor's height, such as a roof that no stairs lead to, is another floor or none.
     """
-    heights = triangles[..., 1]
-    corners = triangles[(heights.max(axis=1) > low) & (heights.min(axis=1) < high)].astype(np.float64)
-    starts, ends = corners, np.roll(corners, -1, axis=1)
-    rise = ends[..., 1] - starts[..., 1]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossings = (np.array([low, high])[:, None, None] - starts[..., 1]) / rise
-    segments = [_clipped(starts, ends, crossings, low, high)]
-    for crossing in crossings:
-        segments.append(_section(starts, ends, crossing))
-    segment = np.concatenate(segments)[..., [0, 2]]
-    length = np.linalg.norm(segment[:, 1] - segment[:, 0], axis=1)
-    steps = np.ceil(length / (0.5 * grid.resolution)).astype(np.int64) + 1
-    which = np.repeat(np.arange(len(segment)), steps)
-    index = np.arange(len(which)) - np.repeat(np.cumsum(steps) - steps, steps)
-    fraction = (index / np.maximum(steps - 1, 1)[which])[:, None]
-    points = segment[which, 0] * (1.0 - fraction) + segment[which, 1] * fraction
-    rows, columns = grid.cells(points[:, 0], points[:, 1])
-    inside = grid.contains(rows, columns)
-    blocked[rows[inside], columns[inside]] = True
+    parts: np.ndarray = ndimage.label(free)[0]
+    count = int(parts.max())
+    nearest = ndimage.minimum(np.abs(heights - floor_height), parts, np.arange(count + 1))
+    distant = np.asarray(nearest) > SPLIT
+    distant[0] = False
+    return np.where(distant[parts], 0, parts)
 
 
-def _clipped(starts: np.ndarray, ends: np.ndarray, crossings: np.ndarray, low: float, high: float) -> np.ndarray:
-    """The parts of triangles' edges (F x 3 x 3 each) between two heights, S x 2 x 3.
+def _frame(mesh: SceneMesh, resolution: float, region: Box | None, radius: float) -> GridFrame:
+    """The grid over the scene, or over a region of it and as much around that as the robot's body reaches."""
+    bounds = mesh.bounds.astype(np.float64)
+    low, high = bounds[0, [0, 2]], bounds[1, [0, 2]]
+    if region is not None:
+        margin = (np.ceil(radius / resolution) + 1) * resolution
+        asked_low, asked_high = np.array(region[:2]) - margin, np.array(region[2:]) + margin
+        if (asked_low >= high).any() or (asked_high <= low).any():
+            raise DeuxError(
+                f"the region {list(region)} is not in the scene: that reaches from x={low[0]:.2f}, z={low[1]:.2f} to "
+                f"x={high[0]:.2f}, z={high[1]:.2f}."
+            )
+        low, high = np.where(asked_low > low, asked_low, low), np.minimum(asked_high, high)
+    # A thousandth of a cell, left over by rounding, makes no new cell.
+    columns, rows = np.maximum(np.ceil((high - low) / resolution - 1e-3), 1).astype(int)
+    if int(columns) * int(rows) * FINENESS**2 > LARGEST:
+        raise DeuxError(
+            f"the floor of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m is too large for a map: bound it by "
+            "scenes.region=[x_min, z_min, x_max, z_max]."
+        )
+    return GridFrame(float(low[0]), float(low[1]), int(rows), int(columns), resolution)
 
-    `crossings` (2 x F x 3) are the fractions of the edges at which they cross the two heights.
-    """
-    level = starts[..., 1] == ends[..., 1]
-    within = (starts[..., 1] > low) & (starts[..., 1] < high)
-    enter = np.where(level, np.where(within, 0.0, 1.0), np.clip(crossings.min(axis=0), 0.0, 1.0))
-    leave = np.where(level, np.where(within, 1.0, 0.0), np.clip(crossings.max(axis=0), 0.0, 1.0))
-    kept = leave > enter
-    edge = (ends - starts)[kept]
-    return np.stack([starts[kept] + edge * enter[kept][:, None], starts[kept] + edge * leave[kept][:, None]], axis=1)
+
+def _centres(frame: GridFrame) -> tuple[np.ndarray, np.ndarray]:
+    """World x of the columns' centres, and world z of the rows' as rows x 1."""
+    x = frame.origin_x + (np.arange(frame.columns) + 0.5) * frame.resolution
+    z = frame.origin_z + (np.arange(frame.rows) + 0.5) * frame.resolution
+    return x, z[:, None]
 
 
-def _section(starts: np.ndarray, ends: np.ndarray, crossing: np.ndarray) -> np.ndarray:
-    """The segments, S x 2 x 3, in which triangles meet a level plane that their edges cross at `crossing` (F x 3)."""
-    met = (crossing >= 0.0) & (crossing < 1.0)
-    cut = met.sum(axis=1) == 2
-    fraction = crossing[cut][met[cut]].reshape(-1, 2, 1)
-    first, second = starts[cut][met[cut]].reshape(-1, 2, 3), ends[cut][met[cut]].reshape(-1, 2, 3)
-    return first + fraction * (second - first)
+def _cells_in(frame: GridFrame, region: Box) -> np.ndarray:
+    """The cells whose centres lie in a region, rows x columns bool."""
+    x, z = _centres(frame)
+    inside: np.ndarray = (x >= region[0]) & (x <= region[2]) & (z >= region[1]) & (z <= region[3])
+    return inside
+
+
+def _covered(caster: RayCaster, frame: GridFrame, heights: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """The free cells, rows x columns bool, that have a ceiling above."""
+    x, z = (np.broadcast_to(values, frame.shape)[free] for values in _centres(frame))
+    up = np.broadcast_to(np.array([0.0, 1.0, 0.0]), (len(x), 3))
+    covered = np.zeros(frame.shape, bool)
+    covered[free] = caster.cast(np.stack([x, heights[free] + 0.5, z], axis=-1), up).distance < CEILING
+    return covered
+
+
+def _part_at(frame: GridFrame, parts: np.ndarray, start: tuple[float, float]) -> int:
+    """The number of the connected part (rows x columns, 0 = none) in which a world point lies."""
+    rows, columns = frame.cells(*start)
+    if frame.contains(rows, columns) and parts[rows, columns] > 0:
+        return int(parts[rows, columns])
+    x, z = _centres(frame)
+    distance = np.where(parts > 0, np.hypot(x - start[0], z - start[1]), np.inf)
+    nearest_x, nearest_z = frame.centre(*divmod(int(distance.argmin()), frame.columns))
+    raise DeuxError(
+        f"the start x={start[0]:.2f}, z={start[1]:.2f} is not on free floor: the nearest free point is "
+        f"x={nearest_x:.2f}, z={nearest_z:.2f}."
+    )
+
+
+def _unreached(
+    parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray, climb: float
+) -> tuple[UnreachedLevel, ...]:
+    """The parts, numbered in rows x columns and with their areas in m2, that are large and more than a climb away."""
+    ground = float(np.median(heights[parts == chosen]))
+    large = [part for part in np.argsort(-areas, kind="stable") if areas[part] >= LEAST_LEVEL and part != chosen]
+    levels = [UnreachedLevel(float(np.median(heights[parts == part])) - ground, float(areas[part])) for part in large]
+    return tuple(level for level in levels if abs(level.rise) > climb)

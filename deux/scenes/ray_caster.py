@@ -10,6 +10,8 @@ from embreex.mesh_construction import TriangleMesh
 
 from deux.contracts import SceneMesh
 
+APART = 0.005  # metres
+
 
 @dataclass(frozen=True)
 class Hits:
@@ -50,6 +52,37 @@ class RayCaster:
         face = found["primID"]
         distance = np.where(face >= 0, found["tfar"], np.float32(np.inf))
         return Hits(distance, face, np.stack([found["u"], found["v"]], axis=-1))
+
+    def surfaces_below(self, points: np.ndarray, most: int = 64) -> tuple[np.ndarray, np.ndarray]:
+        """Find all surfaces on the vertical through each point, from the highest downwards.
+
+        Of surfaces within `APART` of each other only the highest is found.
+
+        Args:
+            points: N x 2, world x and z in metres.
+            most: surfaces that are looked for on each vertical.
+
+        Returns:
+            K x N float64, their world y, NaN where there are no more; and K x N int32, their faces, -1 likewise.
+        """
+        top = float(self.mesh.bounds[1, 1]) + 1.0
+        origins = np.stack([points[:, 0], np.full(len(points), top), points[:, 1]], axis=-1)
+        going = np.arange(len(points))
+        heights: list[np.ndarray] = []
+        faces: list[np.ndarray] = []
+        for _ in range(most):
+            hits = self.cast(origins[going], np.broadcast_to(np.array([0.0, -1.0, 0.0]), (len(going), 3)))
+            met = hits.face >= 0
+            going = going[met]
+            if not going.size:
+                break
+            height, face = np.full(len(points), np.nan), np.full(len(points), -1, np.int32)
+            height[going] = origins[going, 1] - hits.distance[met]
+            face[going] = hits.face[met]
+            heights.append(height)
+            faces.append(face)
+            origins[going, 1] = height[going] - APART
+        return np.array(heights).reshape(-1, len(points)), np.array(faces, np.int32).reshape(-1, len(points))
 
     @cached_property
     def _embree(self) -> Any:

@@ -12,9 +12,9 @@ from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
-from deux.scenes.free_space import free_space
 from deux.scenes.objects import SceneObjects, find_objects
 from deux.scenes.ray_caster import RayCaster
+from deux.scenes.scene_floors import SceneFloors
 from deux.simulator.body import Body
 from deux.simulator.renderers import RenderedImage, Renderer, make_renderer
 
@@ -25,7 +25,9 @@ class MeshSimulator(Simulator):
     """One robot in one scene that can be loaded as a mesh.
 
     The robot moves exactly as it is told, slides along walls and keeps its camera level, `robot.camera_height` above
-    the floor. Renderers, free floors and objects are made on first use.
+    the surface that it stands on: on stairs and ramps it rises with the floor. Renderers, free floors and objects are
+    made on first use; of a scene with several floors the free floors are made at once, as they decide which one
+    `scene.area` chooses.
 
     Args:
         scene: where the robot is; it is loaded at once.
@@ -35,7 +37,7 @@ class MeshSimulator(Simulator):
         renderer: what draws: Embree's rays on the CPU, or OpenGL by pyrender, which needs system libraries.
 
     Raises:
-        DeuxError: the scene cannot be loaded.
+        DeuxError: the scene cannot be loaded, or has no such floor as `scene.area` asks for.
     """
 
     def __init__(
@@ -47,11 +49,13 @@ class MeshSimulator(Simulator):
         renderer: Literal["embree", "pyrender"] = "embree",
     ) -> None:
         loaded = scene.load()
-        self._begin(scene, camera, robot, _SharedScene(loaded if colors else _untextured(loaded), robot, renderer))
+        self._begin(
+            scene, camera, robot, _SharedScene(scene, loaded if colors else _untextured(loaded), robot, renderer)
+        )
 
     def _begin(self, scene: SceneReference, camera: Camera, robot: Robot, shared: "_SharedScene") -> None:
         self.scene, self.camera, self.robot = scene, camera, robot
-        self.floors, self.label_names = shared.scene.floors, shared.scene.mesh.label_names
+        self.floors, self.label_names = shared.floors.floors, shared.scene.mesh.label_names
         self._shared = shared
         self._place: tuple[float, float, float, int] | None = None  # x, z, yaw, floor
 
@@ -90,7 +94,7 @@ class MeshSimulator(Simulator):
     def pose(self) -> np.ndarray:
         """The camera's present camera-to-world matrix, 4 x 4 float64."""
         x, z, yaw, floor = self._standing
-        return camera_pose(x, self.floors[floor].height + self.robot.camera_height, z, yaw)
+        return camera_pose(x, self.free_space(floor).height_at(x, z) + self.robot.camera_height, z, yaw)
 
     def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
         """What the camera records at each of N x 4 x 4 poses; the robot stays where it is.
@@ -103,12 +107,12 @@ class MeshSimulator(Simulator):
         return [self._frame(image, pose, channels) for image, pose in zip(images, poses, strict=True)]
 
     def free_space(self, floor: int = 0) -> FreeSpace:
-        """The largest connected free part of a floor. Privileged: no agent sees it unasked.
+        """The connected free part of a floor that `scene.area` chooses. Privileged: no agent sees it unasked.
 
         Raises:
             DeuxError: the robot fits nowhere on it, or there is no such floor.
         """
-        return self._shared.free_space(floor)
+        return self._shared.floors.free_space(floor)
 
     def another(self, camera: Camera | None = None) -> "MeshSimulator":
         """A further robot in the same scene, with this camera or another one; what is loaded is shared, not copied."""
@@ -135,28 +139,20 @@ class MeshSimulator(Simulator):
 class _SharedScene:
     """A loaded scene and what is made of it on first use, for all robots in it and all their cameras."""
 
+    reference: SceneReference
     scene: Scene
     robot: Robot
     renderer_name: str
-    _spaces: dict[int, FreeSpace] = field(default_factory=dict)
     _bodies: dict[int, Body] = field(default_factory=dict)
     _renderers: dict[Camera, Renderer] = field(default_factory=dict)
 
-    def free_space(self, floor: int) -> FreeSpace:
-        if floor not in self._spaces:
-            count = len(self.scene.floors)
-            if not 0 <= floor < count:
-                raise DeuxError(f"{self.scene.name} has no floor {floor}: its floors are numbered 0 to {count - 1}.")
-            height = self.scene.floors[floor].height
-            try:
-                self._spaces[floor] = free_space(self.scene.mesh, height, self.robot, caster=self.caster)
-            except DeuxError as error:
-                raise DeuxError(f"{self.scene.name}: {error}") from error
-        return self._spaces[floor]
+    @cached_property
+    def floors(self) -> SceneFloors:
+        return SceneFloors(self.scene, self.reference.area, self.robot, self.caster)
 
     def body(self, floor: int) -> Body:
         if floor not in self._bodies:
-            self._bodies[floor] = Body(self.free_space(floor))
+            self._bodies[floor] = Body(self.floors.free_space(floor))
         return self._bodies[floor]
 
     def renderer(self, camera: Camera) -> Renderer:

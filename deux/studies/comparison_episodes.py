@@ -2,14 +2,16 @@
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+from deux.collection.episodes import count_floors
 from deux.collection.perception import MODEL_NEEDS, Perception
-from deux.collection.specification import episode_seed
+from deux.collection.specification import episode_seed, place_name
 from deux.collection.walk import Walk, run_walks
 from deux.contracts import SceneReference, Simulator
 from deux.errors import DeuxError
@@ -47,7 +49,8 @@ def compare_explorers(
         rewards: the rewards that judge all of them.
         seed: the run's; the seed of an episode is `episode_seed`, the same for all explorers.
         steps: actions in an episode.
-        episodes: episodes of each explorer in each scene.
+        episodes: episodes of each explorer on each floor of each scene; a scene has one floor unless its `area` asks
+            for all.
         perception: the depth model, for the explorers that need one; they run in this process.
         processes: that the other explorers run in, each scene in one of them.
         progress: told the number of episodes.
@@ -57,8 +60,14 @@ def compare_explorers(
             of an episode is damaged.
     """
     make_folder(folder)
-    plan = _Plan(folder, simulation, rewards, seed, steps, episodes)
-    records = [plan.record(e, s, number) for e in explorers for s in scenes for number in range(episodes)]
+    floors = {scene.name: count_floors(scene, simulation.make) for scene in scenes}
+    plan = _Plan(folder, simulation, rewards, seed, steps, episodes, floors)
+    records = [
+        plan.record(choice, scene, floor, number)
+        for choice in explorers
+        for scene in scenes
+        for floor, number in plan.numbers(scene)
+    ]
 
     def report(_: object = None) -> None:
         progress("episodes", sum(record.exists() for record in records), len(records))
@@ -83,15 +92,27 @@ class _Plan:
     seed: int
     steps: int
     episodes: int
+    floors: Mapping[str, int]
+    """The number of floors of each scene, by the scene's name."""
 
-    def record(self, explorer: PluginChoice, scene: SceneReference, number: int) -> Path:
+    def numbers(self, scene: SceneReference) -> list[tuple[int, int]]:
+        """The floor and the number of each of an explorer's episodes in a scene."""
+        return list(product(range(self.floors[scene.name]), range(self.episodes)))
+
+    def record(self, explorer: PluginChoice, scene: SceneReference, floor: int, number: int) -> Path:
         """The file of an episode; it is there when the episode is over."""
-        return self.folder / f"{explorer.name}-{scene.name}-{number:02d}.json"
+        return self.folder / f"{explorer.name}-{place_name(scene, floor)}-{number:02d}.json"
 
-    def unfinished(self, scene: SceneReference, explorers: Sequence[PluginChoice]) -> list[tuple[PluginChoice, int]]:
-        """The episodes of a scene, by explorer and number, that are not over."""
-        episodes = [(choice, number) for choice in explorers for number in range(self.episodes)]
-        return [(choice, number) for choice, number in episodes if not self.record(choice, scene, number).exists()]
+    def unfinished(
+        self, scene: SceneReference, explorers: Sequence[PluginChoice]
+    ) -> list[tuple[PluginChoice, int, int]]:
+        """The episodes of a scene, by explorer, floor and number, that are not over."""
+        return [
+            (choice, floor, number)
+            for choice in explorers
+            for floor, number in self.numbers(scene)
+            if not self.record(choice, scene, floor, number).exists()
+        ]
 
 
 def _explore_scene(
@@ -106,9 +127,9 @@ def _explore_scene(
     if not unfinished:
         return
     simulator = plan.simulation.make(scene)
-    for choice, number in unfinished:
-        episode = _explore(plan, choice, simulator.another(), scene, number, perception)
-        write_json(plan.record(choice, scene, number), asdict(episode))
+    for choice, floor, number in unfinished:
+        episode = _explore(plan, choice, simulator.another(), scene, floor, number, perception)
+        write_json(plan.record(choice, scene, floor, number), asdict(episode))
         report()
 
 
@@ -117,6 +138,7 @@ def _explore(
     choice: PluginChoice,
     simulator: Simulator,
     scene: SceneReference,
+    floor: int,
     number: int,
     perception: Perception | None,
 ) -> ExplorationEpisode:
@@ -124,14 +146,14 @@ def _explore(
     began = time.perf_counter()
     seed = episode_seed(plan.seed, scene, number)
     explorer = choice.create()
-    walk = Walk(simulator, explorer, seed, plan.steps)
+    walk = Walk(simulator, explorer, seed, plan.steps, floor)
     track = Track()
     for (step,) in run_walks([walk], perception if explorer.needs & MODEL_NEEDS else None):
         track.add(step.frame.pose, step.collided, step.action)
-    exploration = measure_exploration(simulator, track, make_rewards(plan.rewards), seed, plan.steps)
+    exploration = measure_exploration(simulator, track, make_rewards(plan.rewards), seed, plan.steps, floor)
     trajectory = [(float(pose[0, 3]), float(pose[2, 3]), yaw_of(pose)) for pose in track.poses]
     seconds = round(time.perf_counter() - began, 2)
-    return ExplorationEpisode(choice.name, scene.name, number, seed, exploration, trajectory, seconds)
+    return ExplorationEpisode(choice.name, scene.name, number, seed, exploration, trajectory, seconds, floor)
 
 
 def _read(record: Path) -> ExplorationEpisode:

@@ -137,8 +137,8 @@ def trajectory_map(
         floor: the floor that they lie on.
     """
     eye = _eye(simulator)
-    height = eye.floors[floor].height + eye.robot.camera_height
-    poses = [camera_pose(x, height, z, yaw) for x, z, yaw in trajectory]
+    space = eye.free_space(floor)
+    poses = [camera_pose(x, space.height_at(x, z) + eye.robot.camera_height, z, yaw) for x, z, yaw in trajectory]
     known = OccupancyMap(eye.camera, eye.robot, RESOLUTION)
     for frame in _frames(eye, poses, DEPTH):
         known.update(frame.depth, frame.pose)

@@ -23,6 +23,7 @@ class ExplorationEpisode:
         exploration: what it came to.
         trajectory: x and z in metres and yaw in radians of each frame.
         seconds: that it took.
+        floor: the floor that it took place on, as the simulator numbers them.
     """
 
     explorer: str
@@ -32,6 +33,7 @@ class ExplorationEpisode:
     exploration: Exploration
     trajectory: Sequence[tuple[float, float, float]]
     seconds: float
+    floor: int = 0
 
 
 class ExplorerComparison:
@@ -96,7 +98,7 @@ class ExplorerComparison:
         """One row an episode."""
         rows = []
         for episode in self.episodes:
-            row = {name: getattr(episode, name) for name in ("explorer", "scene", "episode", "seed")}
+            row = {name: getattr(episode, name) for name in ("explorer", "scene", "floor", "episode", "seed")}
             row |= {"frames": len(episode.trajectory), **dict.fromkeys(self.names), **episode.exploration.values()}
             rows.append(row)
         return _csv(rows)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from deux.collection.episodes import count_floors
 from deux.collection.perception import MODEL_NEEDS, SOURCES, Perception
 from deux.collection.sparse import SparseSettings
-from deux.collection.specification import episode_seed
+from deux.collection.specification import episode_seed, place_name
 from deux.collection.walk import Step, Walk, run_walks
 from deux.contracts import DepthPredictor, SceneReference, Uncertainty
 from deux.errors import DeuxError
@@ -65,7 +66,7 @@ def study_uncertainty(
     Args:
         folder: where each scene's numbers are kept in a file of their own; those that are there are not made again.
         simulation: makes the simulators.
-        scenes: where the explorer walks, once in each; at least one.
+        scenes: where the explorer walks, once in each, or on each floor where its `area` asks for all; at least one.
         explorer: who walks.
         predict_depth: the depth model; asked once for each frame, and again by some measures.
         sparse: how its sparse points are taken.
@@ -75,7 +76,7 @@ def study_uncertainty(
         guidance: the measure that the explorer is shown, if it needs one; where it is judged as well, it is computed
             once.
         show: is given some frames of the first scene, before that scene is kept.
-        progress: told the number of scenes.
+        progress: told the number of walks.
 
     Raises:
         DeuxError: a scene cannot be read, the explorer needs a measure that was not given, the file of a scene is
@@ -88,15 +89,16 @@ def study_uncertainty(
     walks = _Walks(simulation, explorer, Perception(predict_depth, sparse, guide), made, seed, steps)
     make_folder(folder)
     judged = []
-    for number, scene in enumerate(scenes):
-        record = folder / f"{scene.name}.json"
+    places = [(scene, floor) for scene in scenes for floor in range(count_floors(scene, simulation.make))]
+    for number, (scene, floor) in enumerate(places):
+        record = folder / f"{place_name(scene, floor)}.json"
         if not record.exists():
-            found, samples = walks.judge(scene)
+            found, samples = walks.judge(scene, floor)
             if number == 0 and samples:
                 show(samples)
             write_json(record, asdict(found))
         judged.append(_read(record))
-        progress("scenes", number + 1, len(scenes))
+        progress("scenes", number + 1, len(places))
     study = UncertaintyStudy(judged, list(made))
     if study.count() == 0:
         raise DeuxError(
@@ -117,11 +119,11 @@ class _Walks:
     seed: int
     steps: int
 
-    def judge(self, scene: SceneReference) -> tuple[JudgedScene, list[JudgedSample]]:
-        """Let the explorer walk through a scene, and judge every frame that has all its source frames."""
+    def judge(self, scene: SceneReference, floor: int) -> tuple[JudgedScene, list[JudgedSample]]:
+        """Let the explorer walk on a floor of a scene, and judge every frame that has all its source frames."""
         seed = episode_seed(self.seed, scene, 0)
-        walk = Walk(self.simulation.make(scene), self.explorer.create(), seed, self.steps)
-        judge = SceneJudge(scene.name, self.simulation.camera, self.measures, seed)
+        walk = Walk(self.simulation.make(scene), self.explorer.create(), seed, self.steps, floor)
+        judge = SceneJudge(place_name(scene, floor), self.simulation.camera, self.measures, seed)
         shown = np.linspace(SOURCES, self.steps - 1, SAMPLES, dtype=int)
         samples: list[JudgedSample] = []
         for (step,) in run_walks([walk], self.perception):

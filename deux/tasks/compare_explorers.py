@@ -182,4 +182,4 @@ def _perception(sections: Sections, checkpoint: str, collect: CollectSettings) -
 
 def _first_episodes(episodes: Sequence[ExplorationEpisode], scene: SceneReference) -> list[ExplorationEpisode]:
     """Each explorer's first episode in a scene."""
-    return [episode for episode in episodes if (episode.scene, episode.episode) == (scene.name, 0)]
+    return [episode for episode in episodes if (episode.scene, episode.floor, episode.episode) == (scene.name, 0, 0)]

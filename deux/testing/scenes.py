@@ -15,7 +15,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from deux.contracts import Scene, SceneMesh, SceneReference, SceneSource, SceneSplits
+from deux.contracts import Scene, SceneArea, SceneMesh, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError
 
 
@@ -37,6 +37,7 @@ class SceneSourceSuite:
         for scenes in (splits.train, splits.validation, splits.test):
             assert isinstance(scenes, tuple)
             assert all(isinstance(scene, SceneReference) for scene in scenes)
+            assert all(isinstance(scene.area, SceneArea) for scene in scenes)
         assert splits.train, "there is no scene to explore"
         assert splits.test, "there is no scene to test on"
 

@@ -84,7 +84,7 @@ class SimulatorSuite:
         np.testing.assert_array_equal(simulator.free_space().free, first.free, "the first floor is not the default")
 
     def test_free_space_is_one_connected_region(self) -> None:
-        """On every floor: at the floor's height, not empty, in one piece, clear of what is in the way."""
+        """On every floor: near its height, not empty, in one piece, clear of what is in the way, its surface known."""
         simulator = self.make_simulator(CAMERA)
         for number, floor in enumerate(simulator.floors):
             space = simulator.free_space(number)
@@ -93,17 +93,21 @@ class SimulatorSuite:
             assert ndimage.label(space.free, np.ones((3, 3)))[1] == 1, f"floor {number} is in several pieces"
             assert space.floor_height == pytest.approx(floor.height, abs=simulator.robot.max_climb)
             assert space.clearance[space.free].min() > 0.0, "a free cell has no clearance"
+            assert (space.heights.shape, space.heights.dtype) == (space.frame.shape, np.float32)
+            known = np.isfinite(space.heights)
+            np.testing.assert_array_equal(known, space.free, "heights are not known in just the free cells")
 
     def test_stands_where_it_is_put(self) -> None:
-        """On every floor, anywhere on the free floor: a rigid pose, level, at the camera's height."""
+        """On every floor, anywhere on the free floor: a rigid pose, level, the camera's height above the surface."""
         simulator = self.make_simulator(CAMERA)
-        for number, floor in enumerate(simulator.floors):
+        for number in range(len(simulator.floors)):
+            space = simulator.free_space(number)
             for x, z, yaw in starts(simulator, 8, number):
                 simulator.reset(x, z, yaw, number)
                 pose = simulator.pose
                 _check_rigid_and_level(pose)
                 assert pose[[0, 2], 3] == pytest.approx((x, z), abs=self.position_tolerance)
-                height = floor.height + simulator.robot.camera_height
+                height = space.height_at(x, z) + simulator.robot.camera_height
                 assert pose[1, 3] == pytest.approx(height, abs=simulator.robot.max_climb)
                 assert _turned(yaw, yaw_of(pose)) == pytest.approx(0.0, abs=1e-3)
 

@@ -8,11 +8,12 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 from urllib.parse import unquote
 
 import numpy as np
 
-from deux.contracts import Scene, SceneReference, SceneSource, SceneSplits
+from deux.contracts import Scene, SceneArea, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError, near_matches
 from deux.scenes.floor import find_floors
 from deux.scenes.mesh_reader import Up, read_mesh
@@ -59,9 +60,13 @@ class Files(SceneSource):
         test: likewise, of the scenes that are kept for the final numbers.
         up: the axis of the files that points up; z turns them: world (x, y, z) = (x, z, -y) of the file.
         allow_overlap: whether a file may be in two splits.
+        floor: the floor of each scene that the robot lives on: "largest", "all" for an episode on each, or a number
+            that counts them from the lowest, which is 0.
+        region: x_min, z_min, x_max and z_max in world metres that the robot stays within.
+        start: x and z in world metres of a point of the part of the floor that is taken; the largest one otherwise.
 
     Raises:
-        DeuxError: a file is missing, has an unknown suffix, or is in two splits.
+        DeuxError: a file is missing, has an unknown suffix, or is in two splits; or there can be no such area.
     """
 
     def __init__(
@@ -71,8 +76,12 @@ class Files(SceneSource):
         test: str | list[str] | None = None,
         up: Up = "y",
         allow_overlap: bool = False,
+        floor: int | Literal["largest", "all"] = "largest",
+        region: tuple[float, float, float, float] | None = None,
+        start: tuple[float, float] | None = None,
     ) -> None:
         self._up: Up = up
+        self._area = SceneArea(floor, region, start)
         self._paths = {split: _paths(asked) for split, asked in zip(SPLITS, (train, validation, test), strict=True)}
         if not allow_overlap:
             check_disjoint(self._paths, "file", ", or set scenes.allow_overlap=true")
@@ -82,7 +91,7 @@ class Files(SceneSource):
         names = _names({path for paths in self._paths.values() for path in paths})
         return make_splits(
             {
-                split: [FileReference(names[path], path, self._up) for path in paths]
+                split: [FileReference(names[path], path, self._up, area=self._area) for path in paths]
                 for split, paths in self._paths.items()
             }
         )

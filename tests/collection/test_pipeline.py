@@ -26,9 +26,10 @@ from toy_world import (
 from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
 from deux.collection.verification import Rejection, VerificationSettings
-from deux.contracts import Robot
+from deux.contracts import Robot, SceneArea
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.io.calibration import read_pose
 from deux.io.layout import SequencePaths
 from deux.registry import PluginChoice
 
@@ -90,6 +91,8 @@ def test_a_finished_dataset_is_returned_at_once(tmp_path: Path) -> None:
         {"name": "other"},
         {"scenes": (ToyScene("kitchen", "toy-1"),)},
         {"scenes": (ToyScene("kitchen", "toy-2"), ToyScene("hall", "toy-22"))},
+        {"scenes": tuple(replace(scene, area=SceneArea(floor=1)) for scene in specification().scenes)},
+        {"scenes": tuple(replace(scene, area=SceneArea(start=(0.5, 1.0))) for scene in specification().scenes)},
         {"explorer": "other"},
         {"explorer_settings": {"greed": 0.5}},
         {"simulation": replace(SIMULATION, camera=Camera(width=48, height=40, hfov=91.0))},
@@ -121,7 +124,28 @@ def test_the_specification_describes_itself_in_json() -> None:
     description = specification(uncertainty=L1).description()
     assert json.loads(json.dumps(description)) == description
     assert (description["simulator"], description["uncertainty"]) == ({"name": "toy"}, {"name": "l1"})
-    assert description["scenes"][1] == {"name": "hall", "identity": "toy-22"}
+    assert description["scenes"][1] == {
+        "name": "hall",
+        "identity": "toy-22",
+        "area": {"floor": "largest", "region": None, "start": None},
+    }
+
+
+@pytest.mark.parametrize("explorer", ["toy", VIEWPOINTS])
+def test_each_floor_has_its_episodes_where_all_are_asked_for(tmp_path: Path, explorer: str) -> None:
+    kitchen, hall = specification().scenes
+    area = SceneArea(floor="all", region=(-3.0, -2.0, 3.0, 2.0))
+    dataset = build(tmp_path, specification(scenes=(replace(kitchen, area=area), hall), steps=6, explorer=explorer))
+    names = sorted(path.name for path in (dataset / "data").iterdir())
+    if explorer == "toy":
+        assert names == ["hall-00", "kitchen-00", "kitchen-floor1-00"]
+    else:
+        assert len(names) == 3 * 6
+    for name in names:
+        pose = read_pose(dataset / "data" / name / "absolute_pose" / "000000.txt")
+        assert pose[1, 3] == pytest.approx(1.25 + (3.0 if "floor1" in name else 0.0))
+    written = read_manifest(dataset)["specification"]["scenes"][0]["area"]
+    assert written == {"floor": "all", "region": [-3.0, -2.0, 3.0, 2.0], "start": None}
 
 
 def test_starts_differ_between_scenes_episodes_and_seeds_but_not_between_explorers() -> None:

@@ -124,6 +124,26 @@ def test_scenes_are_drawn_at_random_or_chosen(flats, references):
         environment.reset(options={"scene": 3})
 
 
+def test_episodes_take_place_on_every_floor_that_there_is(make, monkeypatch):
+    """The simulator has two floors; the second is 3 m higher and otherwise the first one again."""
+    free_space, reset = MeshSimulator.free_space, MeshSimulator.reset
+    began = []
+    monkeypatch.setattr(MeshSimulator, "free_space", lambda self, floor=0: free_space(self))
+    monkeypatch.setattr(
+        MeshSimulator, "reset", lambda self, x, z, yaw, floor=0: (began.append(floor), reset(self, x, z, yaw))
+    )
+    environment = make(steps=1)
+    for seed in range(3):
+        environment.reset(seed=seed)
+    assert began == [0, 0, 0]
+    simulator = environment.simulator
+    monkeypatch.setattr(environment._pool, "simulator", lambda scene: simulator)
+    monkeypatch.setattr(simulator, "floors", simulator.floors * 2)
+    for seed in range(12):
+        environment.reset(seed=seed)
+    assert set(began[3:]) == {0, 1}
+
+
 def test_extras_are_what_the_camera_sees(make):
     environment = make(extras=("depth", "rgb"))
     observation = play(environment, 2)[-1][0]

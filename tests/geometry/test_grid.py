@@ -30,3 +30,17 @@ def test_free_area_in_square_metres():
     free = np.zeros(FRAME.shape, dtype=bool)
     free[:10, :4] = True
     assert FreeSpace(FRAME, free, np.zeros(FRAME.shape, np.float32), 0.0).area == pytest.approx(40 * 0.05**2)
+
+
+def test_a_floor_is_level_unless_its_heights_are_given():
+    free = np.zeros(FRAME.shape, bool)
+    free[1, 2] = free[1, 3] = True
+    clearance = np.zeros(FRAME.shape, np.float32)
+    level = FreeSpace(FRAME, free, clearance, 0.7)
+    assert level.heights.dtype == np.float32
+    np.testing.assert_array_equal(level.heights, np.where(free, np.float32(0.7), np.nan))
+    steps = np.where(free, np.float32(0.9), np.float32(np.nan))
+    stepped = FreeSpace(FRAME, free, clearance, 0.7, steps)
+    assert stepped.height_at(*FRAME.centre(1, 3)) == pytest.approx(0.9)
+    assert stepped.height_at(*FRAME.centre(1, 4)) == 0.7, "where nothing is free the floor's own height is meant"
+    assert stepped.height_at(*FRAME.centre(-5, 0)) == 0.7

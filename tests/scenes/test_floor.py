@@ -4,7 +4,7 @@ import trimesh
 
 from deux.contracts import Robot, SceneMesh
 from deux.errors import DeuxError
-from deux.scenes.floor import find_floors
+from deux.scenes.floor import building_bounds, find_floors
 from deux.scenes.free_space import free_space
 from deux_plugins.scenes.apartments import apartment
 
@@ -147,6 +147,58 @@ def test_a_scene_without_any_ceiling_keeps_its_levels(mesh_of, slab):
     lower, upper = find_floors(mesh_of(*halves, lamp))
     assert (lower.height, upper.height) == pytest.approx((0.0, 2.6), abs=1e-3)
     assert (lower.area, upper.area) == pytest.approx((30.0, 30.0), rel=0.02)
+
+
+@pytest.mark.parametrize("reach", [1.0, 30.0, 120.0])
+def test_a_house_is_found_on_its_ground_plane(mesh_of, slab, house, reach):
+    """The ground is 0.1 m below the floor; at 120 m it is 1,000 times as large as the house."""
+    ground = slab([-reach, -0.4, -reach], [8 + reach, -0.1, 6 + reach])
+    mesh = mesh_of(ground, *house(door=True))
+    (floor,) = find_floors(mesh)
+    assert floor.height == pytest.approx(0.0, abs=1e-3)
+    assert floor.area == pytest.approx(7.6 * 5.6, rel=0.15)
+    assert building_bounds(mesh) == pytest.approx((0.0, 0.0, 8.0, 6.0), abs=1.1)
+
+
+def test_the_underside_of_solid_ground_is_no_floor(mesh_of, slab, house):
+    assert heights(mesh_of(*house(door=True), slab([-20, -5, -20], [28, -0.05, 26]))) == [0.0]
+
+
+def test_a_garden_of_steps_and_trees_has_no_floors(mesh_of, slab, house):
+    garden, terrace = slab([-30, -1, -30], [40, -0.1, 15]), slab([-30, -1, 15], [40, 1.5, 40])
+    trees = [slab([x, 3, 10], [x + 3, 5, 13]) for x in (-20, -12, 14, 20)]
+    assert heights(mesh_of(*house(), garden, terrace, *trees)) == [0.0]
+
+
+def test_storeys_of_a_house_with_stairs(mesh_of, two_storeys):
+    lower, upper = find_floors(mesh_of(*two_storeys()))
+    assert (lower.height, upper.height) == pytest.approx((0.0, 2.9), abs=1e-3)
+    assert (lower.area, upper.area) == pytest.approx((7.6 * 5.6, 7.6 * 5.6), rel=0.15)
+
+
+def test_the_main_floor_is_the_largest(mesh_of, slab, storey):
+    cellar = [slab([0, -3.1, 0], [8, -2.9, 3.5]), *storey(-2.9, 3.5)]
+    assert heights(mesh_of(*cellar, slab([0, -0.3, 0], [8, 0, 6]), *storey(0.0))) == [0.0, -2.9]
+
+
+def test_a_mezzanine_is_a_floor_where_it_is_large_enough(mesh_of, slab):
+    """A hall of 5.5 m with a gallery at 2.7 m over a part of it."""
+    for depth, expected in ((2.6, [0.0, 2.7]), (1.0, [0.0])):
+        hall = [slab([0, -0.2, 0], [8, 0, 6]), slab([0, 5.5, 0], [8, 5.7, 6])]
+        assert heights(mesh_of(*hall, slab([0, 2.5, 0], [8, 2.7, depth]))) == expected
+
+
+def test_split_levels_half_a_storey_apart_are_floors_and_those_of_one_room_are_one(mesh_of, slab):
+    for rise, expected in ((1.4, [0.0, 1.4]), (0.3, [0.0])):
+        halves = [slab([0, -0.2, 0], [5, 0, 6]), slab([5, rise - 0.2, 0], [10, rise, 6])]
+        assert heights(mesh_of(*halves, slab([0, 4, 0], [10, 4.2, 6]))) == expected
+
+
+def test_the_inside_of_thick_walls_is_no_floor(mesh_of, slab, house):
+    """Solid walls stand on the floor slab's underside, and hardly any floor is left of the rooms."""
+    mesh = mesh_of(*house(), slab([0.2, 0, 0.2], [7.8, 0.8, 4.3]))
+    assert 0.0 in heights(mesh)
+    assert -0.2 not in heights(mesh)
 
 
 def test_generated_flats_have_the_one_floor_that_they_say():

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -6,7 +7,7 @@ from scipy import ndimage
 
 from deux.contracts import Robot
 from deux.errors import DeuxError
-from deux.scenes.free_space import free_space
+from deux.scenes.free_space import free_space, survey_floor
 
 ROBOT = Robot()
 
@@ -21,6 +22,13 @@ def room(sheet):
 
 def free_at(space, x, z):
     return bool(space.free[space.frame.cell(x, z)])
+
+
+def free_places(space):
+    """World x and z of the centres of all free cells."""
+    rows, columns = np.nonzero(space.free)
+    frame = space.frame
+    return frame.origin_x + (columns + 0.5) * frame.resolution, frame.origin_z + (rows + 0.5) * frame.resolution
 
 
 def test_an_empty_room_loses_the_radius_at_its_walls(mesh_of, room):
@@ -85,14 +93,17 @@ def test_a_hole_in_the_floor_is_not_free(mesh_of, sheet):
     assert free_at(space, 3.0, 2.0)
 
 
-def test_a_step_up_to_the_climb_is_floor_and_a_pit_is_not(mesh_of, slab):
+def test_steps_up_to_the_climb_are_floor_and_a_pit_is_not(mesh_of, slab):
     ground = slab([0, -1.1, 0], [2, 0, 2])
     step, platform = slab([2, -1.1, 0], [3, 0.15, 2]), slab([3, -1.1, 0], [4, 0.3, 2])
     pit = slab([-1, -1.1, 0], [0, -0.5, 2])
     space = free_space(mesh_of(ground, step, platform, pit), 0.0, ROBOT)
-    assert free_at(space, 2.5, 1.0)
-    assert not free_at(space, 3.5, 1.0)
+    for x, height in ((1.0, 0.0), (2.5, 0.15), (3.5, 0.3)):
+        assert space.height_at(x, 1.0) == pytest.approx(height, abs=1e-6)
+        assert free_at(space, x, 1.0)
     assert not free_at(space, -0.5, 1.0)
+    assert not free_at(space, 0.05, 1.0), "the robot keeps its radius from the drop"
+    assert free_at(space, 0.15, 1.0)
 
 
 def test_a_larger_robot_has_less_room(mesh_of, room, slab):
@@ -114,37 +125,129 @@ def test_no_room_at_all_is_an_error(mesh_of, room, slab):
         free_space(mesh_of(*room, slab([0, 0, 0], [4, 1, 3])), 0.0, ROBOT)
 
 
-def inside_triangles(triangles, x, z):
-    """Which points (x, z) lie in any of the triangles, K x 3 x 2, seen from above."""
-    points = np.stack([x, z], axis=-1)
-    result = np.zeros(len(points), bool)
-    for corners in triangles:
-        edges = np.roll(corners, -1, axis=0) - corners
-        offset = points[:, None] - corners
-        side = edges[:, 0] * offset[..., 1] - edges[:, 1] * offset[..., 0]
-        result |= (side >= 0).all(axis=1) | (side <= 0).all(axis=1)
-    return result
+def test_a_ramp_is_floor_and_the_surface_follows_it(mesh_of, slab, sheet):
+    """A ramp of 20 degrees between two levels 0.91 m apart."""
+    low, high = slab([0, -1, 0], [2, 0, 2]), slab([4.5, -1, 0], [6, 0.91, 2])
+    ramp = sheet([2, 0, 0], [4.5, 0.91, 0], [4.5, 0.91, 2], [2, 0, 2])
+    space = free_space(mesh_of(low, ramp, high), 0.0, ROBOT)
+    for x in (1.0, 2.6, 3.3, 4.1, 5.5):
+        assert free_at(space, x, 1.0)
+        assert space.height_at(x, 1.0) == pytest.approx(np.interp(x, [2, 4.5], [0, 0.91]), abs=0.02)
+    steep = sheet([2, 0, 0], [2.7, 0.91, 0], [2.7, 0.91, 2], [2, 0, 2])
+    assert not free_at(free_space(mesh_of(low, steep, slab([2.7, -1, 0], [6, 0.91, 2])), 0.0, ROBOT), 2.5, 1.0)
 
 
-def test_agrees_with_habitats_navigation_mesh(shared_data, small_house, house_caster):
-    """Its rounding differs (20 cm in height: things up to 40 cm are climbed, lamps at 1.8 m are in the way)."""
-    space = free_space(small_house.mesh, small_house.floor_height, ROBOT, caster=house_caster)
+@pytest.mark.parametrize(("climb", "joined"), [(0.2, False), (0.35, True)])
+def test_split_levels_of_a_room_are_joined_by_the_climb_or_told_of(mesh_of, room, slab, climb, joined):
+    podium = slab([2.2, 0, 0], [4, 0.3, 3])
+    found = survey_floor(mesh_of(*room, podium), 0.0, Robot(max_climb=climb))
+    assert free_at(found.space, 1.0, 1.5)
+    assert free_at(found.space, 3.5, 1.5) is joined
+    assert found.space.area == pytest.approx(10.64 if joined else 2.0 * 2.8, rel=0.03)
+    if not joined:
+        (level,) = found.unreached
+        assert (level.rise, level.area) == (pytest.approx(0.3, abs=1e-6), pytest.approx(1.6 * 2.8, rel=0.1))
+    assert joined == (not found.unreached)
+
+
+def test_a_flight_of_stairs_belongs_to_each_floor_up_to_half_the_way(mesh_of, two_storeys):
+    mesh = mesh_of(*two_storeys())
+    lower = survey_floor(mesh, 0.0, ROBOT, other_floors=[2.9]).space
+    upper = survey_floor(mesh, 2.9, ROBOT, other_floors=[0.0]).space
+    for k in range(17):
+        x, height = 0.5 + 0.25 * (k + 0.5), 2.9 / 18 * (k + 1)
+        for space, there in ((lower, height <= 1.45), (upper, height >= 1.45)):
+            if abs(height - 1.45) > 0.1:  # the robot's radius at either end
+                assert free_at(space, x, 5.2) == there, f"step {k + 1} at {height:.2f} m"
+            if free_at(space, x, 5.2):
+                assert space.height_at(x, 5.2) == pytest.approx(height, abs=1e-5)
+    assert lower.area == pytest.approx(upper.area, rel=0.2)
+    assert np.nanmax(lower.heights) <= 1.45 <= np.nanmin(upper.heights)
+
+
+def test_steps_that_are_too_high_join_nothing(mesh_of, two_storeys):
+    lower = survey_floor(mesh_of(*two_storeys(steps=12)), 0.0, ROBOT, other_floors=[2.9]).space
+    assert np.nanmax(lower.heights) == 0.0
+
+
+def test_the_floor_under_a_bridge_stays_floor(mesh_of, room, slab):
+    space = free_space(mesh_of(*room, slab([1.5, 1.7, 0], [2.5, 1.8, 3])), 0.0, ROBOT)
+    assert space.area == pytest.approx(3.8 * 2.8, rel=0.02)
+    assert np.nanmax(space.heights) == 0.0
+
+
+def test_heights_are_known_where_the_floor_is_free(mesh_of, two_storeys):
+    space = survey_floor(mesh_of(*two_storeys()), 0.0, ROBOT, other_floors=[2.9]).space
+    assert space.heights.dtype == np.float32
+    np.testing.assert_array_equal(np.isfinite(space.heights), space.free)
+
+
+@pytest.mark.parametrize("reach", [2.0, 8.0])
+def test_the_robot_stays_in_a_house_whose_door_opens_to_a_garden(mesh_of, house, slab, reach):
+    garden = slab([-reach, -0.5, -reach], [8 + reach, -0.05, 6 + reach])
+    mesh = mesh_of(*house(door=True), garden)
+    indoors = free_space(mesh, 0.0, ROBOT)
+    x, z = free_places(indoors)
+    assert 0.2 < x.min() < x.max() < 7.8
+    assert -0.6 < z.min() < z.max() < 5.8
+    assert indoors.area == pytest.approx(7.4 * 5.4, rel=0.04)
+    started = survey_floor(mesh, 0.0, ROBOT, start=(4.0, 3.0)).space
+    np.testing.assert_array_equal(started.free, indoors.free)
+    outdoors = survey_floor(mesh, 0.0, ROBOT, start=(-1.0, -1.0)).space
+    assert free_at(outdoors, -1.0, 3.0)
+    assert free_at(outdoors, 4.0, 3.0), "the door is open"
+    assert outdoors.area > 1.5 * indoors.area
+    assert outdoors.height_at(-1.0, 3.0) == pytest.approx(-0.05, abs=1e-6)
+
+
+def test_a_region_bounds_the_robots_centre_and_is_no_wall(mesh_of, room):
+    mesh = mesh_of(*room)
+    whole, part = free_space(mesh, 0.0, ROBOT), survey_floor(mesh, 0.0, ROBOT, region=(1.0, -5.0, 2.0, 1.5)).space
+    x, z = free_places(part)
+    assert (x.min(), x.max(), z.max()) == (pytest.approx(1.025), pytest.approx(1.975), pytest.approx(1.475))
+    assert z.min() == pytest.approx(free_places(whole)[1].min())
+    with pytest.raises(DeuxError, match=r"the region \[10.0, 0.0, 11.0, 1.0\] is not in the scene"):
+        survey_floor(mesh, 0.0, ROBOT, region=(10.0, 0.0, 11.0, 1.0))
+
+
+def test_a_start_chooses_the_part_of_the_floor(mesh_of, room, sheet):
+    wall = sheet([2.6, 0, 0], [2.6, 0, 3], [2.6, 2.5, 3], [2.6, 2.5, 0])
+    mesh = mesh_of(*room, wall)
+    smaller = survey_floor(mesh, 0.0, ROBOT, start=(3.5, 1.5)).space
+    assert free_at(smaller, 3.0, 1.0)
+    assert not free_at(smaller, 1.0, 1.5)
+    with pytest.raises(DeuxError, match=r"x=2.62, z=1.50 is not on free floor: the nearest free point is x=2.7"):
+        survey_floor(mesh, 0.0, ROBOT, start=(2.62, 1.5))
+
+
+def test_a_scene_that_is_too_large_for_a_map_says_so(mesh_of, slab):
+    with pytest.raises(DeuxError, match=r"1000 x 1000 m is too large for a map: bound it by scenes.region"):
+        free_space(mesh_of(slab([0, -1, 0], [1000, 0, 1000])), 0.0, ROBOT)
+
+
+def test_agrees_with_habitats_navigation_mesh(shared_data, small_house):
+    """Intersection over union at the points that Habitat-Sim sampled, which are corners of cells of 5 cm.
+
+    Its heights are multiples of 20 cm: it climbs things up to 40 cm, and lamps at 1.8 m are in its way.
+    """
     with np.load(shared_data("habitat") / "topdown_5cm.npz") as habitat:
-        triangles = habitat["navmesh_vertices"][habitat["navmesh_triangles"]]
-    frame = space.frame
-    rows, columns = np.mgrid[: frame.rows, : frame.columns]
-    x = frame.origin_x + (columns.ravel() + 0.5) * frame.resolution
-    z = frame.origin_z + (rows.ravel() + 0.5) * frame.resolution
-    on_floor = triangles[..., 1].max(axis=1) < 0.62
-    navigable = inside_triangles(triangles[on_floor][..., [0, 2]], x, z).reshape(frame.shape)
-    regions, _ = ndimage.label(navigable)
-    navigable = regions == np.bincount(regions.ravel())[1:].argmax() + 1
-
-    assert space.area == pytest.approx(137.28, rel=0.01)
-    assert (space.free == navigable).mean() > 0.965
+        islands, largest, (x, z) = habitat["islands"], habitat["largest_island"], habitat["origin_xz"]
+    theirs = islands == largest
+    # A grid begins at the scene's lowest corner: a speck half a cell beyond it puts its centres on these points.
+    speck = np.full((3, 3), [x - 0.025, 1.0, z - 0.025], np.float32)
+    mesh = replace(
+        small_house.mesh,
+        vertices=np.concatenate([small_house.mesh.vertices, speck]),
+        faces=np.concatenate([small_house.mesh.faces, len(small_house.mesh.vertices) + np.int32([[0, 1, 2]])]),
+    )
+    space = free_space(mesh, small_house.floor_height, ROBOT)
+    ours = space.free[: theirs.shape[0], : theirs.shape[1]]
+    assert space.frame.centre(0, 0) == pytest.approx((x, z), abs=1e-5)
+    assert (ours & theirs).sum() / (ours | theirs).sum() > 0.955
+    assert space.area == pytest.approx(137.28, rel=0.005), "the area of Habitat-Sim's largest island"
     # Away from its border by more than a cell, the mesh differs only by what its coarse heights swallow.
-    inner = ndimage.binary_erosion(navigable, iterations=2) | ~ndimage.binary_dilation(navigable, iterations=2)
-    assert (space.free == navigable)[inner].mean() > 0.98
+    inner = ndimage.binary_erosion(theirs, iterations=2) | ~ndimage.binary_dilation(theirs, iterations=2)
+    assert (ours == theirs)[inner].mean() > 0.98
 
 
 def test_a_scan_with_holes_has_one_connected_floor(lounge):

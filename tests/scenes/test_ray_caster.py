@@ -70,3 +70,15 @@ def test_a_used_caster_travels_to_other_processes(mesh_of, slab):
     ray = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
     caster.cast(*ray)
     assert pickle.loads(pickle.dumps(caster)).cast(*ray).distance[0] == 4.0
+
+
+def test_all_surfaces_below_are_found_from_the_highest_down(mesh_of, slab, sheet):
+    tilted = sheet([0, 3, 0], [2, 4, 0], [2, 4, 2], [0, 3, 2])
+    caster = RayCaster(mesh_of(slab([0, 0, 0], [2, 1, 2]), tilted, slab([0, 1, 0], [1, 2, 2])))
+    heights, faces = caster.surfaces_below(np.array([[0.5, 0.7], [1.5, 1.3], [5.0, 1.0]]))
+    expected = np.array([[3.25, 3.75, np.nan], [2.0, 1.0, np.nan], [1.0, 0.0, np.nan], [0.0, np.nan, np.nan]])
+    np.testing.assert_allclose(heights, expected, atol=1e-5)
+    np.testing.assert_array_equal(faces >= 0, np.isfinite(expected))
+    met = caster.mesh.triangles[faces[0, 0]]
+    assert (met[:, 1].min(), met[:, 1].max()) == (3.0, 4.0)
+    assert caster.surfaces_below(np.array([[5.0, 1.0]]))[0].shape == (0, 1)

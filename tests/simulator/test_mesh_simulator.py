@@ -1,11 +1,24 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
-from deux.contracts import COLOR, DEPTH, Action, Channel, Floor, Robot, Scene, SceneReference, Simulator
+from deux.contracts import (
+    COLOR,
+    DEPTH,
+    Action,
+    Channel,
+    Floor,
+    Material,
+    Robot,
+    Scene,
+    SceneArea,
+    SceneReference,
+    Simulator,
+)
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose, yaw_of
@@ -37,7 +50,8 @@ def two_storeys(make_quads: Callable[..., Scene], box: Scene, refer: Refer) -> S
         face_material=np.tile(mesh.face_material, 2),
         face_label=np.tile(mesh.face_label, 2),
     )
-    return refer(replace(box, mesh=doubled, floors=(Floor(0.0, 12.0), Floor(2.8, 12.0))))
+    scene = replace(box, mesh=doubled, floors=(Floor(0.0, 12.0), Floor(2.8, 12.0)))
+    return replace(refer(scene), area=SceneArea(floor="all"))
 
 
 class TestMeshSimulator(SimulatorSuite):
@@ -122,6 +136,48 @@ def test_the_camera_is_above_the_floor_that_it_is_put_on(two_storeys: SceneRefer
         assert simulator.free_space(floor).floor_height == height
     with pytest.raises(DeuxError, match="has no floor 2: its floors are numbered 0 to 1"):
         simulator.free_space(2)
+
+
+@pytest.mark.parametrize(("floor", "heights"), [("largest", [0.0]), (0, [0.0]), (1, [2.8])])
+def test_it_offers_the_floor_that_the_area_chooses(
+    two_storeys: SceneReference, floor: int | Literal["largest"], heights: list[float]
+) -> None:
+    simulator = MeshSimulator(replace(two_storeys, area=SceneArea(floor)), CAMERA, Robot())
+    assert [found.height for found in simulator.floors] == heights
+    simulator.reset(2.0, 1.5, 0.0)
+    assert simulator.pose[1, 3] == pytest.approx(heights[0] + 1.25)
+    with pytest.raises(DeuxError, match="has no floor 1"):
+        simulator.reset(2.0, 1.5, 0.0, 1)
+
+
+def test_it_stays_in_its_region(two_storeys: SceneReference) -> None:
+    area = SceneArea(region=(1.0, 0.0, 3.0, 1.2), start=(2.0, 1.0))
+    simulator = MeshSimulator(replace(two_storeys, area=area), CAMERA, Robot())
+    with pytest.raises(DeuxError, match="cannot stand at"):
+        simulator.reset(2.0, 1.5, 0.0)
+    simulator.reset(2.0, 1.0, math.pi)  # looks along +Z
+    while not simulator.step(Action.FORWARD):
+        pass
+    assert simulator.pose[2, 3] == pytest.approx(1.2, abs=0.05)
+
+
+def test_the_camera_rises_with_the_steps_and_ramps_that_it_is_on(
+    make_quads: Callable[..., Scene], refer: Refer
+) -> None:
+    """A floor, a ramp from 0 to 0.5 m over 2 m, and a level behind it that begins with a step of 0.1 m; no ceiling."""
+    floor = [[[0, 0, 2], [2, 0, 2], [2, 0, 0], [0, 0, 0]], [[2, 0, 2], [4, 0.5, 2], [4, 0.5, 0], [2, 0, 0]]]
+    level = [[[4, 0.6, 2], [6, 0.6, 2], [6, 0.6, 0], [4, 0.6, 0]]]
+    materials = tuple(Material(name) for name in ("floor", "ramp", "level"))
+    simulator = MeshSimulator(refer(make_quads(np.array(floor + level, float), materials)), CAMERA, Robot())
+    simulator.reset(0.5, 1.0, -math.pi / 2.0)  # looks along +X
+    places = [simulator.pose[:3, 3]]
+    while not simulator.step(Action.FORWARD):
+        places.append(simulator.pose[:3, 3])
+    x, y, _ = np.array(places).T
+    assert x[-1] > 5.0
+    expected = np.where(x < 4.0, np.interp(x, [2.0, 4.0], [0.0, 0.5]), 0.6)
+    np.testing.assert_allclose(y - 1.25, expected, atol=0.015)
+    np.testing.assert_allclose(np.diff(x), 0.25, atol=1e-6, err_msg="a step is measured along the floor plan")
 
 
 def test_objects_are_those_of_the_faces_in_range(flat_simulator: MeshSimulator, flat: Scene) -> None:

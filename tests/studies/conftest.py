@@ -1,17 +1,22 @@
 """Makes the helper modules of this folder importable by name; what several of its tests look at."""
 
+import functools
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from box_scenes import BoxRoomSimulator
 from compared_episodes import episode
 from judged_walks import scene
 
+from deux.contracts import Floor
 from deux.studies.explorer_comparison import ExplorerComparison
 from deux.studies.uncertainty_study import UncertaintyStudy
+from deux.testing.box_world import BoxWorld
 
 
 @pytest.fixture
@@ -31,3 +36,17 @@ def comparison() -> ExplorerComparison:
         episode("eager", "large", 33.5, collisions=1),
     ]
     return ExplorerComparison(episodes, {"eager": "growth"})
+
+
+@pytest.fixture
+def two_floors(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets `BoxRoomSimulator` have two floors that are alike, as `BoxWorld` has one."""
+    make = BoxRoomSimulator.__init__
+
+    @functools.wraps(make)
+    def make_two(self: BoxRoomSimulator, *given: Any, **options: Any) -> None:
+        make(self, *given, **options)
+        self.floors = (Floor(0.0, 16.0), Floor(3.0, 16.0))
+
+    monkeypatch.setattr(BoxRoomSimulator, "__init__", make_two)
+    monkeypatch.setattr(BoxWorld, "_check_floor", lambda self, floor: None)

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from box_scenes import CAMERA, SCENES, BoxRoomSimulator, FarModel, box_simulatio
 from deux.collection.perception import Perception
 from deux.collection.specification import episode_seed
 from deux.collection.walk import Walk, run_walks
-from deux.contracts import Robot
+from deux.contracts import Robot, SceneArea
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.registry import registry
@@ -43,6 +44,18 @@ def test_every_explorer_in_every_scene_from_the_same_places(compare, tmp_path):
     assert {e.seed for e in episodes} == {episode_seed(3, scene, number) for scene in SCENES for number in (0, 1)}
     assert all(len(e.trajectory) == 8 for e in episodes)
     assert BoxRoomSimulator.loaded == ["short", "long"]  # once, whoever walks there
+
+
+def test_every_floor_has_episodes_where_all_are_asked_for(compare, tmp_path, two_floors):
+    scenes = (replace(SCENES[0], area=SceneArea(floor="all")), SCENES[1])
+    episodes = compare(tmp_path, scenes=scenes, explorers=EXPLORERS[:1])
+    assert [(e.scene, e.floor) for e in episodes] == [("short", 0), ("short", 1), ("long", 0)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "random-long-00.json",
+        "random-short-00.json",
+        "random-short-floor1-00.json",
+    ]
+    assert numbers(compare(tmp_path, scenes=scenes, explorers=EXPLORERS[:1])) == numbers(episodes)
 
 
 def test_a_trajectory_is_where_the_explorer_walks(compare, tmp_path):

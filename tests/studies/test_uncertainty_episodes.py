@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from box_scenes import SCENES, BoxRoomSimulator, FarModel, box_simulation, explorer, measure
 
 from deux.collection.sparse import SparseSettings
+from deux.contracts import SceneArea
 from deux.errors import DeuxError
 from deux.registry import registry
 from deux.studies.judged_scene import CONTROLS
@@ -38,6 +41,11 @@ def test_every_frame_with_two_before_it_is_judged_by_every_measure(study, tmp_pa
         assert scene.scene == reference.name
         assert [frame.step for frame in scene.frames] == list(range(2, 8))
         assert all(set(frame.judgements) >= {"sparse_error", *CONTROLS} for frame in scene.frames)
+
+
+def test_every_floor_is_walked_where_all_are_asked_for(study, tmp_path, two_floors):
+    found = study(tmp_path, scenes=(replace(SCENES[0], area=SceneArea(floor="all")), SCENES[1]))
+    assert [scene.scene for scene in found.scenes] == ["short", "short-floor1", "long"]
 
 
 @pytest.mark.parametrize("guided", [False, True])

@@ -79,6 +79,8 @@ class BrokenWorld(BoxWorld):
         space = super().free_space(floor)
         if self.fault == "free space in pieces":
             space.free[:, space.frame.columns // 2] = False
+        if self.fault == "heights unknown":
+            space.heights[space.frame.rows // 2] = np.nan
         return space
 
     def another(self, camera=None):
@@ -107,6 +109,7 @@ def test_a_sound_simulator_passes(test):
         ("no scene", "test_keeps_what_it_was_made_with"),
         ("a floor twice", "test_lists_its_floors"),
         ("free space in pieces", "test_free_space_is_one_connected_region"),
+        ("heights unknown", "test_free_space_is_one_connected_region"),
         ("tilted", "test_stands_where_it_is_put"),
         ("camera at its feet", "test_stands_where_it_is_put"),
         ("goes anywhere", "test_refuses_a_place_off_the_floor"),

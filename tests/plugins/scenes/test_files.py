@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from deux.contracts import SceneSource
+from deux.contracts import SceneArea, SceneSource
 from deux.errors import DeuxError
 from deux.options import construct, full_settings
 from deux.testing.scenes import SceneSourceSuite
@@ -319,7 +319,17 @@ def test_options_have_defaults_that_json_holds():
         "test": None,
         "up": "y",
         "allow_overlap": False,
+        "floor": "largest",
+        "region": None,
+        "start": None,
     }
+
+
+def test_the_area_reaches_every_scene(boxes):
+    source = construct(Files, {"train": str(boxes[0]), "test": str(boxes[1]), "floor": 1, "start": [1, 2.5]}, "scenes")
+    splits = source.splits()
+    assert {scene.area for scene in (*splits.train, *splits.test)} == {SceneArea(1, None, (1.0, 2.5))}
+    assert Files(boxes[0]).splits().train[0].area == SceneArea()
 
 
 @pytest.mark.parametrize(
@@ -331,6 +341,8 @@ def test_options_have_defaults_that_json_holds():
         ({"train": ["a.ply", "a.ply"]}, "once is enough"),
         ({"train": "a.ply", "up": "x"}, r"scenes\.up cannot be 'x': there is: y, z"),
         ({"train": "a.ply", "upp": "z"}, "did you mean up"),
+        ({"train": "a.ply", "floor": "upper"}, r"scenes\.floor must be a whole number or 'largest' or 'all'"),
+        ({"train": "a.ply", "region": [2, 0, 1, 1]}, r"scenes\.region is \[2.0, 0.0, 1.0, 1.0\], but must be \[x_min"),
         ({"train": "a.ply", "allow_overlap": 1}, r"scenes\.allow_overlap must be true or false"),
     ],
 )

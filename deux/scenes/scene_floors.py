@@ -1,0 +1,140 @@
+"""The floors of a scene on which a robot lives, as its `SceneArea` chooses them, and the free space of each."""
+
+import functools
+import logging
+
+from deux.contracts import Floor, Robot, Scene, SceneArea
+from deux.errors import DeuxError
+from deux.geometry.grid import FreeSpace
+from deux.scenes.floor import building_bounds
+from deux.scenes.free_space import Box, FloorSurvey, survey_floor
+from deux.scenes.ray_caster import RayCaster
+
+LARGE = 2500.0  # square metres; of larger scenes only the building is mapped, if there is one
+
+log = logging.getLogger(__name__)
+
+
+class SceneFloors:
+    """Chooses the floors and finds their free space, each once.
+
+    Where one floor has to be chosen among several, all of them are surveyed at once; otherwise a floor is surveyed when
+    it is asked for. The log says which floors there are and what the robot cannot reach.
+
+    Args:
+        scene: with all its floors.
+        area: which of them the robot lives on, and where.
+        robot: its body.
+        caster: rays against the scene's mesh.
+
+    Raises:
+        DeuxError: there is no such floor, or the robot fits nowhere on those that there are.
+    """
+
+    def __init__(self, scene: Scene, area: SceneArea, robot: Robot, caster: RayCaster) -> None:
+        self._scene, self._area, self._robot, self._caster = scene, area, robot, caster
+        self._surveys: dict[Floor, FloorSurvey] = {}
+        self.floors = self._chosen()
+        """The floors on which the robot lives, the main one first."""
+        self._say_taken()
+
+    def free_space(self, number: int) -> FreeSpace:
+        """The free space of a floor, by its number among `floors`.
+
+        Raises:
+            DeuxError: there is no such floor, or the robot fits nowhere on it.
+        """
+        count = len(self.floors)
+        if not 0 <= number < count:
+            listed = " and ".join(_described(floor) for floor in self.floors)
+            raise DeuxError(
+                f"{self._scene.name} has no floor {number}: its floors are numbered 0 to {count - 1}, at {listed}."
+            )
+        found = self._survey(self.floors[number])
+        for level in found.unreached:
+            _say_once(
+                f"{self._scene.name}: a level {abs(level.rise):.2f} m {'higher' if level.rise > 0 else 'lower'} of "
+                f"{level.area:.0f} m2 cannot be reached: robot.max_climb is {self._robot.max_climb}."
+            )
+        return found.space
+
+    def _chosen(self) -> tuple[Floor, ...]:
+        every, asked = self._scene.floors, self._area.floor
+        if isinstance(asked, int):
+            if not 0 <= asked < len(every):
+                raise DeuxError(
+                    f"{self._scene.name} has no floor {asked}: counted from the lowest its floors are "
+                    f"{self._listed()}; choose one with scenes.floor=0 to {len(every) - 1}, largest or all."
+                )
+            return (sorted(every, key=lambda floor: floor.height)[asked],)
+        if len(every) == 1:
+            return every
+        room = {floor: found.space.area for floor in every if (found := self._try_survey(floor)) is not None}
+        if not room:
+            # The main floor's reason stands for the others'.
+            self._survey(every[0])
+        return tuple(room) if asked == "all" else (max(room, key=lambda floor: room[floor]),)
+
+    def _say_taken(self) -> None:
+        """Log which floors there are and on which of them the robot lives, if there are several."""
+        count = len(self._scene.floors)
+        if count > 1:
+            lives = " and ".join(self._room(floor) for floor in self.floors)
+            _say_once(
+                f"{self._scene.name} has {count} floors, {self._listed()}: the robot lives at {lives} "
+                f"(scenes.floor={self._area.floor})."
+            )
+
+    def _room(self, floor: Floor) -> str:
+        if floor not in self._surveys:
+            return _described(floor)
+        return f"{_described(floor)}, of which {self._surveys[floor].space.area:.0f} m2 are free"
+
+    def _listed(self) -> str:
+        """All floors of the scene in words, from the lowest to the highest."""
+        ordered = sorted(self._scene.floors, key=lambda floor: floor.height)
+        return ", ".join(f"{number} at {_described(floor)}" for number, floor in enumerate(ordered))
+
+    def _try_survey(self, floor: Floor) -> FloorSurvey | None:
+        try:
+            return self._survey(floor)
+        except DeuxError:
+            return None
+
+    def _survey(self, floor: Floor) -> FloorSurvey:
+        if floor not in self._surveys:
+            others = [other.height for other in self._scene.floors if other != floor]
+            try:
+                found = survey_floor(
+                    self._scene.mesh,
+                    floor.height,
+                    self._robot,
+                    caster=self._caster,
+                    other_floors=others,
+                    bounds=self._bounds,
+                    region=self._area.region,
+                    start=self._area.start,
+                )
+            except DeuxError as error:
+                listed = f"; the floors of the scene are {self._listed()}." if others else "."
+                raise DeuxError(f"{self._scene.name}: {str(error).removesuffix('.')}{listed}") from error
+            self._surveys[floor] = found
+        return self._surveys[floor]
+
+    @functools.cached_property
+    def _bounds(self) -> Box | None:
+        """The rectangle around the building where the scene is much larger than a building."""
+        low, high = self._scene.mesh.bounds.astype(float)[:, [0, 2]]
+        if self._area.region is not None or self._area.start is not None or (high - low).prod() <= LARGE:
+            return None
+        return building_bounds(self._scene.mesh, self._caster)
+
+
+def _described(floor: Floor) -> str:
+    return f"{round(floor.height, 2) + 0.0:.2f} m ({floor.area:.0f} m2)"  # + 0.0: no minus before a zero
+
+
+@functools.cache
+def _say_once(sentence: str) -> None:
+    """Log a sentence, once in each process: an episode's simulator is not the first one of its scene."""
+    log.warning(sentence)

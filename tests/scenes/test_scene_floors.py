@@ -1,0 +1,124 @@
+"""Which floors of analytic buildings a `SceneArea` chooses."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from deux.contracts import Robot, Scene, SceneArea
+from deux.errors import DeuxError
+from deux.scenes.floor import find_floors
+from deux.scenes.ray_caster import RayCaster
+from deux.scenes.scene_floors import SceneFloors
+
+ROBOT = Robot()
+
+
+@pytest.fixture
+def scene_of(mesh_of, request):
+    """A function from trimesh's meshes to a scene, with the floors that are found in it; named after the test."""
+
+    def make(*parts):
+        mesh = mesh_of(*parts)
+        return Scene(request.node.name, mesh, find_floors(mesh), "test")
+
+    return make
+
+
+def chosen(scene, robot=ROBOT, **area):
+    return SceneFloors(scene, SceneArea(**area), robot, RayCaster(scene.mesh))
+
+
+def heights(floors):
+    return [round(floor.height, 2) for floor in floors.floors]
+
+
+@pytest.fixture
+def tall_house(scene_of, two_storeys, slab):
+    """Two storeys joined by stairs; a large cupboard takes room from the upper one."""
+    return scene_of(*two_storeys(), slab([4, 2.9, 1], [7.8, 4.9, 4]))
+
+
+def test_the_floor_with_the_most_room_is_taken_and_said(tall_house, caplog):
+    with caplog.at_level(logging.WARNING):
+        floors = chosen(tall_house)
+    assert heights(floors) == [0.0]
+    (line,) = caplog.messages
+    assert "has 2 floors, 0 at 0.00 m (" in line
+    assert "1 at 2.90 m (" in line
+    assert f"m2), of which {floors.free_space(0).area:.0f} m2 are free (scenes.floor=largest)." in line
+
+
+def test_all_floors_and_a_floor_by_its_number(tall_house, caplog):
+    assert sorted(heights(chosen(tall_house, floor="all"))) == [0.0, 2.9]
+    with caplog.at_level(logging.WARNING):
+        upper = chosen(tall_house, floor=1)
+    assert "2 floors, 0 at 0.00 m" in caplog.text
+    assert "the robot lives at 2.90 m" in caplog.text
+    assert heights(upper) == [2.9]
+    assert upper.free_space(0).floor_height == pytest.approx(2.9)
+    with pytest.raises(
+        DeuxError, match=r"no floor 2: counted .* 0 at 0.00 m \(\d+ m2\), 1 at 2.90 m \(\d+ m2\); choose"
+    ):
+        chosen(tall_house, floor=2)
+    with pytest.raises(DeuxError, match=r"no floor 1: its floors are numbered 0 to 0, at 2.90 m"):
+        upper.free_space(1)
+
+
+def test_a_start_chooses_among_the_floors_where_it_is_free(tall_house):
+    assert heights(chosen(tall_house, floor="all", start=(1.0, 5.2))) == [0.0], "upstairs it is open there"
+    assert heights(chosen(tall_house, start=(4.5, 5.2))) == [2.9], "the upper end of the stairs"
+    with pytest.raises(
+        DeuxError, match=r"start x=20.00, z=0.00 is not on free floor: .*; the floors of the scene are 0 at"
+    ):
+        chosen(tall_house, start=(20.0, 0.0))
+
+
+def test_a_region_bounds_every_floor(tall_house):
+    floors = chosen(tall_house, floor="all", region=(0.0, 0.0, 3.0, 4.0))
+    for number in range(2):
+        space = floors.free_space(number)
+        rows, columns = np.nonzero(space.free)
+        x, z = space.frame.centre(int(rows.max()), int(columns.max()))
+        assert x < 3.0
+        assert z < 4.0
+
+
+def test_a_floor_is_surveyed_once(tall_house):
+    floors = chosen(tall_house)
+    assert floors.free_space(0) is floors.free_space(0)
+
+
+@pytest.mark.parametrize(("climb", "area"), [(0.2, 24.0), (0.35, 40.0)])
+def test_a_split_level_that_is_left_out_is_said(scene_of, house, slab, caplog, climb, area):
+    scene = scene_of(*house(), slab([5.0, 0, 0.2], [7.8, 0.3, 5.8]))
+    with caplog.at_level(logging.WARNING):
+        assert chosen(scene, Robot(max_climb=climb)).free_space(0).area == pytest.approx(area, rel=0.06)
+    said = [message for message in caplog.messages if "a level 0.30 m higher of 14 m2 cannot be reached" in message]
+    assert len(said) == (climb == 0.2)
+    assert all("robot.max_climb is 0.2" in message for message in said)
+
+
+def test_a_house_on_a_large_ground_is_mapped_alone(scene_of, house, slab):
+    scene = scene_of(*house(door=True), slab([-200, -0.5, -200], [200, -0.05, 200]))
+    space = chosen(scene).free_space(0)
+    assert space.area == pytest.approx(7.4 * 5.4, rel=0.04)
+    assert space.frame.rows < 300
+
+
+def test_a_scene_without_room_names_itself(scene_of, house, slab):
+    scene = scene_of(*house(), slab([0.2, 0, 0.2], [7.8, 0.9, 5.8]))
+    floors = SceneFloors(
+        Scene(scene.name, scene.mesh, (*scene.floors,), "test"),
+        SceneArea(),
+        Robot(radius=4.0),
+        RayCaster(scene.mesh),
+    )
+    with pytest.raises(DeuxError, match=f"{scene.name}: there is no floor to stand on"):
+        floors.free_space(0)
+
+
+@pytest.mark.parametrize("area", [{"floor": -1}, {"floor": "upper"}, {"region": (1.0, 0.0, 0.0, 1.0)}])
+def test_areas_that_cannot_be_are_refused(area):
+    with pytest.raises(DeuxError, match=r"scenes\.(floor|region) is"):
+        SceneArea(**area)

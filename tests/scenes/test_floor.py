@@ -212,3 +212,13 @@ def test_real_scenes_stand_at_zero(small_house, lounge):
     assert small_house.floor_height == pytest.approx(0.0, abs=0.005)
     assert lounge.floor_height == pytest.approx(0.0, abs=0.015)
     assert len(small_house.floors) == len(lounge.floors) == 1
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_closed_box_is_a_room_whichever_way_its_faces_look(mesh_of, inverted):
+    box = trimesh.creation.box(bounds=[[0, 1, 0], [4, 4, 5]])
+    if inverted:
+        box.invert()
+    (floor,) = find_floors(mesh_of(box))
+    assert floor.height == pytest.approx(1.0, abs=1e-5)
+    assert floor.area == pytest.approx(20.0, rel=0.01)

@@ -33,7 +33,7 @@ class SceneMesh:
     """Triangles in metres in a Y-up world.
 
     Args:
-        vertices: V x 3 float32.
+        vertices: V x 3 float32, from `origin`.
         faces: F x 3 int32, indices into `vertices`.
         uv: F x 3 x 2 float32, texture coordinates of each corner, (0, 0) at the bottom left of the texture.
         face_material: F int32, index into `materials`.
@@ -41,6 +41,8 @@ class SceneMesh:
         face_label: F int32, index into `label_names`, -1 where nothing is known.
         label_names: names of the labels, such as "chair".
         vertex_colors: V x 3 uint8, multiplied onto the material; None where there are none.
+        origin: world x, y and z of the vertices' (0, 0, 0), as Python's (64-bit) floats. It is not zero where a file is
+            in coordinates of a country or of the Earth, which float32 holds to half a metre only.
     """
 
     vertices: np.ndarray
@@ -51,15 +53,16 @@ class SceneMesh:
     face_label: np.ndarray
     label_names: tuple[str, ...] = ()
     vertex_colors: np.ndarray | None = None
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def triangles(self) -> np.ndarray:
-        """Corner positions, F x 3 x 3 float32."""
+        """Corner positions from `origin`, F x 3 x 3 float32."""
         return self.vertices[self.faces]
 
     @property
     def bounds(self) -> np.ndarray:
-        """2 x 3 float32: the least and the greatest corner."""
+        """2 x 3 float32: the least and the greatest corner, from `origin`."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
 
@@ -83,7 +86,7 @@ class Scene:
     Args:
         name: short name, unique within a dataset; names the sequences recorded here.
         mesh: geometry, appearance and labels.
-        floors: at least one, the main floor first.
+        floors: at least one, the main floor first; their heights are of the world, not from the mesh's origin.
         identity: as of `SceneReference`.
     """
 

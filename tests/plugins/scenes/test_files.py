@@ -294,9 +294,9 @@ def test_up_reaches_the_scene(boxes):
 
 
 def test_equal_stems_are_told_apart_by_their_folders(tmp_path):
-    for folder in ("office", "hotel"):
+    for height, folder in enumerate(("office", "hotel"), start=3):
         (tmp_path / folder).mkdir()
-        trimesh.creation.box([4, 4, 4]).export(tmp_path / folder / "mesh.ply")
+        trimesh.creation.box([4, height, 4]).export(tmp_path / folder / "mesh.ply")
     train, test = (str(tmp_path / folder / "mesh.ply") for folder in ("office", "hotel"))
     splits = Files(train, test=test).splits()
     assert (splits.train[0].name, splits.test[0].name) == ("office_mesh", "hotel_mesh")
@@ -318,6 +318,8 @@ def test_options_have_defaults_that_json_holds():
         "validation": None,
         "test": None,
         "up": "y",
+        "scale": 1.0,
+        "max_texture": None,
         "allow_overlap": False,
     }
 

@@ -100,6 +100,15 @@ class Scene:
         """World y of the main floor, metres."""
         return self.floors[0].height
 
+    @property
+    def area(self) -> SceneArea:
+        """All of the scene."""
+        return SceneArea()
+
+    def load(self) -> Scene:
+        """Itself: a simulator takes a loaded scene as it takes a reference to one."""
+        return self
+
 
 @dataclass(frozen=True)
 class SceneArea:

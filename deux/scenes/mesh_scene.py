@@ -44,6 +44,8 @@ def mesh_scene(name: str, mesh: SceneMesh, identity: str, where: str, scale: flo
     ceiling = _ceiling(mesh, floors[0], caster)
     if not LIKELY_CEILING[0] <= ceiling <= LIKELY_CEILING[1] and np.isfinite(ceiling):
         _warn_once(f"{where}: the ceiling is {ceiling:.2g} m above the floor: {unit_advice(mesh.bounds, scale)}.")
+    elif _LEVEL < np.ptp(mesh.bounds[:, 1]) < LIKELY_CEILING[0]:
+        _warn_once(f"{where} is {describe_size(mesh.bounds)} large: {unit_advice(mesh.bounds, scale)}.")
     if not has_colors(mesh):
         _warn_once(f"{where} has no colours: all its images are of one single colour, which teaches no depth.")
     up = mesh.origin[1]

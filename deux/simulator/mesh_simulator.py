@@ -53,7 +53,7 @@ class MeshSimulator(Simulator):
         self.scene, self.camera, self.robot = scene, camera, robot
         self.floors, self.label_names = shared.scene.floors, shared.scene.mesh.label_names
         self._shared = shared
-        self._place: tuple[float, float, float, int] | None = None  # x, z, yaw, floor
+        self._place: tuple[float, float, float, int] | None = None  # x and z from the mesh's origin, yaw, floor
 
     @property
     def object_labels(self) -> tuple[str, ...]:
@@ -66,12 +66,14 @@ class MeshSimulator(Simulator):
         Raises:
             DeuxError: the robot does not fit there, or there is no such floor.
         """
-        if not self._shared.body(floor).stands_at(x, z):
+        origin_x, _, origin_z = self._shared.scene.mesh.origin
+        here_x, here_z = x - origin_x, z - origin_z
+        if not self._shared.body(floor).stands_at(here_x, here_z):
             raise DeuxError(
                 f"the robot cannot stand at x={x:.3f}, z={z:.3f} in {self.scene.name}: the point is not on the free "
                 f"floor, take one of simulator.free_space() or of random_starts()."
             )
-        self._place = (x, z, yaw, floor)
+        self._place = (here_x, here_z, yaw, floor)
 
     def step(self, action: Action) -> bool:
         """Carry out one action; true if the robot touched something and moved less than it was told to."""
@@ -90,7 +92,9 @@ class MeshSimulator(Simulator):
     def pose(self) -> np.ndarray:
         """The camera's present camera-to-world matrix, 4 x 4 float64."""
         x, z, yaw, floor = self._standing
-        return camera_pose(x, self.floors[floor].height + self.robot.camera_height, z, yaw)
+        pose = camera_pose(x, self._shared.floor_height(floor) + self.robot.camera_height, z, yaw)
+        pose[:3, 3] += self._shared.scene.mesh.origin
+        return pose
 
     def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
         """What the camera records at each of N x 4 x 4 poses; the robot stays where it is.
@@ -99,7 +103,9 @@ class MeshSimulator(Simulator):
             DeuxError: the renderer's system libraries are missing.
         """
         faces = bool(channels & {Channel.LABELS, Channel.OBJECTS})
-        images = self._shared.renderer(self.camera).render(poses, Channel.COLOR in channels, faces)
+        here = np.array(poses, np.float64)
+        here[:, :3, 3] -= self._shared.scene.mesh.origin
+        images = self._shared.renderer(self.camera).render(here, Channel.COLOR in channels, faces)
         return [self._frame(image, pose, channels) for image, pose in zip(images, poses, strict=True)]
 
     def free_space(self, floor: int = 0) -> FreeSpace:
@@ -133,30 +139,45 @@ class MeshSimulator(Simulator):
 
 @dataclass
 class _SharedScene:
-    """A loaded scene and what is made of it on first use, for all robots in it and all their cameras."""
+    """A loaded scene and what is made of it on first use, for all robots in it and all their cameras.
+
+    Bodies and renderers count places from the mesh's origin, for which float32 is fine enough, not from the world's.
+    """
 
     scene: Scene
     robot: Robot
     renderer_name: str
     _spaces: dict[int, FreeSpace] = field(default_factory=dict)
+    _world_spaces: dict[int, FreeSpace] = field(default_factory=dict)
     _bodies: dict[int, Body] = field(default_factory=dict)
     _renderers: dict[Camera, Renderer] = field(default_factory=dict)
 
     def free_space(self, floor: int) -> FreeSpace:
+        if floor not in self._world_spaces:
+            x, y, z = self.scene.mesh.origin
+            space = self._space(floor)
+            frame = replace(space.frame, origin_x=space.frame.origin_x + x, origin_z=space.frame.origin_z + z)
+            self._world_spaces[floor] = replace(space, frame=frame, floor_height=space.floor_height + y)
+        return self._world_spaces[floor]
+
+    def _space(self, floor: int) -> FreeSpace:
         if floor not in self._spaces:
             count = len(self.scene.floors)
             if not 0 <= floor < count:
                 raise DeuxError(f"{self.scene.name} has no floor {floor}: its floors are numbered 0 to {count - 1}.")
-            height = self.scene.floors[floor].height
+            height = self.floor_height(floor)
             try:
                 self._spaces[floor] = free_space(self.scene.mesh, height, self.robot, caster=self.caster)
             except DeuxError as error:
                 raise DeuxError(f"{self.scene.name}: {error}") from error
         return self._spaces[floor]
 
+    def floor_height(self, floor: int) -> float:
+        return self.scene.floors[floor].height - self.scene.mesh.origin[1]
+
     def body(self, floor: int) -> Body:
         if floor not in self._bodies:
-            self._bodies[floor] = Body(self.free_space(floor))
+            self._bodies[floor] = Body(self._space(floor))
         return self._bodies[floor]
 
     def renderer(self, camera: Camera) -> Renderer:

@@ -44,8 +44,18 @@ def area(parts: list[MeshPart]) -> float:
 
 @pytest.mark.parametrize(
     "face",
-    ["f 1 2 3 4", "f 1/1 2/2 3/3 4/4", "f 1//1 2//1 3//1 4//1", "f 1/1/1 2/2/1 3/3/1 4/4/1", "f -4 -3 -2 -1"]
-    + ["f -4/-4 -3/-3 -2/-2 -1/-1", "f 1 2 \\\n3 4", "f 1 2 \\\r\n3 4", "  f\t1 2\t3 4  # a floor", "fo 1 2 3 4"],
+    [
+        "f 1 2 3 4",
+        "f 1/1 2/2 3/3 4/4",
+        "f 1//1 2//1 3//1 4//1",
+        "f 1/1/1 2/2/1 3/3/1 4/4/1",
+        "f -4 -3 -2 -1",
+        "f -4/-4 -3/-3 -2/-2 -1/-1",
+        "f 1 2 \\\n3 4",
+        "f 1 2 \\\r\n3 4",
+        "  f\t1 2\t3 4  # a floor",
+        "fo 1 2 3 4",
+    ],
 )
 def test_every_way_to_write_a_face(read, face):
     (part,) = read(SQUARE + "vn 0 1 0\n" + face + "\n")

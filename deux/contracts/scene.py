@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from deux.errors import DeuxError
+from deux.geometry.texture_pyramids import TexturePyramids
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class SceneMesh:
         vertex_colors: V x 3 uint8, multiplied onto the material; None where there are none.
         origin: world x, y and z of the vertices' (0, 0, 0), as Python's (64-bit) floats. It is not zero where a file is
             in coordinates of a country or of the Earth, which float32 holds to half a metre only.
+        pyramids: the mip pyramids of the materials' textures, where these are views into them; None where they are
+            arrays of their own, of which whoever needs pyramids makes them.
     """
 
     vertices: np.ndarray
@@ -54,6 +57,7 @@ class SceneMesh:
     label_names: tuple[str, ...] = ()
     vertex_colors: np.ndarray | None = None
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pyramids: TexturePyramids | None = None
 
     @property
     def triangles(self) -> np.ndarray:

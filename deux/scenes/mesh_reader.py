@@ -10,6 +10,7 @@ import numpy as np
 
 from deux.contracts import Material, SceneMesh
 from deux.errors import DeuxError
+from deux.geometry.texture_pyramids import TexturePyramids, pack_pyramids
 from deux.scenes.gltf_trimesh import read_gltf, referenced_by_gltf
 from deux.scenes.mesh_extent import check_extent, near_faces
 from deux.scenes.mesh_parts import MeshPart, check_indices
@@ -57,19 +58,24 @@ def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | N
     faces = _joined_faces(parts, path)
     if not (finite := np.isfinite(vertices).all(axis=1)).all() and not (whole := finite[faces].all(axis=1)).all():
         raise DeuxError(f"{path} is damaged: {(~whole).sum()} of its faces have a vertex at NaN or infinity.")
-    material_of_part, materials = _joined_materials(parts, max_texture)
+    material_of_part, materials = _joined_materials(parts)
     vertices *= scale
     if up == "z":
         vertices = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
     vertices, colors, faces = _without_unused(vertices, colors, faces)
+    faces_of_part = [len(part.faces) for part in parts]
+    uv = np.concatenate([np.zeros((len(p.faces), 3, 2), np.float32) if p.uv is None else p.uv for p in parts])
+    del parts  # and with them the textures, one after the other, as they are packed
+    materials, pyramids = _packed(materials, max_texture)
     mesh = SceneMesh(
         vertices=vertices,
         faces=faces,
-        uv=np.concatenate([np.zeros((len(p.faces), 3, 2), np.float32) if p.uv is None else p.uv for p in parts]),
-        face_material=np.repeat(material_of_part, [len(part.faces) for part in parts]).astype(np.int32),
-        materials=materials,
+        uv=uv,
+        face_material=np.repeat(material_of_part, faces_of_part).astype(np.int32),
+        materials=tuple(materials),
         face_label=np.full(len(faces), -1, np.int32),
         vertex_colors=colors,
+        pyramids=pyramids,
     )
     mesh = _without_stray(mesh, path)
     check_extent(path, mesh.bounds, scale)
@@ -117,24 +123,38 @@ def _vertex_key(part: MeshPart) -> tuple[int, int]:
     return id(part.vertices), id(part.vertex_colors)
 
 
-def _joined_materials(parts: Sequence[MeshPart], max_texture: int | None) -> tuple[np.ndarray, tuple[Material, ...]]:
+def _joined_materials(parts: Sequence[MeshPart]) -> tuple[np.ndarray, list[Material]]:
     """The material of each part as an index, and the materials: those that look alike and have one name come once."""
     indices: dict[tuple[str, tuple[int, ...], int], int] = {}
-    textures: dict[int, np.ndarray] = {}
     materials: list[Material] = []
     of_part = []
     for part in parts:
-        material = part.material
-        key = (material.name, material.color, id(material.texture))
+        key = (part.material.name, part.material.color, id(part.material.texture))
         if key not in indices:
             indices[key] = len(materials)
-            if material.texture is not None:
-                if id(material.texture) not in textures:
-                    textures[id(material.texture)] = limited_texture(material.texture, max_texture)
-                material = replace(material, texture=textures[id(material.texture)])
-            materials.append(material)
+            materials.append(part.material)
         of_part.append(indices[key])
-    return np.array(of_part), tuple(materials)
+    return np.array(of_part), materials
+
+
+def _packed(materials: list[Material], max_texture: int | None) -> tuple[list[Material], TexturePyramids | None]:
+    """Materials whose textures are views into mip pyramids, and these; the list that is given is emptied.
+
+    A texture and its pyramid together take 7/3 of its size, which for a large scan is more than the memory there is.
+    """
+    textures = {id(m.texture): m.texture for m in materials if m.texture is not None}
+    number = {key: k for k, key in enumerate(textures)}
+    texture_of = [number.get(id(material.texture), -1) for material in materials]
+    plain = [replace(material, texture=None) for material in materials]
+    materials.clear()
+    if not textures:
+        return plain, None
+    pyramids = pack_pyramids([limited_texture(textures.pop(key), max_texture) for key in number], texture_of)
+    shown = [pyramids.texture(k) for k in range(len(number))]
+    return [
+        material if k < 0 else replace(material, texture=shown[k])
+        for material, k in zip(plain, texture_of, strict=True)
+    ], pyramids
 
 
 def _without_unused(

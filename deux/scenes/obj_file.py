@@ -18,7 +18,7 @@ from deux.errors import DeuxError
 from deux.io.atomic import read_bytes
 from deux.scenes.mesh_parts import GREY, MeshPart
 from deux.scenes.obj_materials import ObjMaterial, material_libraries, read_material_library
-from deux.scenes.part_files import read_texture
+from deux.scenes.part_files import read_textures
 from deux.scenes.polygons import triangulate
 
 log = logging.getLogger(__name__)
@@ -50,35 +50,27 @@ def read_obj(path: Path, max_texture: int | None = None) -> list[MeshPart]:
         raise DeuxError(f"{path} cannot be read as a .obj file, it is damaged or something else: {error}.") from error
     vertices, colors = np.ascontiguousarray(positions[:, :3]), _colors(positions)
     index, owner = triangulate(vertices[corners[:, 0]], lengths)
+    faces = corners[index, 0]
     uv = np.full((len(coordinates) + 1, 2), np.nan)  # the last one is that of corners without any
-    if len(coordinates):
-        uv[:-1] = np.nan_to_num(coordinates[:, :2])  # a second coordinate may be left out: 0
-    faces, corner_uv = corners[index, 0], uv[corners[index, 1]]
-    textured = np.isfinite(corner_uv).all(axis=(1, 2))
-    materials = _materials(path)
-    textures: dict[Path, np.ndarray] = {}
-    if unknown := [name for name in statements.material_names if name and materials and name not in materials]:
-        log.warning("%s: no material library describes %s: it is grey.", path, ", ".join(unknown))
-    used = np.array([material for _, material, _, _ in statements.runs], np.int64)
-    of_face = np.repeat(used, statements.run_lengths)[owner]
+    uv[:-1] = np.nan_to_num(coordinates[:, :2])  # a second coordinate may be left out: 0
+    uv = uv[corners[index, 1]]
+    textured = np.isfinite(uv).all(axis=(1, 2))
+
+    names, looks = statements.material_names, _looks(path, statements.material_names)
+    material = np.repeat([run[1] for run in statements.runs], statements.run_lengths).astype(np.int64)[owner]
+    shown = [looks[k].texture for k in np.unique(material[textured])]
+    textures = read_textures([texture for texture in shown if texture is not None], max_texture)
     parts = []
-    for number in np.unique(of_face):
-        name = statements.material_names[number]
-        material = materials.get(name, ObjMaterial())
-        shows = textured if material.texture is not None else np.zeros_like(textured)
-        for of, texture in ((of_face == number) & shows, material.texture), ((of_face == number) & ~shows, None):
-            if not of.any():
-                continue
-            if texture is None:
-                plain = material.color or ((255, 255, 255) if colors is not None else GREY)
-                parts.append(MeshPart(vertices, faces[of], Material(name, plain), None, colors))
-                continue
-            if texture not in textures:
-                textures[texture] = read_texture(texture, max_texture)
-            moved = corner_uv[of] * material.scale + material.offset
-            parts.append(
-                MeshPart(vertices, faces[of], Material(name, texture=textures[texture]), moved.astype(np.float32))
-            )
+    for k in np.unique(material):
+        look = looks[k]
+        shows = (material == k) & textured & (look.texture is not None)
+        plain = (material == k) & ~shows
+        if look.texture is not None and shows.any():
+            moved = (uv[shows] * look.scale + look.offset).astype(np.float32)
+            parts.append(MeshPart(vertices, faces[shows], Material(names[k], texture=textures[look.texture]), moved))
+        if plain.any():
+            color = look.color or (GREY if colors is None else (255, 255, 255))
+            parts.append(MeshPart(vertices, faces[plain], Material(names[k], color), None, colors))
     return parts
 
 
@@ -93,12 +85,14 @@ def referenced_by_obj(path: Path) -> list[Path]:
     return list(dict.fromkeys([*libraries, *(texture for texture in textures if texture is not None)]))
 
 
-def _materials(path: Path) -> dict[str, ObjMaterial]:
-    """The materials of all libraries that an OBJ file names; the first of several with one name."""
+def _looks(path: Path, names: Sequence[str]) -> list[ObjMaterial]:
+    """The materials of these names by the libraries that an OBJ file names, by the first of several that has one."""
     found: dict[str, ObjMaterial] = {}
     for library in material_libraries(path):
         found = read_material_library(library, path) | found
-    return found
+    if unknown := [name for name in names if name and found and name not in found]:
+        log.warning("%s: no material library describes %s: it is grey.", path, ", ".join(unknown))
+    return [found.get(name, ObjMaterial()) for name in names]
 
 
 @dataclass

@@ -1,7 +1,8 @@
 """The files that a mesh file refers to: where they are on disk, and the images among them."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
 from urllib.parse import unquote
@@ -66,6 +67,14 @@ def read_texture(path: Path, longest: int | None = None) -> np.ndarray:
             return np.asarray(pixels)
     except (OSError, ValueError, SyntaxError) as error:
         raise DeuxError(f"{path} cannot be read as an image: {error}.") from error
+
+
+def read_textures(paths: Iterable[Path], longest: int | None = None) -> dict[Path, np.ndarray]:
+    """Read several images, each once, as `read_texture` does; on all processors."""
+    distinct = list(dict.fromkeys(paths))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the interpreter's lock
+        read = pool.map(lambda path: read_texture(path, longest), distinct)
+        return dict(zip(distinct, read, strict=True))
 
 
 def limited_texture(texture: np.ndarray, longest: int | None) -> np.ndarray:

@@ -7,7 +7,7 @@ import numpy as np
 from deux.contracts import Material
 from deux.errors import DeuxError
 from deux.scenes.mesh_parts import GREY, MeshPart, check_indices
-from deux.scenes.part_files import find_part, read_texture
+from deux.scenes.part_files import find_part, read_textures
 from deux.scenes.ply_elements import PlyElement, Ragged, read_ply_elements, read_ply_header
 from deux.scenes.polygons import triangulate
 
@@ -41,7 +41,9 @@ def read_ply(path: Path, max_texture: int | None = None) -> list[MeshPart]:
         raise DeuxError(f"{path} holds {len(vertices):,} points but no triangles: there is nothing to see in it.")
     check_indices(index, len(vertices), path)
     uv = _corner_uv(face, vertex, index, corner, owner)
-    textures = [read_texture(texture, max_texture) for texture in referenced_by_ply(path)]
+    files = referenced_by_ply(path)
+    read = read_textures(files, max_texture)
+    textures = [read[file] for file in files]
     number = np.where(np.isfinite(uv).all(axis=(1, 2)), _texture_numbers(face, owner, len(index)), -1)
     number[(number < 0) | (number >= len(textures))] = -1
 

@@ -208,4 +208,4 @@ class _SharedScene:
 
 def _untextured(scene: Scene) -> Scene:
     materials = tuple(Material(material.name) for material in scene.mesh.materials)
-    return replace(scene, mesh=replace(scene.mesh, materials=materials))
+    return replace(scene, mesh=replace(scene.mesh, materials=materials, pyramids=None))

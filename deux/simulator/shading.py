@@ -7,7 +7,8 @@ import numpy as np
 
 from deux.compilation import compiled
 from deux.contracts import SceneMesh
-from deux.simulator.textures import TexturePyramids, pack_textures, trilinear_lookup
+from deux.geometry.texture_pyramids import TexturePyramids
+from deux.simulator.textures import pack_textures, trilinear_lookup
 
 
 class Surfaces(NamedTuple):
@@ -53,7 +54,7 @@ def prepare_surfaces(mesh: SceneMesh) -> Surfaces:
         material=np.ascontiguousarray(mesh.face_material, dtype=np.int32),
         corner_color=np.zeros((0, 3, 3), np.uint8) if colors is None else colors[mesh.faces],
         base_color=np.array([material.color for material in mesh.materials], np.float32).reshape(-1, 3),
-        textures=pack_textures(mesh.materials),
+        textures=mesh.pyramids or pack_textures(mesh.materials),
     )
 
 

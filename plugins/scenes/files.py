@@ -6,12 +6,14 @@ import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from deux.contracts import Scene, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError, check_range, near_matches
 from deux.scenes.mesh_reader import SUFFIXES, Up, read_mesh, referenced_files
 from deux.scenes.mesh_scene import mesh_scene
+from deux.scenes.prepared_scene import prepared_scene
 from deux.scenes.splits import SPLITS, check_disjoint, each_once, make_splits
 
 
@@ -25,12 +27,14 @@ class FileReference(SceneReference):
         up: the axis of the file that points up, "y" or "z".
         scale: metres per unit of the file.
         max_texture: the most pixels that the longer side of a texture keeps; None for all.
+        prepared: the folder of prepared scenes, absolute; None for none.
     """
 
     path: Path
     up: Up = "y"
     scale: float = 1.0
     max_texture: int | None = None
+    prepared: Path | None = None
 
     @property
     def identity(self) -> str:
@@ -43,8 +47,10 @@ class FileReference(SceneReference):
         return self.path
 
     def load(self) -> Scene:
-        """Read the file."""
-        return replace(load_scene(self.path, self.up, self.scale, self.max_texture), name=self.name)
+        """Read the file, or open what was prepared of it."""
+        check_scene_file(self.path)
+        made = partial(load_scene, self.path, self.up, self.scale, self.max_texture)
+        return replace(prepared_scene(self.prepared, self.identity, made), name=self.name)
 
 
 class Files(SceneSource):
@@ -57,7 +63,10 @@ class Files(SceneSource):
         up: the axis of the files that points up; z turns them: world (x, y, z) = (x, z, -y) of the file.
         scale: metres per unit of the files, 0.01 for centimetres.
         max_texture: the most pixels that the longer side of a texture keeps, larger ones are halved until they fit;
-            null keeps all.
+            null keeps all. Decoded textures take 4 bytes of memory for each pixel.
+        prepared: a folder in which a scene is kept as it is used once it was read: it then opens at once, and
+            processes share its memory. It takes 4 bytes for each pixel of the textures and about 100 for each
+            triangle, and can be deleted at any time; null keeps nothing.
         allow_overlap: whether a file may be in two splits.
 
     Raises:
@@ -72,12 +81,14 @@ class Files(SceneSource):
         up: Up = "y",
         scale: float = 1.0,
         max_texture: int | None = None,
+        prepared: str | None = None,
         allow_overlap: bool = False,
     ) -> None:
         check_range("scenes.scale", scale, 0.0, ends=False)
         if max_texture is not None:
             check_range("scenes.max_texture", max_texture, 1)
         self._up, self._scale, self._max_texture = up, scale, max_texture
+        self._prepared = None if prepared is None else Path(os.path.abspath(Path(prepared).expanduser()))
         paths = {split: _paths(asked) for split, asked in zip(SPLITS, (train, validation, test), strict=True)}
         contents = _contents({path for listed in paths.values() for path in listed})
         if not allow_overlap:
@@ -90,7 +101,7 @@ class Files(SceneSource):
         return make_splits({split: [self._reference(names, p) for p in paths] for split, paths in self._paths.items()})
 
     def _reference(self, names: Mapping[Path, str], path: Path) -> FileReference:
-        return FileReference(names[path], path, self._up, self._scale, self._max_texture)
+        return FileReference(names[path], path, self._up, self._scale, self._max_texture, self._prepared)
 
 
 def _paths(asked: str | Sequence[str] | None) -> tuple[Path, ...]:

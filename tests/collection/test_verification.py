@@ -12,7 +12,7 @@ from deux.collection.verification import Rejection, VerificationSettings, verify
 from deux.contracts import Action
 from deux.io.calibration import write_matrix
 from deux.io.frames import prepare_folders, write_frame
-from deux.io.images import read_depth, read_image, write_depth, write_image
+from deux.io.images import read_image, write_depth, write_image
 from deux.io.layout import SequencePaths
 
 SPARSE = SparseSettings(0.02)

@@ -381,6 +381,7 @@ def test_options_have_defaults_that_json_holds():
         "up": "y",
         "scale": 1.0,
         "max_texture": None,
+        "prepared": None,
         "allow_overlap": False,
     }
 

@@ -3,7 +3,9 @@
 L. Williams, "Pyramidal Parametrics", SIGGRAPH 1983.
 """
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import cv2
@@ -49,13 +51,20 @@ def pack_pyramids(textures: list[np.ndarray], material_texture: Sequence[int]) -
             end += 3 * int(np.maximum(1, sizes[number] >> level).prod())
 
     texels = np.empty(end, dtype=np.uint8)
-    for number in reversed(range(len(levels))):
-        texture = textures.pop()
-        for level in range(levels[number]):
-            if level > 0:
-                height, width = texture.shape[:2]
-                # The mean over each texel's area: what keeps a pattern finer than a pixel from aliasing.
-                texture = cv2.resize(texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_AREA)
-            start = offsets[number, level]
-            texels[start : start + texture.size] = texture.reshape(-1)
+
+    def fill(number: int) -> None:
+        _fill_levels(textures.pop(), texels, offsets[number, : levels[number]])
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(fill, reversed(range(len(levels)))))
     return TexturePyramids(texels, offsets, sizes, np.array(material_texture, dtype=np.int64))
+
+
+def _fill_levels(texture: np.ndarray, texels: np.ndarray, starts: np.ndarray) -> None:
+    """Write a texture and its halved copies to where they begin in `texels`."""
+    for level, start in enumerate(starts):
+        if level > 0:
+            height, width = texture.shape[:2]
+            # The mean over each texel's area: what keeps a pattern finer than a pixel from aliasing.
+            texture = cv2.resize(texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_AREA)
+        texels[start : start + texture.size] = texture.reshape(-1)

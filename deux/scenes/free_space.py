@@ -15,6 +15,7 @@ from deux.scenes.ray_caster import RayCaster
 if TYPE_CHECKING:
     from deux.contracts import Robot
 
+RAYS = 1_000_000  # at once, as each takes 40 bytes
 FINENESS = 3  # samples along a cell's edge; odd, so that the middle one is the cell's centre
 
 
@@ -70,11 +71,17 @@ def _blocked_from_above(caster: RayCaster, grid: GridFrame, floor_height: float,
     """Rows x columns bool: no floor, or something on it, below a ray from the robot's height at the cell's centre."""
     x = grid.origin_x + (np.arange(grid.columns) + 0.5) * grid.resolution
     z = grid.origin_z + (np.arange(grid.rows) + 0.5) * grid.resolution
-    origins = np.empty((*grid.shape, 3), np.float32)
-    origins[..., 0], origins[..., 1], origins[..., 2] = x, floor_height + robot.height, z[:, None]
-    down = np.broadcast_to(np.array([0.0, -1.0, 0.0], np.float32), origins.shape)
-    fall = caster.cast(origins.reshape(-1, 3), down.reshape(-1, 3)).distance.reshape(grid.shape)
-    return np.abs(fall - robot.height) > robot.max_climb
+    blocked = np.empty(grid.shape, bool)
+    rows = max(1, RAYS // grid.columns)
+    for first in range(0, grid.rows, rows):
+        block = blocked[first : first + rows]
+        origins = np.empty((*block.shape, 3), np.float32)
+        origins[..., 0], origins[..., 1] = x, floor_height + robot.height
+        origins[..., 2] = z[first : first + rows, None]
+        down = np.broadcast_to(np.array([0.0, -1.0, 0.0], np.float32), origins.shape)
+        fall = caster.cast(origins.reshape(-1, 3), down.reshape(-1, 3)).distance.reshape(block.shape)
+        block[...] = np.abs(fall - robot.height) > robot.max_climb
+    return blocked
 
 
 def _mark_upright(blocked: np.ndarray, grid: GridFrame, triangles: np.ndarray, low: float, high: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 from scipy import ndimage
 
@@ -53,8 +54,10 @@ def free_space(
     blocked = _blocked_from_above(caster or RayCaster(mesh), fine, floor_height, robot)
     _mark_upright(blocked, fine, mesh.triangles, floor_height + robot.max_climb, floor_height + robot.height)
     # Beyond the scene's bounds there is no floor either.
-    distance = ndimage.distance_transform_edt(~np.pad(blocked, 1, constant_values=True)) * fine.resolution
-    clearance = distance[1:-1, 1:-1][FINENESS // 2 :: FINENESS, FINENESS // 2 :: FINENESS].astype(np.float32)
+    open_cells = np.pad(~blocked, 1).view(np.uint8)
+    cells = cv2.distanceTransform(open_cells, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)  # exact, at 4 bytes a cell
+    centres = cells[1:-1, 1:-1][FINENESS // 2 :: FINENESS, FINENESS // 2 :: FINENESS]
+    clearance = (centres.astype(np.float64) * fine.resolution).astype(np.float32)
 
     regions, count = ndimage.label(clearance > robot.radius)
     if count == 0:

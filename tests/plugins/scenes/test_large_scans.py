@@ -102,8 +102,10 @@ def test_a_scan_is_the_same_prepared_and_read(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-def test_three_million_triangles_and_4_gib_of_textures(tmp_path):
-    """Needs 7 GB of disk. On an idle machine the first frame is there in 30 s: much of the work is on all processors."""
+def test_three_million_triangles_and_4_gib_of_textures(tmp_path, request):
+    """Needs 7 GB of disk. The first frame is there in 30 s where no one else uses the machine."""
+    if "slow" not in request.config.getoption("-m"):
+        pytest.skip("takes minutes and 7 GB of disk: run with -m slow")
     scan = write_scan(tmp_path, 3_000_000, 86, 4096)
     read = first_frame(scan, None, tmp_path / "read.npy")
     first_frame(scan, tmp_path / "prepared", tmp_path / "made.npy")

@@ -34,8 +34,7 @@ def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | N
     """Read all triangles of a file, with the transforms of its nodes applied; lines and points are left out.
 
     Colours are taken as they are stored: a material's base colour times its base texture, times the vertices'
-    colours. Light, transparency and all other maps are ignored. A vertex that no face uses does not
-    count, wherever it is.
+    colours. Light, transparency and all other maps are ignored. A vertex that no face uses does not count.
 
     Args:
         path: a .glb, .gltf, .obj or .ply.
@@ -65,21 +64,20 @@ def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | N
     vertices, colors, faces = _without_unused(vertices, colors, faces)
     faces_of_part = [len(part.faces) for part in parts]
     uv = np.concatenate([np.zeros((len(p.faces), 3, 2), np.float32) if p.uv is None else p.uv for p in parts])
-    del parts  # and with them the textures, one after the other, as they are packed
-    materials, pyramids = _packed(materials, max_texture)
     mesh = SceneMesh(
         vertices=vertices,
         faces=faces,
         uv=uv,
         face_material=np.repeat(material_of_part, faces_of_part).astype(np.int32),
-        materials=tuple(materials),
+        materials=(),
         face_label=np.full(len(faces), -1, np.int32),
         vertex_colors=colors,
-        pyramids=pyramids,
     )
     mesh = _without_stray(mesh, path)
     check_extent(path, mesh.bounds, scale)
-    return _from_origin(mesh)
+    del parts  # and with them the textures, one after the other, as they are packed
+    packed, pyramids = _packed(materials, max_texture)
+    return replace(_from_origin(mesh), materials=tuple(packed), pyramids=pyramids)
 
 
 def referenced_files(path: Path) -> list[Path]:

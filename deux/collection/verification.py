@@ -27,6 +27,7 @@ class Rejection(StrEnum):
     TOO_FEW_POINTS = "too_few_points"
     TOO_LITTLE_DEPTH = "too_little_depth"
     NO_MOTION = "no_motion"
+    ONE_COLOR = "one_color"
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,8 @@ def _check(paths: SequencePaths, name: str, settings: VerificationSettings, spar
     points = maps["sparse_depth"] > 0
     if any(depth.shape != image.shape[:2] for depth in maps.values()) or (points != (maps["validity_map"] > 0)).any():
         return _Checked(Rejection.INCONSISTENT)
+    if (image == image[0, 0]).all():  # no photometric error tells one depth from another
+        return _Checked(Rejection.ONE_COLOR, pose)
     if points.sum() < settings.min_points * point_count(points.shape, sparse):
         return _Checked(Rejection.TOO_FEW_POINTS, pose)
     if "ground_truth" in maps and np.mean(maps["ground_truth"] > 0) < settings.min_depth:

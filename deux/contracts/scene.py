@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from deux.errors import DeuxError
+from deux.geometry.texture_pyramids import TexturePyramids
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class SceneMesh:
     """Triangles in metres in a Y-up world.
 
     Args:
-        vertices: V x 3 float32.
+        vertices: V x 3 float32, from `origin`.
         faces: F x 3 int32, indices into `vertices`.
         uv: F x 3 x 2 float32, texture coordinates of each corner, (0, 0) at the bottom left of the texture.
         face_material: F int32, index into `materials`.
@@ -41,6 +42,10 @@ class SceneMesh:
         face_label: F int32, index into `label_names`, -1 where nothing is known.
         label_names: names of the labels, such as "chair".
         vertex_colors: V x 3 uint8, multiplied onto the material; None where there are none.
+        origin: world x, y and z of the vertices' (0, 0, 0), as Python's (64-bit) floats. It is not zero where a file is
+            in coordinates of a country or of the Earth, which float32 holds to half a metre only.
+        pyramids: the mip pyramids of the materials' textures, where these are views into them; None where they are
+            arrays of their own, of which whoever needs pyramids makes them.
     """
 
     vertices: np.ndarray
@@ -51,15 +56,17 @@ class SceneMesh:
     face_label: np.ndarray
     label_names: tuple[str, ...] = ()
     vertex_colors: np.ndarray | None = None
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pyramids: TexturePyramids | None = None
 
     @property
     def triangles(self) -> np.ndarray:
-        """Corner positions, F x 3 x 3 float32."""
+        """Corner positions from `origin`, F x 3 x 3 float32."""
         return self.vertices[self.faces]
 
     @property
     def bounds(self) -> np.ndarray:
-        """2 x 3 float32: the least and the greatest corner."""
+        """2 x 3 float32: the least and the greatest corner, from `origin`."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
 
@@ -83,7 +90,7 @@ class Scene:
     Args:
         name: short name, unique within a dataset; names the sequences recorded here.
         mesh: geometry, appearance and labels.
-        floors: at least one, the main floor first.
+        floors: at least one, the main floor first; their heights are of the world, not from the mesh's origin.
         identity: as of `SceneReference`.
     """
 
@@ -96,6 +103,15 @@ class Scene:
     def floor_height(self) -> float:
         """World y of the main floor, metres."""
         return self.floors[0].height
+
+    @property
+    def area(self) -> SceneArea:
+        """All of the scene."""
+        return SceneArea()
+
+    def load(self) -> Scene:
+        """Itself: a simulator takes a loaded scene as it takes a reference to one."""
+        return self
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """Top-down grids over the floor: rows run along the world's z, columns along its x."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,6 +82,12 @@ class FreeSpace:
         if self.frame.contains(rows, columns) and self.free[rows, columns]:
             return float(self.heights[rows, columns])
         return self.floor_height
+
+    def moved(self, x: float, y: float, z: float) -> "FreeSpace":
+        """The same free space as a world sees it whose origin lies at -(x, y, z), metres."""
+        frame = replace(self.frame, origin_x=self.frame.origin_x + x, origin_z=self.frame.origin_z + z)
+        heights = (self.heights.astype(np.float64) + y).astype(np.float32)
+        return replace(self, frame=frame, floor_height=self.floor_height + y, heights=heights)
 
     @property
     def area(self) -> float:

@@ -1,164 +1,194 @@
-"""Meshes from files: trimesh's geometry and materials as the arrays that renderers use."""
+"""Scene meshes from files: the parts that a format's reader finds, joined, checked and brought to metres, Y-up."""
 
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import trimesh
-from PIL.Image import Image
-from trimesh.visual import ColorVisuals, TextureVisuals
-from trimesh.visual.color import to_rgba
-from trimesh.visual.material import PBRMaterial
 
 from deux.contracts import Material, SceneMesh
 from deux.errors import DeuxError
-from deux.scenes.gltf_file import read_gltf
-from deux.scenes.mesh_parts import GREY, MeshPart
+from deux.geometry.texture_pyramids import TexturePyramids, pack_pyramids
+from deux.scenes.gltf_file import read_gltf, referenced_by_gltf
+from deux.scenes.mesh_extent import check_extent, near_faces
+from deux.scenes.mesh_parts import MeshPart, check_indices
+from deux.scenes.obj_file import read_obj, referenced_by_obj
+from deux.scenes.part_files import find_part, limited_texture
+from deux.scenes.ply_file import read_ply, referenced_by_ply
+
+log = logging.getLogger(__name__)
+
+SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
+"""The endings of mesh files that are read, in small letters."""
+
+FAR = 1000.0
+"""Metres from the file's origin beyond which vertices get an origin of their own: float32 is 0.06 mm coarse there."""
 
 Up = Literal["y", "z"]
 """The axis of a file that points up."""
 
 
-def read_mesh(path: Path, up: Up = "y") -> SceneMesh:
+def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | None = None) -> SceneMesh:
     """Read all triangles of a file, with the transforms of its nodes applied; lines and points are left out.
 
     Colours are taken as they are stored: a material's base colour times its base texture, times the vertices'
-    colours. Light, transparency and all other maps are ignored.
+    colours. Light, transparency and all other maps are ignored. A vertex that no face uses does not count.
 
     Args:
-        path: a .glb, .gltf, .obj or .ply in metres.
+        path: a .glb, .gltf, .obj or .ply.
         up: "z" turns a Z-up file: world (x, y, z) = (x, z, -y) of the file.
+        scale: metres per unit of the file.
+        max_texture: the most pixels that the longer side of a texture keeps, larger ones are halved until they fit;
+            None for all.
 
     Raises:
-        DeuxError: the file is unreadable or holds no triangles.
+        DeuxError: the file is unreadable or damaged, holds no triangles, or is too large for a building in metres.
     """
-    builder = _MeshBuilder()
-    if path.suffix.lower() in (".glb", ".gltf"):
-        for part in read_gltf(path):
-            builder.add_part(part)
-        if not builder.faces:
-            raise DeuxError(f"{path} holds no triangles: there is nothing to see in it.")
-        return builder.build(up)
-    try:
-        loaded = trimesh.load_scene(path, process=False)
-        for node in loaded.graph.nodes_geometry:
-            transform, name = loaded.graph[node]
-            geometry = loaded.geometry[name]
-            if isinstance(geometry, trimesh.Trimesh) and len(geometry.faces):
-                builder.add(geometry, transform)
-    except Exception as error:  # the readers of four formats raise whatever they like
-        raise DeuxError(
-            f"{path} cannot be read as a {path.suffix} file, it is damaged or something else: "
-            f"{str(error) or type(error).__name__}."
-        ) from error
-    if not builder.faces:
+    suffix = path.suffix.lower()
+    if suffix in (".glb", ".gltf"):
+        parts = read_gltf(path)
+    else:
+        parts = (read_obj if suffix == ".obj" else read_ply)(path, max_texture)
+    if not parts:
         raise DeuxError(f"{path} holds no triangles: there is nothing to see in it.")
-    return builder.build(up)
+    vertices, colors = _joined_vertices(parts)
+    faces = _joined_faces(parts, path)
+    if not (finite := np.isfinite(vertices).all(axis=1)).all() and not (whole := finite[faces].all(axis=1)).all():
+        raise DeuxError(f"{path} is damaged: {(~whole).sum()} of its faces have a vertex at NaN or infinity.")
+    material_of_part, materials = _joined_materials(parts)
+    vertices *= scale
+    if up == "z":
+        vertices = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
+    vertices, colors, faces = _without_unused(vertices, colors, faces)
+    faces_of_part = [len(part.faces) for part in parts]
+    uv = np.concatenate([np.zeros((len(p.faces), 3, 2), np.float32) if p.uv is None else p.uv for p in parts])
+    mesh = SceneMesh(
+        vertices=vertices,
+        faces=faces,
+        uv=uv,
+        face_material=np.repeat(material_of_part, faces_of_part).astype(np.int32),
+        materials=(),
+        face_label=np.full(len(faces), -1, np.int32),
+        vertex_colors=colors,
+    )
+    mesh = _without_stray(mesh, path)
+    check_extent(path, mesh.bounds, scale)
+    del parts  # and with them the textures, one after the other, as they are packed
+    packed, pyramids = _packed(materials, max_texture)
+    return replace(_from_origin(mesh), materials=tuple(packed), pyramids=pyramids)
 
 
-class _MeshBuilder:
-    """Joins trimesh's meshes to one; materials and images that several of them use are kept once."""
+def referenced_files(path: Path) -> list[Path]:
+    """The other files that make up a scene: buffers, material libraries and textures.
 
-    def __init__(self) -> None:
-        self.vertices: list[np.ndarray] = []
-        self.faces: list[np.ndarray] = []
-        self.uv: list[np.ndarray] = []
-        self.colors: list[np.ndarray | None] = []
-        self.face_material: list[np.ndarray] = []
-        self.materials: list[Material] = []
-        self.indices: dict[tuple[str, tuple[int, ...], int], int] = {}
-        self.textures: dict[int, np.ndarray] = {}
-        self.count = 0
+    Raises:
+        DeuxError: one of them is missing, or the file cannot be read.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".obj":
+        return referenced_by_obj(path)
+    if suffix == ".ply":
+        return referenced_by_ply(path)
+    return [find_part(name, path) for name in referenced_by_gltf(path)]
 
-    def add(self, mesh: trimesh.Trimesh, transform: np.ndarray) -> None:
-        """Add a mesh, moved by a 4 x 4 matrix."""
-        vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        visual: Any = mesh.visual
-        colors = _vertex_colors(visual, len(vertices))
-        if visual.kind == "face":
-            # A colour for each face is a colour for each corner of faces that share none.
-            vertices = vertices[faces].reshape(-1, 3)
-            faces = np.arange(len(vertices)).reshape(-1, 3)
-            colors = np.repeat(visual.face_colors[:, :3], 3, axis=0)
-        uv = getattr(visual, "uv", None)
-        if uv is None or len(uv) != len(vertices):
-            uv = None
-        self.vertices.append(trimesh.transform_points(vertices, transform))
-        self.faces.append(faces + self.count)
-        self.uv.append(np.zeros((len(faces), 3, 2)) if uv is None else uv[faces])
-        self.colors.append(colors)
-        self.face_material.append(np.full(len(faces), self._material_index(visual, uv is not None), np.int32))
-        self.count += len(vertices)
 
-    def add_part(self, part: MeshPart) -> None:
-        """Add a part."""
-        self.vertices.append(part.vertices)
-        self.faces.append(part.faces + self.count)
-        self.uv.append(np.zeros((len(part.faces), 3, 2)) if part.uv is None else part.uv)
-        self.colors.append(part.vertex_colors)
+def _joined_vertices(parts: Sequence[MeshPart]) -> tuple[np.ndarray, np.ndarray | None]:
+    """The vertices of all parts and their colours, white where there are none; arrays that parts share come once."""
+    pairs = {_vertex_key(part): (part.vertices, part.vertex_colors) for part in parts}.values()
+    vertices = np.concatenate([vertices for vertices, _ in pairs]).astype(np.float64)
+    if all(colors is None for _, colors in pairs):
+        return vertices, None
+    return vertices, np.concatenate([np.full(v.shape, 255, np.uint8) if c is None else c for v, c in pairs])
+
+
+def _joined_faces(parts: Sequence[MeshPart], path: Path) -> np.ndarray:
+    """The faces of all parts as indices into the joined vertices, F x 3 int64."""
+    first: dict[tuple[int, int], int] = {}
+    count, faces = 0, []
+    for part in parts:
+        check_indices(part.faces, len(part.vertices), path)
+        key = _vertex_key(part)
+        if key not in first:
+            first[key] = count
+            count += len(part.vertices)
+        faces.append(part.faces + first[key])
+    return np.concatenate(faces)
+
+
+def _vertex_key(part: MeshPart) -> tuple[int, int]:
+    return id(part.vertices), id(part.vertex_colors)
+
+
+def _joined_materials(parts: Sequence[MeshPart]) -> tuple[np.ndarray, list[Material]]:
+    """The material of each part as an index, and the materials: those that look alike and have one name come once."""
+    indices: dict[tuple[str, tuple[int, ...], int], int] = {}
+    materials: list[Material] = []
+    of_part = []
+    for part in parts:
         key = (part.material.name, part.material.color, id(part.material.texture))
-        if key not in self.indices:
-            self.indices[key] = len(self.materials)
-            self.materials.append(part.material)
-        self.face_material.append(np.full(len(part.faces), self.indices[key], np.int32))
-        self.count += len(part.vertices)
-
-    def build(self, up: Up) -> SceneMesh:
-        """All that was added, turned Y-up."""
-        vertices = np.concatenate(self.vertices)
-        if up == "z":
-            vertices = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
-        faces = np.concatenate(self.faces)
-        pairs = list(zip(self.colors, self.vertices, strict=True))
-        white = [np.full(v.shape, 255, np.uint8) if c is None else c for c, v in pairs]
-        return SceneMesh(
-            vertices=vertices.astype(np.float32),
-            faces=faces.astype(np.int32),
-            uv=np.concatenate(self.uv).astype(np.float32),
-            face_material=np.concatenate(self.face_material),
-            materials=tuple(self.materials),
-            face_label=np.full(len(faces), -1, np.int32),
-            vertex_colors=None if all(c is None for c in self.colors) else np.concatenate(white),
-        )
-
-    def _material_index(self, visual: Any, has_uv: bool) -> int:
-        name, color, image = _appearance(visual)
-        image = image if has_uv else None
-        key = (name, color, id(image))
-        if key not in self.indices:
-            self.indices[key] = len(self.materials)
-            self.materials.append(Material(name, color, None if image is None else self._texture(image)))
-        return self.indices[key]
-
-    def _texture(self, image: Image) -> np.ndarray:
-        if id(image) not in self.textures:
-            self.textures[id(image)] = np.asarray(image.convert("RGB"))
-        return self.textures[id(image)]
+        if key not in indices:
+            indices[key] = len(materials)
+            materials.append(part.material)
+        of_part.append(indices[key])
+    return np.array(of_part), materials
 
 
-def _appearance(visual: Any) -> tuple[str, tuple[int, int, int], Image | None]:
-    """The name, base colour and base texture of a mesh's only material."""
-    white = (255, 255, 255)
-    if isinstance(visual, ColorVisuals):
-        return "colours", white if visual.defined else GREY, None
-    material = visual.material
-    if isinstance(material, PBRMaterial):
-        factor, image = material.baseColorFactor, material.baseColorTexture
-        return material.name, white if factor is None else _rgb(factor), image
-    # Exporters leave arbitrary diffuse colours on textured .obj materials: viewers show the texture alone.
-    return material.name, white if material.image is not None else _rgb(material.diffuse), material.image
+def _packed(materials: list[Material], max_texture: int | None) -> tuple[list[Material], TexturePyramids | None]:
+    """Materials whose textures are views into mip pyramids, and these; the list that is given is emptied.
+
+    A texture and its pyramid together take 7/3 of its size, which for a large scan is more than the memory there is.
+    """
+    textures = {id(m.texture): m.texture for m in materials if m.texture is not None}
+    number = {key: k for k, key in enumerate(textures)}
+    texture_of = [number.get(id(material.texture), -1) for material in materials]
+    plain = [replace(material, texture=None) for material in materials]
+    materials.clear()
+    if not textures:
+        return plain, None
+    pyramids = pack_pyramids([limited_texture(textures.pop(key), max_texture) for key in number], texture_of)
+    shown = [pyramids.texture(k) for k in range(len(number))]
+    return [
+        material if k < 0 else replace(material, texture=shown[k])
+        for material, k in zip(plain, texture_of, strict=True)
+    ], pyramids
 
 
-def _vertex_colors(visual: Any, count: int) -> np.ndarray | None:
-    """Colours of `count` vertices, V x 3 uint8, or None."""
-    if not isinstance(visual, TextureVisuals):
-        return visual.vertex_colors[:, :3] if visual.kind == "vertex" else None
-    stored = visual.vertex_attributes.get("color")
-    if stored is None or len(stored) != count:
-        return None
-    return to_rgba(stored // 257 if stored.dtype == np.uint16 else stored)[:, :3]
+def _without_unused(
+    vertices: np.ndarray, colors: np.ndarray | None, faces: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+    """Vertices, their colours and faces (int32) without the vertices that no face uses, if one is out of the way."""
+    used = np.zeros(len(vertices), bool)
+    used[faces] = True
+    low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
+    if ((vertices >= low) & (vertices <= high)).all():
+        return vertices, colors, faces.astype(np.int32)
+    number = np.cumsum(used, dtype=np.int32) - 1
+    return vertices[used], None if colors is None else colors[used], number[faces].astype(np.int32)
 
 
-def _rgb(rgba: np.ndarray) -> tuple[int, int, int]:
-    red, green, blue = (int(value) for value in rgba[:3])
-    return red, green, blue
+def _without_stray(mesh: SceneMesh, path: Path) -> SceneMesh:
+    """The mesh without the triangles far away from all others, which is said."""
+    near = near_faces(mesh.vertices, mesh.faces)
+    if near.all():
+        return mesh
+    log.warning("%s: %d of %d triangles are far away from all others and are left out.", path, np.sum(~near), len(near))
+    vertices, colors, faces = _without_unused(mesh.vertices, mesh.vertex_colors, mesh.faces[near])
+    return replace(
+        mesh,
+        vertices=vertices,
+        vertex_colors=colors,
+        faces=faces,
+        uv=mesh.uv[near],
+        face_material=mesh.face_material[near],
+        face_label=mesh.face_label[near],
+    )
+
+
+def _from_origin(mesh: SceneMesh) -> SceneMesh:
+    """The mesh with float32 vertices, counted from an origin near them along the axes on which they are far away."""
+    low, high = mesh.bounds.astype(np.float64)
+    origin = np.where(np.maximum(np.abs(low), np.abs(high)) > FAR, np.floor(low), 0.0)
+    x, y, z = (float(value) for value in origin)
+    return replace(mesh, vertices=(mesh.vertices - origin).astype(np.float32), origin=(x, y, z))

@@ -18,6 +18,8 @@ log = logging.getLogger(__name__)
 class SceneFloors:
     """Chooses the floors and finds their free space, each once.
 
+    A mesh that is far from the world's origin has an origin of its own, from which bodies and rays count.
+
     Where one floor has to be chosen among several, all of them are surveyed at once; otherwise a floor is surveyed when
     it is asked for. The log says which floors there are and what the robot cannot reach.
 
@@ -39,7 +41,12 @@ class SceneFloors:
         self._say_taken()
 
     def free_space(self, number: int) -> FreeSpace:
-        """The free space of a floor, by its number among `floors`.
+        """The free space of a floor, by its number among `floors`; raises as `mesh_space`."""
+        space, origin = self.mesh_space(number), self._scene.mesh.origin
+        return space.moved(*origin) if any(origin) else space
+
+    def mesh_space(self, number: int) -> FreeSpace:
+        """The free space of a floor as seen from the mesh's origin.
 
         Raises:
             DeuxError: there is no such floor, or the robot fits nowhere on it.
@@ -103,17 +110,19 @@ class SceneFloors:
 
     def _survey(self, floor: Floor) -> FloorSurvey:
         if floor not in self._surveys:
-            others = [other.height for other in self._scene.floors if other != floor]
+            x, y, z = self._scene.mesh.origin
+            others = [other.height - y for other in self._scene.floors if other != floor]
+            region, start = self._area.region, self._area.start
             try:
                 found = survey_floor(
                     self._scene.mesh,
-                    floor.height,
+                    floor.height - y,
                     self._robot,
                     caster=self._caster,
                     other_floors=others,
                     bounds=self._bounds,
-                    region=self._area.region,
-                    start=self._area.start,
+                    region=region and (region[0] - x, region[1] - z, region[2] - x, region[3] - z),
+                    start=start and (start[0] - x, start[1] - z),
                 )
             except DeuxError as error:
                 listed = f"; the floors of the scene are {self._listed()}." if others else "."

@@ -1,14 +1,23 @@
 """Checks of the splits of a scene source: no scene twice, none in two splits, none missing."""
 
+import logging
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from itertools import combinations
-from typing import Any
+from typing import Any, TypeVar
 
 from deux.contracts import SceneReference, SceneSplits
 from deux.errors import DeuxError
 
+log = logging.getLogger(__name__)
+
 SPLITS = ("train", "validation", "test")
+
+T = TypeVar("T")
+
+
+def _itself(item: Hashable) -> Hashable:
+    return item
 
 
 def make_splits(scenes: Mapping[str, Sequence[SceneReference]]) -> SceneSplits:
@@ -24,20 +33,58 @@ def make_splits(scenes: Mapping[str, Sequence[SceneReference]]) -> SceneSplits:
     return SceneSplits(**{split: tuple(scenes.get(split, ())) for split in SPLITS})
 
 
-def check_disjoint(splits: Mapping[str, Sequence[Any]], noun: str, advice: str = "") -> None:
-    """Check that no item is in two splits.
+def check_disjoint(
+    splits: Mapping[str, Sequence[Any]],
+    noun: str,
+    advice: str = "",
+    content: Callable[[Any], Hashable] = _itself,
+) -> None:
+    """Check that no item is in two splits, under one name or two.
 
     Args:
         splits: the items of each split, hashable.
         noun: how the message calls an item.
         advice: what else can be done about it; it ends the message.
+        content: items of which it is equal are the same, such as copies of a file and links to it.
 
     Raises:
         DeuxError: an item is in two splits.
     """
     for (first, some), (second, others) in combinations(splits.items(), 2):
-        for item in sorted(set(some) & set(others))[:1]:
-            raise DeuxError(f"{noun} {item} is in scenes.{first} and scenes.{second}: it must be in one only{advice}.")
+        known = {content(item): item for item in some}
+        for other in others:
+            item = known.get(content(other))
+            if item == other:
+                raise DeuxError(
+                    f"{noun} {item} is in scenes.{first} and scenes.{second}: it must be in one only{advice}."
+                )
+            if item is not None:
+                raise DeuxError(
+                    f"{noun} {item} is in scenes.{first} and, as {other}, in scenes.{second}: it must be in one "
+                    f"only{advice}."
+                )
+
+
+def each_once(
+    splits: Mapping[str, Sequence[T]], noun: str, content: Callable[[T], Hashable]
+) -> dict[str, tuple[T, ...]]:
+    """The splits without items that are in one of them a second time under another name, each of which is said.
+
+    Args:
+        splits: the items of each split.
+        noun: how the message calls an item.
+        content: as of `check_disjoint`.
+    """
+    kept: dict[str, tuple[T, ...]] = {}
+    for split, items in splits.items():
+        first: dict[Hashable, T] = {}
+        for item in items:
+            if first.setdefault(content(item), item) != item:
+                log.warning(
+                    "%s %s of scenes.%s is the same as %s: it is taken once.", noun, item, split, first[content(item)]
+                )
+        kept[split] = tuple(item for item in items if first[content(item)] == item)
+    return kept
 
 
 def check_not_empty(splits: SceneSplits, needed: Sequence[str]) -> None:

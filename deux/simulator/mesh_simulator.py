@@ -57,7 +57,7 @@ class MeshSimulator(Simulator):
         self.scene, self.camera, self.robot = scene, camera, robot
         self.floors, self.label_names = shared.floors.floors, shared.scene.mesh.label_names
         self._shared = shared
-        self._place: tuple[float, float, float, int] | None = None  # x, z, yaw, floor
+        self._place: tuple[float, float, float, int] | None = None  # x and z from the mesh's origin, yaw, floor
 
     @property
     def object_labels(self) -> tuple[str, ...]:
@@ -70,12 +70,14 @@ class MeshSimulator(Simulator):
         Raises:
             DeuxError: the robot does not fit there, or there is no such floor.
         """
-        if not self._shared.body(floor).stands_at(x, z):
+        origin_x, _, origin_z = self._shared.scene.mesh.origin
+        here_x, here_z = x - origin_x, z - origin_z
+        if not self._shared.body(floor).stands_at(here_x, here_z):
             raise DeuxError(
                 f"the robot cannot stand at x={x:.3f}, z={z:.3f} in {self.scene.name}: the point is not on the free "
                 f"floor, take one of simulator.free_space() or of random_starts()."
             )
-        self._place = (x, z, yaw, floor)
+        self._place = (here_x, here_z, yaw, floor)
 
     def step(self, action: Action) -> bool:
         """Carry out one action; true if the robot touched something and moved less than it was told to."""
@@ -94,7 +96,9 @@ class MeshSimulator(Simulator):
     def pose(self) -> np.ndarray:
         """The camera's present camera-to-world matrix, 4 x 4 float64."""
         x, z, yaw, floor = self._standing
-        return camera_pose(x, self.free_space(floor).height_at(x, z) + self.robot.camera_height, z, yaw)
+        mesh_x, mesh_y, mesh_z = self._shared.scene.mesh.origin
+        height = self._shared.floors.mesh_space(floor).height_at(x, z) + self.robot.camera_height
+        return camera_pose(x + mesh_x, height + mesh_y, z + mesh_z, yaw)
 
     def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
         """What the camera records at each of N x 4 x 4 poses; the robot stays where it is.
@@ -103,7 +107,9 @@ class MeshSimulator(Simulator):
             DeuxError: the renderer's system libraries are missing.
         """
         faces = bool(channels & {Channel.LABELS, Channel.OBJECTS})
-        images = self._shared.renderer(self.camera).render(poses, Channel.COLOR in channels, faces)
+        here = np.array(poses, np.float64)
+        here[:, :3, 3] -= self._shared.scene.mesh.origin
+        images = self._shared.renderer(self.camera).render(here, Channel.COLOR in channels, faces)
         return [self._frame(image, pose, channels) for image, pose in zip(images, poses, strict=True)]
 
     def free_space(self, floor: int = 0) -> FreeSpace:
@@ -137,7 +143,10 @@ class MeshSimulator(Simulator):
 
 @dataclass
 class _SharedScene:
-    """A loaded scene and what is made of it on first use, for all robots in it and all their cameras."""
+    """A loaded scene and what is made of it on first use, for all robots in it and all their cameras.
+
+    Bodies and renderers count places from the mesh's origin, for which float32 is fine enough, not from the world's.
+    """
 
     reference: SceneReference
     scene: Scene
@@ -152,7 +161,7 @@ class _SharedScene:
 
     def body(self, floor: int) -> Body:
         if floor not in self._bodies:
-            self._bodies[floor] = Body(self.floors.free_space(floor))
+            self._bodies[floor] = Body(self.floors.mesh_space(floor))
         return self._bodies[floor]
 
     def renderer(self, camera: Camera) -> Renderer:
@@ -183,4 +192,4 @@ class _SharedScene:
 
 def _untextured(scene: Scene) -> Scene:
     materials = tuple(Material(material.name) for material in scene.mesh.materials)
-    return replace(scene, mesh=replace(scene.mesh, materials=materials))
+    return replace(scene, mesh=replace(scene.mesh, materials=materials, pyramids=None))

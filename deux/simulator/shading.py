@@ -7,7 +7,10 @@ import numpy as np
 
 from deux.compilation import compiled
 from deux.contracts import SceneMesh
-from deux.simulator.textures import TexturePyramids, pack_textures, trilinear_lookup
+from deux.geometry.texture_pyramids import TexturePyramids
+from deux.simulator.textures import pack_textures, trilinear_lookup
+
+_BLOCK = 100_000  # triangles whose float64 arrays are in memory at once
 
 
 class Surfaces(NamedTuple):
@@ -34,27 +37,36 @@ class Surfaces(NamedTuple):
 
 def prepare_surfaces(mesh: SceneMesh) -> Surfaces:
     """Compute what shading needs from a mesh, once per scene."""
-    corners = mesh.triangles.astype(np.float64)
+    # A lookup at a coordinate that is not a number would read outside the texture.
+    uv = np.nan_to_num(mesh.uv, posinf=0.0, neginf=0.0)
+    normal = np.empty((len(mesh.faces), 3), np.float32)
+    gradient = np.empty((len(mesh.faces), 2, 3), np.float32)
+    for start in range(0, len(mesh.faces), _BLOCK):
+        block = np.s_[start : start + _BLOCK]
+        normal[block], gradient[block] = _normal_and_gradient(mesh.vertices[mesh.faces[block]], uv[block])
+    colors = mesh.vertex_colors
+    return Surfaces(
+        uv=uv,
+        normal=normal,
+        uv_gradient=gradient,
+        material=np.ascontiguousarray(mesh.face_material, dtype=np.int32),
+        corner_color=np.zeros((0, 3, 3), np.uint8) if colors is None else colors[mesh.faces],
+        base_color=np.array([material.color for material in mesh.materials], np.float32).reshape(-1, 3),
+        textures=mesh.pyramids or pack_textures(mesh.materials),
+    )
+
+
+def _normal_and_gradient(corners: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit normals (F x 3) of triangles, and how u and v change per metre in their planes (F x 2 x 3), float64."""
+    corners, uv = corners.astype(np.float64), uv.astype(np.float64)
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(first, second)
     # No ray hits a triangle without area; the lower bound only keeps its gradient finite.
     squared = np.maximum((normal**2).sum(axis=1, keepdims=True), 1e-30)
     # The dual basis of the two edges: it turns a step in the plane into a step in barycentric coordinates.
     dual = np.stack([np.cross(second, normal), np.cross(normal, first)], axis=1) / squared[..., None]
-    # A lookup at a coordinate that is not a number would read outside the texture.
-    uv = np.nan_to_num(mesh.uv.astype(np.float64), posinf=0.0, neginf=0.0)
-    uv_edges = uv[:, 1:] - uv[:, :1]
-    gradient = np.einsum("fec,fex->fcx", uv_edges, dual)
-    colors = mesh.vertex_colors
-    return Surfaces(
-        uv=uv.astype(np.float32),
-        normal=(normal / np.sqrt(squared)).astype(np.float32),
-        uv_gradient=gradient.astype(np.float32),
-        material=np.ascontiguousarray(mesh.face_material, dtype=np.int32),
-        corner_color=np.zeros((0, 3, 3), np.uint8) if colors is None else colors[mesh.faces],
-        base_color=np.array([material.color for material in mesh.materials], np.float32).reshape(-1, 3),
-        textures=pack_textures(mesh.materials),
-    )
+    gradient = np.einsum("fec,fex->fcx", uv[:, 1:] - uv[:, :1], dual)
+    return normal / np.sqrt(squared), gradient
 
 
 @compiled(nogil=True, error_model="numpy")

@@ -1,61 +1,26 @@
-"""Mip pyramids of all textures of a scene in one buffer, and trilinear lookup into them."""
+"""The mip pyramids of all textures of a scene, and trilinear lookup into them."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from deux.compilation import compiled
 from deux.contracts import Material
-
-
-class TexturePyramids(NamedTuple):
-    """Textures and their halved copies (mip levels), packed.
-
-    Args:
-        texels: flat uint8: every level's rows x columns x 3, one after the other.
-        offsets: T x L int64, index in `texels` of each texture's levels; -1 beyond the last.
-        sizes: T x 2 int64, height and width of level 0; level l has max(1, size >> l).
-        material_texture: M int64, the texture of each material, -1 for none.
-    """
-
-    texels: np.ndarray
-    offsets: np.ndarray
-    sizes: np.ndarray
-    material_texture: np.ndarray
+from deux.geometry.texture_pyramids import TexturePyramids, pack_pyramids
 
 
 def pack_textures(materials: Sequence[Material]) -> TexturePyramids:
     """Build the pyramids of all textures of `materials`; a texture that several share is stored once."""
     textures: list[np.ndarray] = []
     index: dict[int, int] = {}
-    material_texture = np.full(len(materials), -1, dtype=np.int64)
+    material_texture = [-1] * len(materials)
     for number, material in enumerate(materials):
         if material.texture is not None:
             if id(material.texture) not in index:
                 index[id(material.texture)] = len(textures)
                 textures.append(material.texture)
             material_texture[number] = index[id(material.texture)]
-
-    sizes = np.array([texture.shape[:2] for texture in textures], dtype=np.int64).reshape(-1, 2)
-    levels = [int(size.max()).bit_length() for size in sizes]
-    offsets = np.full((len(textures), max(levels, default=1)), -1, dtype=np.int64)
-    end = 0
-    for number, count in enumerate(levels):
-        for level in range(count):
-            offsets[number, level] = end
-            end += 3 * int(np.maximum(1, sizes[number] >> level).prod())
-
-    texels = np.empty(end, dtype=np.uint8)
-    for texture, starts, count in zip(textures, offsets, levels, strict=True):
-        for level in range(count):
-            if level > 0:
-                height, width = texture.shape[:2]
-                # Bilinear at half the size is the mean of 2 x 2 texels, and what OpenGL does where a size is odd.
-                texture = cv2.resize(texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_LINEAR)
-            texels[starts[level] : starts[level] + texture.size] = texture.reshape(-1)
-    return TexturePyramids(texels, offsets, sizes, material_texture)
+    return pack_pyramids(textures, material_texture)
 
 
 @compiled(nogil=True, error_model="numpy")

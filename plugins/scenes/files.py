@@ -1,26 +1,21 @@
-"""The scene source `files`: any .glb, .gltf, .obj or .ply that trimesh reads."""
+"""The scene source `files`: any .glb, .gltf, .obj or .ply."""
 
 import functools
 import hashlib
-import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
-from urllib.parse import unquote
-
-import numpy as np
 
 from deux.contracts import Scene, SceneArea, SceneReference, SceneSource, SceneSplits
-from deux.errors import DeuxError, near_matches
-from deux.scenes.floor import find_floors
-from deux.scenes.mesh_reader import Up, read_mesh
-from deux.scenes.splits import SPLITS, check_disjoint, make_splits
-
-SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
-LARGEST = 1000.0  # metres
+from deux.errors import DeuxError, check_range, near_matches
+from deux.scenes.mesh_reader import SUFFIXES, Up, read_mesh, referenced_files
+from deux.scenes.mesh_scene import mesh_scene
+from deux.scenes.prepared_scene import prepared_scene
+from deux.scenes.splits import SPLITS, check_disjoint, each_once, make_splits
 
 
 @dataclass(frozen=True)
@@ -31,15 +26,21 @@ class FileReference(SceneReference):
         name: the scene's name.
         path: the file, absolute.
         up: the axis of the file that points up, "y" or "z".
+        scale: metres per unit of the file.
+        max_texture: the most pixels that the longer side of a texture keeps; None for all.
+        prepared: the folder of prepared scenes, absolute; None for none.
     """
 
     path: Path
     up: Up = "y"
+    scale: float = 1.0
+    max_texture: int | None = None
+    prepared: Path | None = None
 
     @property
     def identity(self) -> str:
         """The hash of the file's content, wherever the file lies; read once in each process."""
-        return file_identity(self.path, self.up)
+        return file_identity(self.path, self.up, self.scale, self.max_texture)
 
     @property
     def file(self) -> Path:
@@ -47,18 +48,26 @@ class FileReference(SceneReference):
         return self.path
 
     def load(self) -> Scene:
-        """Read the file."""
-        return replace(load_scene(self.path, self.up), name=self.name)
+        """Read the file, or open what was prepared of it."""
+        check_scene_file(self.path)
+        made = partial(load_scene, self.path, self.up, self.scale, self.max_texture)
+        return replace(prepared_scene(self.prepared, self.identity, made), name=self.name)
 
 
 class Files(SceneSource):
-    """Mesh files: .glb, .gltf, .obj or .ply in metres, of any building or room.
+    """Mesh files: .glb, .gltf, .obj or .ply of any building or room.
 
     Args:
         train: path or paths of the scenes that are explored, relative to the working folder; ~ is the home folder.
         validation: likewise, of the scenes that choose between models.
         test: likewise, of the scenes that are kept for the final numbers.
         up: the axis of the files that points up; z turns them: world (x, y, z) = (x, z, -y) of the file.
+        scale: metres per unit of the files, 0.01 for centimetres.
+        max_texture: the most pixels that the longer side of a texture keeps, larger ones are halved until they fit;
+            null keeps all. Decoded textures take 4 bytes of memory for each pixel.
+        prepared: a folder in which a scene is kept as it is used once it was read: it then opens at once, and
+            processes share its memory. It takes 4 bytes for each pixel of the textures and about 100 for each
+            triangle, and can be deleted at any time; null keeps nothing.
         allow_overlap: whether a file may be in two splits.
         floor: the floor of each scene that the robot lives on: "largest", "all" for an episode on each, or a number
             that counts them from the lowest, which is 0.
@@ -75,30 +84,45 @@ class Files(SceneSource):
         validation: str | list[str] | None = None,
         test: str | list[str] | None = None,
         up: Up = "y",
+        scale: float = 1.0,
+        max_texture: int | None = None,
+        prepared: str | None = None,
         allow_overlap: bool = False,
         floor: int | Literal["largest", "all"] = "largest",
         region: tuple[float, float, float, float] | None = None,
         start: tuple[float, float] | None = None,
     ) -> None:
-        self._up: Up = up
+        check_range("scenes.scale", scale, 0.0, ends=False)
+        if max_texture is not None:
+            check_range("scenes.max_texture", max_texture, 1)
+        self._up, self._scale, self._max_texture = up, scale, max_texture
+        self._prepared = None if prepared is None else Path(os.path.abspath(Path(prepared).expanduser()))
         self._area = SceneArea(floor, region, start)
-        self._paths = {split: _paths(asked) for split, asked in zip(SPLITS, (train, validation, test), strict=True)}
+        paths = {split: _paths(asked) for split, asked in zip(SPLITS, (train, validation, test), strict=True)}
+        contents = _contents({path for listed in paths.values() for path in listed})
         if not allow_overlap:
-            check_disjoint(self._paths, "file", ", or set scenes.allow_overlap=true")
+            check_disjoint(paths, "file", ", or set scenes.allow_overlap=true", contents.__getitem__)
+        self._paths = each_once(paths, "file", contents.__getitem__)
 
     def splits(self) -> SceneSplits:
         """The files of each split, named after their stems."""
         names = _names({path for paths in self._paths.values() for path in paths})
-        return make_splits(
-            {
-                split: [FileReference(names[path], path, self._up, area=self._area) for path in paths]
-                for split, paths in self._paths.items()
-            }
+        return make_splits({split: [self._reference(names, p) for p in paths] for split, paths in self._paths.items()})
+
+    def _reference(self, names: Mapping[Path, str], path: Path) -> FileReference:
+        return FileReference(
+            names[path], path, self._up, self._scale, self._max_texture, self._prepared, area=self._area
         )
 
 
 def _paths(asked: str | Sequence[str] | None) -> tuple[Path, ...]:
     return tuple(check_scene_file(path) for path in ([asked] if isinstance(asked, str) else asked or ()))
+
+
+def _contents(paths: Collection[Path]) -> dict[Path, str]:
+    """What tells the content of files apart: for files of one size a hash, for all others the path, which is quick."""
+    sizes = Counter(path.stat().st_size for path in paths)
+    return {path: str(path) if sizes[path.stat().st_size] == 1 else file_identity(path) for path in paths}
 
 
 def _names(paths: set[Path]) -> dict[Path, str]:
@@ -112,29 +136,22 @@ def _names(paths: set[Path]) -> dict[Path, str]:
     return names
 
 
-def load_scene(path: str | Path, up: Up = "y") -> Scene:
+def load_scene(path: str | Path, up: Up = "y", scale: float = 1.0, max_texture: int | None = None) -> Scene:
     """Read a scene; it is named after the file.
 
-    Geometry and colours are read as `mesh_reader.read_mesh` says.
-
     Args:
-        path: a .glb, .gltf, .obj or .ply in metres.
+        path: a .glb, .gltf, .obj or .ply.
         up: "z" turns a Z-up file: world (x, y, z) = (x, z, -y) of the file.
+        scale: metres per unit of the file.
+        max_texture: the most pixels that the longer side of a texture keeps; None for all.
 
     Raises:
-        DeuxError: the file, or one that it refers to, is missing, unreadable or holds no triangles or no floor.
+        DeuxError: the file, or one that it refers to, is missing, unreadable or damaged, or holds no triangles or no
+            floor, or is too large for a building in metres.
     """
     path = check_scene_file(path)
-    _parts(path)  # trimesh reads on in silence when one is missing
-    mesh = read_mesh(path, up)
-    extent = float(np.ptp(mesh.bounds, axis=0).max())
-    if extent > LARGEST:
-        raise DeuxError(f"{path} is {extent:.0f} m large, but a scene is at most {LARGEST:.0f} m: is it in metres?")
-    try:
-        floors = find_floors(mesh)
-    except DeuxError as error:
-        raise DeuxError(f"{path}: {error}") from error
-    return Scene(path.stem, mesh, floors, file_identity(path, up))
+    identity = file_identity(path, up, scale, max_texture)  # also finds out whether a part of it is missing
+    return mesh_scene(path.stem, read_mesh(path, up, scale, max_texture), identity, str(path), scale)
 
 
 def check_scene_file(path: str | Path) -> Path:
@@ -154,15 +171,16 @@ def check_scene_file(path: str | Path) -> Path:
     return path
 
 
-def file_identity(path: Path, up: Up = "y") -> str:
+def file_identity(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | None = None) -> str:
     """A stable string of the content of a scene file and of the files that it refers to; it does not hold the path.
 
     Raises:
-        DeuxError: a file that it refers to is missing, or its textures cannot be read.
+        DeuxError: a file that it refers to is missing, or the file cannot be read.
     """
-    hashes = [_file_hash(part, part.stat().st_size, part.stat().st_mtime_ns) for part in (path, *_parts(path))]
+    hashes = [_file_hash(p, p.stat().st_size, p.stat().st_mtime_ns) for p in (path, *referenced_files(path))]
     content = hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
-    return f"file:{content[:16]}" + ("" if up == "y" else f":{up}-up")
+    options = ("" if up == "y" else f":{up}-up") + ("" if scale == 1.0 else f":x{scale:g}")
+    return f"file:{content[:16]}{options}" + ("" if max_texture is None else f":textures{max_texture}")
 
 
 @functools.cache
@@ -170,58 +188,3 @@ def _file_hash(path: Path, size: int, modified: int) -> str:
     # Size and time are there for the cache: a file that changes is read again.
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _parts(path: Path) -> list[Path]:
-    """The other files that make up a scene: buffers, material libraries and textures."""
-    try:
-        names = list(_referenced(path))
-    except (ValueError, AttributeError) as error:
-        raise DeuxError(f"{path} cannot be read as a {path.suffix} file: {error}.") from error
-    for name in names:
-        if not (path.parent / name).is_file():
-            raise DeuxError(f"{path} needs {name}, which is not in {path.parent}: the two must be kept together.")
-    return [path.parent / name for name in names]
-
-
-def _referenced(path: Path) -> Iterator[str]:
-    """The names of the other files, as `path` writes them. What trimesh would skip in silence is an error."""
-    suffix = path.suffix.lower()
-    if suffix in (".glb", ".gltf"):
-        header = json.loads(_glb_header(path) if suffix == ".glb" else path.read_bytes())
-        if any(image.get("mimeType") == "image/ktx2" for image in header.get("images", ())):
-            raise DeuxError(f"{path} has Basis (KTX2) textures, which cannot be read: take its JPEG or PNG version.")
-        for entry in (*header.get("buffers", ()), *header.get("images", ())):
-            if "uri" in entry and not entry["uri"].startswith("data:"):
-                yield unquote(entry["uri"])
-    elif suffix == ".obj":
-        for library in _values(path, b"mtllib"):
-            yield library
-            if (path.parent / library).is_file():
-                yield from _values(path.parent / library, b"map_kd")
-    else:
-        with path.open("rb") as file:
-            for line in file:
-                if line.startswith(b"comment TextureFile"):
-                    yield line.decode().split(maxsplit=2)[2].strip()
-                if line.startswith(b"end_header"):
-                    break
-
-
-def _glb_header(path: Path) -> bytes:
-    # 12 bytes of file header, then the JSON chunk: length, type, text.
-    with path.open("rb") as file:
-        start = file.read(20)
-        if start[:4] != b"glTF":
-            raise ValueError("it does not begin as such a file does")
-        whole, there = int.from_bytes(start[8:12], "little"), path.stat().st_size
-        if there < whole:
-            raise ValueError(f"it is truncated to {there} of {whole} bytes")
-        return file.read(int.from_bytes(start[12:16], "little"))
-
-
-def _values(path: Path, key: bytes) -> list[str]:
-    """What follows `key` on the lines of a text file that begin with it in either case."""
-    with path.open("rb") as file:
-        lines = (line.strip().split(maxsplit=1) for line in file)
-        return [line[1].decode().strip() for line in lines if len(line) == 2 and line[0].lower() == key]

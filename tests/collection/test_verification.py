@@ -12,7 +12,7 @@ from deux.collection.verification import Rejection, VerificationSettings, verify
 from deux.contracts import Action
 from deux.io.calibration import write_matrix
 from deux.io.frames import prepare_folders, write_frame
-from deux.io.images import write_depth, write_image
+from deux.io.images import read_image, write_depth, write_image
 from deux.io.layout import SequencePaths
 
 SPARSE = SparseSettings(0.02)
@@ -82,11 +82,17 @@ def other_validity(paths: SequencePaths) -> None:
     write_depth(paths.file("validity_map", "000004"), np.ones((40, 48)))
 
 
+def blank_image(paths: SequencePaths) -> None:
+    file = paths.file("image", "000004")
+    write_image(file, np.full_like(read_image(file), 160))
+
+
 @pytest.mark.parametrize(
     ("damage", "reason", "frames"),
     [
         # What is wrong with the target alone costs that frame; one that is no source either costs the two after it.
         (fewer_points, Rejection.TOO_FEW_POINTS, [4]),
+        (blank_image, Rejection.ONE_COLOR, [4]),
         (less_depth, Rejection.TOO_LITTLE_DEPTH, [4]),
         (cut_image, Rejection.UNREADABLE, [4, 5, 6]),
         (cut_depth, Rejection.UNREADABLE, [4, 5, 6]),

@@ -115,9 +115,9 @@ def test_outputs_need_a_folder(tiny, tmp_path):
 
 
 def plane(folder: Path, name: str, tilt: float) -> Path:
-    """A square of 4 m x 4 m, tilted about the x axis, as a .glb."""
+    """A square of 4 m x 4 m in four colours, tilted about the x axis, as a .glb."""
     corners = [[-2.0, 0.0, -2.0], [2.0, 0.0, -2.0], [2.0, 0.0, 2.0], [-2.0, 0.0, 2.0]]
-    mesh = trimesh.Trimesh(corners, [[0, 2, 1], [0, 3, 2]])
+    mesh = trimesh.Trimesh(corners, [[0, 2, 1], [0, 3, 2]], vertex_colors=np.eye(4, 3, dtype=np.uint8) * 255)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(tilt, (1, 0, 0)))
     path = folder / f"{name}.glb"
     trimesh.Scene(mesh).export(path)

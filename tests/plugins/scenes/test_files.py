@@ -8,10 +8,14 @@ import pytest
 import trimesh
 from PIL import Image
 
-from deux.contracts import SceneArea, SceneSource
+from deux.collection.walk import Walk, run_walks
+from deux.contracts import Robot, SceneArea, SceneSource
 from deux.errors import DeuxError
+from deux.geometry.camera import Camera
 from deux.options import construct, full_settings
+from deux.simulator.mesh_simulator import MeshSimulator
 from deux.testing.scenes import SceneSourceSuite
+from deux_plugins.explorers.frontier import FrontierExplorer
 from deux_plugins.scenes.files import FileReference, Files, check_scene_file, file_identity, load_scene
 
 SQUARE = np.array([[0, 0, 0], [4, 0, 0], [4, 0, 4], [0, 0, 4]], np.float32)
@@ -294,9 +298,9 @@ def test_up_reaches_the_scene(boxes):
 
 
 def test_equal_stems_are_told_apart_by_their_folders(tmp_path):
-    for folder in ("office", "hotel"):
+    for height, folder in enumerate(("office", "hotel"), start=3):
         (tmp_path / folder).mkdir()
-        trimesh.creation.box([4, 4, 4]).export(tmp_path / folder / "mesh.ply")
+        trimesh.creation.box([4, height, 4]).export(tmp_path / folder / "mesh.ply")
     train, test = (str(tmp_path / folder / "mesh.ply") for folder in ("office", "hotel"))
     splits = Files(train, test=test).splits()
     assert (splits.train[0].name, splits.test[0].name) == ("office_mesh", "hotel_mesh")
@@ -312,12 +316,72 @@ def test_a_file_in_two_splits_must_be_allowed_as_the_error_says(boxes):
     assert splits.test[0] == splits.train[0]
 
 
+def test_copies_and_links_are_the_scene_that_they_are_of(boxes, tmp_path, caplog):
+    copy, link = tmp_path / "copy.ply", tmp_path / "link.ply"
+    copy.write_bytes((tmp_path / "a.ply").read_bytes())
+    link.symlink_to(tmp_path / "a.ply")
+    for other in (copy, link):
+        with pytest.raises(DeuxError, match=rf"a\.ply is in scenes\.train and, as .*{other.name}, in scenes\.test"):
+            Files(boxes, test=str(other))
+    assert Files(boxes, test=str(copy), allow_overlap=True).splits().test[0].name == "copy"
+    (scene,) = Files([boxes[0], str(copy)]).splits().train
+    assert scene.name == "a"
+    assert "copy.ply of scenes.train is the same as" in caplog.text
+
+
+def test_scale_and_textures_are_options_and_part_of_the_identity(boxes):
+    trimesh.creation.box([400, 300, 400]).export(boxes[0])
+    with pytest.raises(DeuxError, match=r"scenes\.scale=0\.01"):
+        Files(boxes[0]).splits().train[0].load()
+    (scaled,) = Files(boxes[0], scale=0.01).splits().train
+    np.testing.assert_allclose(scaled.load().mesh.bounds, [[-2, -1.5, -2], [2, 1.5, 2]])
+    (small,) = Files(boxes[0], scale=0.01, max_texture=512).splits().train
+    assert len({scaled.identity, small.identity, FileReference("a", scaled.path).identity}) == 3
+    for settings, message in (({"scale": 0.0}, r"scenes\.scale"), ({"max_texture": 0}, r"scenes\.max_texture")):
+        with pytest.raises(DeuxError, match=message):
+            Files(boxes[0], **settings)
+
+
+@pytest.fixture
+def colored_rooms(tmp_path):
+    """A room with a box in it, at the origin and far away: origin.glb, far.glb and how far."""
+    offset = np.array([448_000.0, 120.0, 5_411_000.0])
+    room = trimesh.util.concatenate(
+        [trimesh.creation.box(bounds=[[0, 0, 0], [7, 2.5, 5]]), trimesh.creation.box(bounds=[[2, 0, 1.5], [3, 1.5, 4]])]
+    ).subdivide()
+    room.visual.vertex_colors = np.random.default_rng(0).integers(0, 256, (len(room.vertices), 4), np.uint8)
+    for name, move in (("origin", 0 * offset), ("far", offset)):
+        scene = trimesh.Scene()
+        scene.add_geometry(room, transform=trimesh.transformations.translation_matrix(move))
+        scene.export(tmp_path / f"{name}.glb")
+    return tmp_path / "origin.glb", tmp_path / "far.glb", offset
+
+
+def test_an_exploration_far_from_the_origin_records_the_same_frames(colored_rooms):
+    *paths, offset = colored_rooms
+    simulators = [MeshSimulator(FileReference("room", path), Camera(48, 48), Robot()) for path in paths]
+    near, far = (simulator.free_space() for simulator in simulators)
+    np.testing.assert_array_equal(near.free, far.free)
+    assert (far.frame.origin_x, far.frame.origin_z, far.floor_height) == (offset[0], offset[2], offset[1])
+    assert simulators[1].floors[0].height == offset[1]
+    walks = [Walk(simulator, FrontierExplorer(), 3, 60) for simulator in simulators]
+    for one, other in run_walks(walks):
+        assert one.action == other.action
+        np.testing.assert_array_equal(one.frame.rgb, other.frame.rgb)
+        np.testing.assert_array_equal(one.frame.depth, other.frame.depth)
+        np.testing.assert_allclose(other.frame.pose[:3, 3] - one.frame.pose[:3, 3], offset, rtol=0, atol=1e-8)
+    assert len(walks[0].actions) == 60
+
+
 def test_options_have_defaults_that_json_holds():
     assert full_settings(Files, {"train": "a.ply"}) == {
         "train": "a.ply",
         "validation": None,
         "test": None,
         "up": "y",
+        "scale": 1.0,
+        "max_texture": None,
+        "prepared": None,
         "allow_overlap": False,
         "floor": "largest",
         "region": None,

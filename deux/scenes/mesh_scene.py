@@ -1,0 +1,81 @@
+"""A mesh as a scene: its floors are found, and what is unlikely about it is said."""
+
+import functools
+import logging
+
+import numpy as np
+
+from deux.contracts import Floor, Scene, SceneMesh
+from deux.errors import DeuxError
+from deux.scenes.floor import find_floors
+from deux.scenes.mesh_extent import describe_size, unit_advice
+from deux.scenes.ray_caster import RayCaster
+
+log = logging.getLogger(__name__)
+
+LIKELY_CEILING = (1.0, 30.0)
+"""Metres between the floor and the ceiling, outside which a mesh is hardly in metres."""
+
+_SAMPLES = 500
+_LEVEL = 0.1  # metres from the floor's height within which a surface is the floor's
+
+
+def mesh_scene(name: str, mesh: SceneMesh, identity: str, where: str, scale: float = 1.0) -> Scene:
+    """Find the floors of a mesh and warn, once in each process, of what makes it useless: no colours, a wrong unit.
+
+    Args:
+        name: the scene's name.
+        mesh: geometry and appearance.
+        identity: as of `SceneReference`.
+        where: the scene's file, for the messages.
+        scale: metres per unit of the file that were assumed, for the advice.
+
+    Raises:
+        DeuxError: the mesh has no floor.
+    """
+    caster = RayCaster(mesh)
+    try:
+        floors = find_floors(mesh, caster)
+    except DeuxError as error:
+        sentence = str(error).rstrip(".")
+        if np.ptp(mesh.bounds, axis=0).max() < 2.0:
+            sentence += f"; the mesh is {describe_size(mesh.bounds)} large, {unit_advice(mesh.bounds, scale)}"
+        raise DeuxError(f"{where}: {sentence}.") from error
+    ceiling = _ceiling(mesh, floors[0], caster)
+    if not LIKELY_CEILING[0] <= ceiling <= LIKELY_CEILING[1] and np.isfinite(ceiling):
+        _warn_once(f"{where}: the ceiling is {ceiling:.2g} m above the floor: {unit_advice(mesh.bounds, scale)}.")
+    elif _LEVEL < np.ptp(mesh.bounds[:, 1]) < LIKELY_CEILING[0]:
+        _warn_once(f"{where} is {describe_size(mesh.bounds)} large: {unit_advice(mesh.bounds, scale)}.")
+    if not has_colors(mesh):
+        _warn_once(f"{where} has no colours: all its images are of one single colour, which teaches no depth.")
+    up = mesh.origin[1]
+    return Scene(name, mesh, tuple(Floor(floor.height + up, floor.area) for floor in floors), identity)
+
+
+def has_colors(mesh: SceneMesh) -> bool:
+    """Whether images of a mesh can have more than one colour."""
+    shown = [mesh.materials[k] for k in np.unique(mesh.face_material)]
+    colors = {material.color for material in shown}
+    textures = [material.texture for material in shown if material.texture is not None]
+    if len(colors) > 1 or any((texture != texture[0, 0]).any() for texture in textures):
+        return True
+    if len({texture[0, 0].tobytes() for texture in textures}) + (len(textures) < len(shown)) > 1:
+        return True
+    return mesh.vertex_colors is not None and bool((mesh.vertex_colors != mesh.vertex_colors[0]).any())
+
+
+def _ceiling(mesh: SceneMesh, floor: Floor, caster: RayCaster) -> float:
+    """The median height in metres of what is above the floor; infinite where nothing is."""
+    heights = mesh.vertices[:, 1][mesh.faces]
+    on_floor = np.flatnonzero((np.abs(heights - floor.height) < _LEVEL).all(axis=1))
+    if len(on_floor) == 0:
+        return np.inf
+    chosen = on_floor[np.linspace(0, len(on_floor) - 1, min(_SAMPLES, len(on_floor))).astype(np.int64)]
+    origins = mesh.vertices[mesh.faces[chosen]].mean(axis=1) + np.array([0.0, _LEVEL, 0.0])
+    above = caster.cast(origins, np.broadcast_to([0.0, 1.0, 0.0], origins.shape)).distance
+    return float(np.median(above)) + _LEVEL
+
+
+@functools.cache
+def _warn_once(sentence: str) -> None:
+    log.warning("%s", sentence)

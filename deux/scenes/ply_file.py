@@ -1,0 +1,155 @@
+"""Meshes from PLY files: polygons and triangle strips, several textures, colours under all usual names."""
+
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import Material
+from deux.errors import DeuxError
+from deux.scenes.mesh_parts import GREY, MeshPart, check_indices
+from deux.scenes.part_files import find_part, read_textures
+from deux.scenes.ply_elements import PlyElement, Ragged, read_ply_elements, read_ply_header
+from deux.scenes.polygons import triangulate
+
+_INDICES = ("vertex_indices", "vertex_index")
+_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
+_UV = (("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("texture_s", "texture_t"))
+_FACE_UV = ("texcoord", "texcoords")
+
+
+def read_ply(path: Path, max_texture: int | None = None) -> list[MeshPart]:
+    """Read the faces of a PLY file, one part for each texture.
+
+    Textures are those of the header's `TextureFile` comments, chosen face by face by `texnumber`. Where a texture
+    shows, colours are left out: in PLY files they are the same surface's, at another resolution. Vertices' colours are
+    preferred to those of faces.
+
+    Args:
+        path: the file.
+        max_texture: the most pixels that the longer side of a texture keeps; None for all.
+
+    Raises:
+        DeuxError: the file, or a texture of it, is missing or cannot be read, or it has vertices but no faces.
+    """
+    elements = read_ply_elements(path)
+    vertex, face = elements.get("vertex", {}), elements.get("face", {})
+    if any(name not in vertex for name in "xyz"):
+        raise DeuxError(f"{path} cannot be read as a scene: its vertices have no x, y and z.")
+    vertices = np.stack([np.asarray(vertex[name], np.float64) for name in "xyz"], axis=1)
+    index, corner, owner = _triangles(elements)
+    if len(index) == 0:
+        raise DeuxError(f"{path} holds {len(vertices):,} points but no triangles: there is nothing to see in it.")
+    check_indices(index, len(vertices), path)
+    uv = _corner_uv(face, vertex, index, corner, owner)
+    files = referenced_by_ply(path)
+    read = read_textures(files, max_texture)
+    textures = [read[file] for file in files]
+    number = np.where(np.isfinite(uv).all(axis=(1, 2)), _texture_numbers(face, owner, len(index)), -1)
+    number[(number < 0) | (number >= len(textures))] = -1
+
+    colors, face_colors = _colors(vertex), _colors(face)
+    parts = []
+    for shown in np.unique(number):
+        of = number == shown
+        if shown >= 0:
+            material = Material(f"texture {shown}", texture=textures[shown])
+            parts.append(MeshPart(vertices, index[of], material, uv[of].astype(np.float32)))
+        elif colors is None and face_colors is not None:
+            # A colour for each face is a colour for each corner of faces that share none.
+            apart = vertices[index[of]].reshape(-1, 3)
+            own = np.repeat(face_colors[owner[of]], 3, axis=0)
+            parts.append(MeshPart(apart, np.arange(len(apart)).reshape(-1, 3), Material("colours"), None, own))
+        else:
+            material = Material("no colours", GREY) if colors is None else Material("colours")
+            parts.append(MeshPart(vertices, index[of], material, None, colors))
+    return parts
+
+
+def referenced_by_ply(path: Path) -> list[Path]:
+    """The textures of a PLY file, in the order of its header.
+
+    Raises:
+        DeuxError: one of them is missing, or the file is not a PLY file.
+    """
+    names = [c.partition(" ")[2] for c in read_ply_header(path).comments if c.lower().startswith("texturefile ")]
+    return [find_part(name, path) for name in names]
+
+
+def _triangles(elements: dict[str, PlyElement]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Triangles as vertex indices (T x 3), as places in the faces' lists of corners (T x 3), and their faces (T)."""
+    lists = _list(elements.get("face", {}), _INDICES)
+    if lists is not None:
+        index = lists.values.astype(np.int64)
+        if (lists.lengths == 3).all():
+            corner = np.arange(len(index)).reshape(-1, 3)
+            return index.reshape(-1, 3), corner, np.arange(len(corner))
+        vertex = elements["vertex"]
+        known = np.clip(index, 0, max(len(vertex["x"]) - 1, 0))  # the caller names those that are none
+        points = np.stack([np.asarray(vertex[name], np.float64)[known] for name in "xyz"], axis=1)
+        corner, owner = triangulate(points, lists.lengths)
+        return index[corner], corner, owner
+    strips = _list(elements.get("tristrips", {}), _INDICES)
+    if strips is None:
+        return np.zeros((0, 3), np.int64), np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+    index = _strip_triangles(strips)
+    return index, np.zeros_like(index), np.zeros(len(index), np.int64)
+
+
+def _strip_triangles(strips: Ragged) -> np.ndarray:
+    """Triangles of strips that end with their list or at an index -1; every second one is turned round."""
+    ends = np.zeros(len(strips.values) + 1, bool)
+    ends[np.cumsum(strips.lengths)] = True  # a strip begins at the place after the last one's end
+    values = np.insert(strips.values.astype(np.int64), np.flatnonzero(ends[:-1]), -1)
+    window = np.lib.stride_tricks.sliding_window_view(values, 3) if len(values) >= 3 else values.reshape(-1, 1)[:0]
+    if len(window) == 0:
+        return np.zeros((0, 3), np.int64)
+    since = np.arange(len(values)) - np.maximum.accumulate(np.where(values < 0, np.arange(len(values)), -1))
+    whole = (window >= 0).all(axis=1)
+    odd = since[: len(window)][whole] % 2 == 0  # the first triangle begins one place after the -1
+    triangles = window[whole].copy()
+    triangles[odd] = triangles[odd][:, [1, 0, 2]]
+    a, b, c = triangles.T
+    return triangles[(a != b) & (b != c) & (a != c)]  # strips are joined by triangles without area
+
+
+def _corner_uv(
+    face: PlyElement, vertex: PlyElement, index: np.ndarray, corner: np.ndarray, owner: np.ndarray
+) -> np.ndarray:
+    """Texture coordinates of the corners, T x 3 x 2, by face or else by vertex; NaN where there are none."""
+    of_face, corners = _list(face, _FACE_UV), _list(face, _INDICES)
+    if of_face is not None and corners is not None:
+        # Two numbers for each corner; a face without any has an empty list.
+        has = of_face.lengths == 2 * corners.lengths
+        place = corner - (np.cumsum(corners.lengths) - corners.lengths)[owner][:, None]
+        first = (np.cumsum(of_face.lengths) - of_face.lengths)[owner][:, None] + 2 * place
+        values = np.append(of_face.values.astype(np.float64), np.nan)
+        first = np.where(has[owner][:, None], first, len(values) - 1)
+        return np.stack([values[first], values[np.minimum(first + 1, len(values) - 1)]], axis=2)
+    for u, v in _UV:
+        if u in vertex and v in vertex:
+            return np.stack([np.asarray(vertex[u], np.float64), np.asarray(vertex[v], np.float64)], axis=1)[index]
+    return np.full((*index.shape, 2), np.nan)
+
+
+def _texture_numbers(face: PlyElement, owner: np.ndarray, count: int) -> np.ndarray:
+    """Which texture each triangle shows; the first where the file does not say."""
+    stored = face.get("texnumber")
+    return np.zeros(count, np.int64) if stored is None else np.asarray(stored, np.int64)[owner]
+
+
+def _list(element: PlyElement, names: tuple[str, ...]) -> Ragged | None:
+    found = next((element[name] for name in names if name in element), None)
+    return found if isinstance(found, Ragged) and len(found.values) else None
+
+
+def _colors(element: PlyElement) -> np.ndarray | None:
+    """Colours, N x 3 uint8, of vertices or faces, from bytes, from 16 bits or from fractions; None without any."""
+    for names in _COLORS:
+        if all(name in element for name in names):
+            stored = np.stack([np.asarray(element[name]) for name in names], axis=1)
+            if stored.dtype == np.uint16:
+                stored = stored // 257
+            elif stored.dtype.kind == "f" and len(stored) and np.nanmax(stored) <= 1.0:
+                stored = np.nan_to_num(stored) * 255.0
+            return np.clip(np.rint(stored), 0, 255).astype(np.uint8) if len(stored) else None
+    return None

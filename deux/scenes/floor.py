@@ -100,10 +100,9 @@ def _look(caster: RayCaster, bounds: tuple[float, float, float, float]) -> _Leve
     if len(height) and (slope[0][face[0] >= 0] > 0.0).mean() > OUTWARD:
         # A point is in as many solids as more surfaces above it face up than down.
         solids = np.cumsum(np.sign(slope) * (face >= 0), axis=0) - np.sign(slope)
-        outside = (slope > 0.0) | (solids <= 0)
         # Where nothing stands on what is solid, it is a room whose faces look outward.
-        if (standing & outside & (height < caster.mesh.bounds[1, 1] - HEADROOM)).any():
-            standing &= outside
+        if (standing & (solids <= 0) & (height < caster.mesh.bounds[1, 1] - HEADROOM)).any():
+            standing &= (slope > 0.0) | (solids <= 0)
     standing &= _is_broad(np.where(standing, height, np.nan).reshape(-1, rows, columns), spacing).reshape(face.shape)
     covered = standing & (headroom < CEILING)
     inside = inside_building(

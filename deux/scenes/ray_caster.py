@@ -77,7 +77,10 @@ class RayCaster:
             if not going.size:
                 break
             height, face = np.full(len(points), np.nan), np.full(len(points), -1, np.int32)
-            height[going] = origins[going, 1] - hits.distance[met]
+            # From the corners: exact on a level surface, where a float32 distance is not.
+            a, b, c = self.mesh.vertices[self.mesh.faces[hits.face[met]], 1].astype(np.float64).T
+            u, v = hits.barycentric[met].T
+            height[going] = a + u * (b - a) + v * (c - a)
             face[going] = hits.face[met]
             heights.append(height)
             faces.append(face)

@@ -219,6 +219,8 @@ def test_a_closed_box_is_a_room_whichever_way_its_faces_look(mesh_of, inverted):
     box = trimesh.creation.box(bounds=[[0, 1, 0], [4, 4, 5]])
     if inverted:
         box.invert()
-    (floor,) = find_floors(mesh_of(box))
-    assert floor.height == pytest.approx(1.0, abs=1e-5)
-    assert floor.area == pytest.approx(20.0, rel=0.01)
+    table = trimesh.creation.box(bounds=[[1, 1, 1], [2, 1.7, 2]])
+    for furniture in ((), (table,)):
+        (floor,) = find_floors(mesh_of(box, *furniture))
+        assert floor.height == pytest.approx(1.0, abs=1e-5)
+        assert floor.area == pytest.approx(20.0 - len(furniture), rel=0.01)

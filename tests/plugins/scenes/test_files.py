@@ -243,15 +243,6 @@ def test_a_missing_or_broken_part_is_named(tmp_path, picture, part):
         load_scene(path)
 
 
-def test_textures_that_trimesh_would_skip_are_an_error(tmp_path, picture):
-    path = write_gltf(tmp_path / "rooms.gltf")
-    header = json.loads(path.read_text())
-    header["images"] = [{"uri": "wall.png", "mimeType": "image/ktx2"}]
-    path.write_text(json.dumps(header))
-    with pytest.raises(DeuxError, match="KTX2"):
-        load_scene(path)
-
-
 def test_a_missing_file_is_answered_by_what_lies_beside_it(tmp_path):
     with pytest.raises(DeuxError, match=r"no scene file .*house\.glb: there is: none\.$"):
         check_scene_file(tmp_path / "house.glb")

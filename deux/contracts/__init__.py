@@ -10,7 +10,17 @@ from deux.contracts.explorer import Episode, Explorer, ExplorerMap, Need, Observ
 from deux.contracts.loss import Batch, LossInputs, LossNeed, LossTerm, Reconstructions
 from deux.contracts.reader import FrameReference, Reader, Triplet
 from deux.contracts.reward import Experience, Reward
-from deux.contracts.scene import Floor, Material, Scene, SceneMesh, SceneReference, SceneSource, SceneSplits
+from deux.contracts.scene import (
+    Floor,
+    Material,
+    Scene,
+    SceneArea,
+    SceneFiles,
+    SceneMesh,
+    SceneReference,
+    SceneSource,
+    SceneSplits,
+)
 from deux.contracts.simulator import COLOR, DEPTH, Action, Channel, Channels, Frame, Simulator
 from deux.contracts.uncertainty import DepthPredictor, Uncertainty, View
 from deux.geometry.robot import Robot
@@ -47,6 +57,7 @@ __all__ = [
     "Robot",
     "Scene",
     "SceneArea",
+    "SceneFiles",
     "SceneMesh",
     "SceneReference",
     "SceneSource",

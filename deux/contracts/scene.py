@@ -41,6 +41,8 @@ class SceneMesh:
         face_label: F int32, index into `label_names`, -1 where nothing is known.
         label_names: names of the labels, such as "chair".
         vertex_colors: V x 3 uint8, multiplied onto the material; None where there are none.
+        face_object: F int32, number of the object (instance) that each face belongs to, -1 where it belongs to none;
+            None where the scene does not tell its objects apart.
     """
 
     vertices: np.ndarray
@@ -51,6 +53,7 @@ class SceneMesh:
     face_label: np.ndarray
     label_names: tuple[str, ...] = ()
     vertex_colors: np.ndarray | None = None
+    face_object: np.ndarray | None = None
 
     @property
     def triangles(self) -> np.ndarray:
@@ -151,6 +154,23 @@ class SceneReference(ABC):
 
 
 @dataclass(frozen=True)
+class SceneFiles:
+    """What is on disk of one scene.
+
+    Args:
+        name: the scene's name.
+        files: the files that are there.
+        missing: what is needed and not there, such as "17DRP5sb8fy.glb".
+        without: what is optional and not there, such as "labels".
+    """
+
+    name: str
+    files: tuple[Path, ...] = ()
+    missing: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class SceneSplits:
     """The scenes of one experiment: to explore, to choose by, and to test on.
 
@@ -181,6 +201,20 @@ class SceneSource(ABC):
         Raises:
             DeuxError: a scene is missing, or in two splits at once.
         """
+
+    def inventory(self) -> dict[str, tuple[SceneFiles, ...]]:
+        """What is on disk of the scenes of each split, for `python -m deux.doctor`; nothing is loaded.
+
+        A source that knows which scenes a complete download has lists all of them, asked for or not.
+
+        Raises:
+            DeuxError: there is nothing to look at, such as a folder that is missing.
+        """
+        splits = self.splits()
+        return {
+            split: tuple(SceneFiles(scene.name, (scene.file,) if scene.file else ()) for scene in scenes)
+            for split, scenes in (("train", splits.train), ("validation", splits.validation), ("test", splits.test))
+        }
 
     def further(self, count: int, without: Collection[str]) -> tuple[SceneReference, ...]:
         """More scenes, for trainings that must not see the experiment's own.

@@ -43,7 +43,7 @@ class Gibson(ScanDataset):
     """
 
     title = "Gibson"
-    source = "the Gibson Database (gibsonenv.stanford.edu/database) has the archive for Habitat-Sim"
+    source = "the Gibson Database (gibsonenv.stanford.edu/database) offers them for Habitat-Sim"
     layout = "<Scene>.glb for names such as Adrian"
     folders = ("gibson",)
 

@@ -90,7 +90,7 @@ class HM3D(ScanDataset):
     """
 
     title = "HM3D"
-    source = "HM3D's home page (aihabitat.org/datasets/hm3d) has the archives hm3d-{train,val,minival}-glb"
+    source = "HM3D's home page (aihabitat.org/datasets/hm3d) offers them as hm3d-{train,val,minival}-glb-v0.2.tar"
     layout = "train, val or minival with folders such as 00800-TEEsavR23oF in it"
     folders = ("hm3d",)
 

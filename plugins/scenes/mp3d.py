@@ -98,7 +98,7 @@ class MP3D(ScanDataset):
     """
 
     title = "Matterport3D"
-    source = "the habitat task archive of Matterport3D (niessner.github.io/Matterport) has it"
+    source = "the habitat task archive of Matterport3D (niessner.github.io/Matterport) holds them"
     layout = "<id>/<id>.glb, or <id>/matterport_mesh of the original set, for ids such as 17DRP5sb8fy"
     folders = ("mp3d", "v1/scans", "scans")
 

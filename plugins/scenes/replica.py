@@ -62,7 +62,7 @@ class Replica(ScanDataset):
     """
 
     title = "Replica"
-    source = "the repository facebookresearch/Replica-Dataset has the command that downloads it"
+    source = "the repository facebookresearch/Replica-Dataset has the script that downloads them"
     layout = "<scene>/mesh.ply for names such as room_0"
     folders = ("replica", "replica_v1", "Replica", "Replica-Dataset")
 

@@ -215,8 +215,8 @@ class ScanDataset(SceneSource):
         return full
 
     def _references(self, folder: Path, split: str, names: Sequence[str]) -> list[SceneReference]:
-        found = {name: self.files(folder, name) for name in names}
-        faults = [f"{name}, {fault}" for name, scan in found.items() if (fault := scan.fault)]
+        found = [(name, self.files(folder, name)) for name in names]
+        faults = [f"{name}, {fault}" for name, scan in found if (fault := scan.fault)]
         if faults:
             raise DeuxError(
                 f"{len(faults)} of the {len(names)} scenes of scenes.{split} are missing or incomplete, first "
@@ -224,7 +224,7 @@ class ScanDataset(SceneSource):
             )
         return [
             self.reference(name, scan.mesh, scan.annotation if self._labels and scan.labelled else (), self._area)
-            for name, scan in found.items()
+            for name, scan in found
         ]
 
 

@@ -14,7 +14,7 @@ from deux.scenes.mesh_reader import read_mesh
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReference
 from deux_plugins.scenes.surface_labels import LabelledSurface, look_up, surface_samples
 
-INDICES = {"train": range(800), "minival": range(800, 810), "val": range(800, 900)}
+INDICES = {"train": range(800), "val": range(800, 900), "minival": range(800, 810)}
 """The scenes of each of the set's folders; those of minival are also in val."""
 
 SCENE_FOLDER = re.compile(r"(\d{5})-(\w{11})")
@@ -113,7 +113,7 @@ class HM3D(ScanDataset):
         """The building's files in the first of the splits' folders that has it."""
         index = int(name[:5])
         splits = [split for split, indices in INDICES.items() if index in indices]
-        scenes = [folder / split / name for split in splits]
+        scenes = [folder / split / (name if name[5:] else f"{name}-*") for split in splits]
         stem = _scan_id(name)
         scenes.sort(key=lambda scene: (not (scene / f"{stem}.glb").is_file(), not scene.is_dir()))
         scene = scenes[0]
@@ -161,7 +161,7 @@ def _found(folder: Path) -> dict[int, str]:
 
 
 def _scan_id(name: str) -> str:
-    return name[6:] or "*"  # nothing is known but the index
+    return name[6:] or "*"  # of a scene that is not there nothing is known but its index
 
 
 def _colors(mesh: SceneMesh, owner: np.ndarray, weights: np.ndarray) -> np.ndarray:

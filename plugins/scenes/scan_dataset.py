@@ -77,6 +77,8 @@ class ScanFiles:
     @property
     def fault(self) -> str:
         """What is wrong with the mesh file, the end of a sentence; "" where nothing is."""
+        if not self.mesh.parent.is_dir():
+            return f"there is no folder {self.mesh.parent}"
         if not self.mesh.is_file():
             return f"there is no {self.mesh.name} in {self.mesh.parent}"
         size = self.mesh.stat().st_size

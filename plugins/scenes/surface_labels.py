@@ -15,6 +15,7 @@ from deux.contracts import SceneMesh
 from deux.errors import DeuxError
 
 SPACING = 0.1  # metres between the points that stand for a labelled surface
+VOTE_SPACING = 0.3  # metres between the places at which a face looks for such points
 REACH = 0.2  # metres within which a face takes the labels of a point: scans and their annotations differ by less
 
 log = logging.getLogger(__name__)
@@ -37,33 +38,56 @@ class LabelledSurface:
     names: tuple[str, ...]
 
     def label(self, mesh: SceneMesh, scene: str) -> SceneMesh:
-        """The mesh with labels and objects: each face takes those of the point nearest to its centroid.
+        """The mesh with labels and objects: each face takes those of the points nearest to it.
 
-        Faces farther than `REACH` from every point stay unlabelled; a warning says when most are.
+        Large faces are asked at several places, and the object that most of them are near to is taken. Faces farther
+        than `REACH` from every point stay unlabelled; a warning says when most are.
 
         Args:
             mesh: of the same building, in the same place.
             scene: its name, for the warning.
         """
-        distance, nearest = cKDTree(self.points).query(
-            mesh.triangles.mean(axis=1), distance_upper_bound=REACH, workers=-1
-        )
+        owner, weights = surface_samples(mesh.triangles, VOTE_SPACING)
+        places = np.einsum("pk,pkd->pd", weights, mesh.triangles[owner])
+        distance, nearest = cKDTree(self.points).query(places, distance_upper_bound=REACH, workers=-1)
         near = np.isfinite(distance)
-        if near.mean() < 0.5:
+        faces, points = _majority(owner[near], nearest[near], self.labels, self.objects)
+        if len(faces) < 0.5 * len(mesh.faces):
             log.warning(
                 "%s: %.0f %% of its faces are farther than %.1f m from the surfaces that its annotation labels and "
                 "stay unlabelled: the two files may not be of one scene.",
                 scene,
-                100 * (1 - near.mean()),
+                100 * (1 - len(faces) / len(mesh.faces)),
                 REACH,
             )
-        nearest = np.where(near, nearest, 0)
-        return replace(
-            mesh,
-            face_label=np.where(near, self.labels[nearest], -1).astype(np.int32),
-            face_object=np.where(near, self.objects[nearest], -1).astype(np.int32),
-            label_names=self.names,
-        )
+        face_label = np.full(len(mesh.faces), -1, np.int32)
+        face_object = face_label.copy()
+        face_label[faces], face_object[faces] = self.labels[points], self.objects[points]
+        return replace(mesh, face_label=face_label, face_object=face_object, label_names=self.names)
+
+
+def _majority(
+    faces: np.ndarray, points: np.ndarray, labels: np.ndarray, objects: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Each face once, with a point of the label and object that most of its votes are for.
+
+    Args:
+        faces: V, the face that each vote is for.
+        points: V, the point that it names.
+        labels: N, the label of each point.
+        objects: N, the object of each point.
+    """
+    label, number = labels[points], objects[points]
+    order = np.lexsort((number, label, faces))
+    face, label, number = faces[order], label[order], number[order]
+    new = np.ones(len(face), bool)
+    new[1:] = (face[1:] != face[:-1]) | (label[1:] != label[:-1]) | (number[1:] != number[:-1])
+    first = np.flatnonzero(new)
+    votes = np.diff(first, append=len(face))
+    ranked = np.lexsort((votes, face[first]))  # of each face the group with most votes comes last
+    last = np.append(np.diff(face[first][ranked]) != 0, True)[: len(ranked)]
+    chosen = first[ranked[last]]
+    return face[chosen], points[order[chosen]]
 
 
 def surface_samples(triangles: np.ndarray, spacing: float = SPACING) -> tuple[np.ndarray, np.ndarray]:

@@ -117,8 +117,11 @@ def test_the_inventory_lists_all_90_buildings(root):
     assert [len(scenes) for scenes in inventory.values()] == [61, 11, 18]
     complete = inventory["train"][0]
     assert (complete.name, len(complete.files), complete.missing, complete.without) == (TRAIN, 4, (), ())
-    assert inventory["train"][1].missing == (f"there is no {OTHER}.glb in {root / 'mp3d' / OTHER}",)
+    assert inventory["train"][1].missing == (f"there is no folder {root / 'mp3d' / OTHER}",)
     assert inventory["validation"][0].without == (f"labels ({VALIDATION}.house)",)
+    (root / "mp3d" / OTHER).mkdir()
+    again = MP3D(str(root)).inventory()["train"][1]
+    assert again.missing == (f"there is no {OTHER}.glb in {root / 'mp3d' / OTHER}",)
     assert "is cut off after" in inventory["test"][0].missing[0]
 
 
@@ -127,7 +130,7 @@ def test_the_inventory_lists_all_90_buildings(root):
     [
         (
             {},
-            r"60 of the 61 scenes of scenes\.train are missing.*, first 1LXtFkjw3qL, there is no .*licence",
+            r"60 of the 61 scenes of scenes\.train are missing.*, first 1LXtFkjw3qL, there is no folder .*licence",
         ),
         ({"train": 62}, r"scenes\.train asks for 62 scenes, but Matterport3D has 61"),
         ({"train": -1}, r"scenes\.train is -1"),

@@ -65,6 +65,7 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
     from deux.contracts import Reader
     from deux.options import construct
     from deux.registry import registry
+    from deux.tasks.console import say
     from deux.training.fit import TrainingSettings
 
     checkup.heading(f"Frames: {cfg.data.get('name')}, {option}={folder}")
@@ -76,7 +77,12 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
             from deux.doctor.frame_checks import check_frames
         except ModuleNotFoundError:
             return
-        check_frames(reader, offsets, user_path(cfg.paths.outputs) / "doctor")
+        checks = check_frames(
+            reader, offsets, user_path(cfg.paths.outputs) / "doctor", show=lambda line: say(f"  {line}")
+        )
+        checkup.faults += sum(len(check.problems) for check in checks)
+        if not any(check.frames for check in checks):
+            checkup.fault(f"{folder} has no frames in any split.")
     except DeuxError as error:
         checkup.fault(str(error))
 

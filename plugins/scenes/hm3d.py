@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import Scene, SceneArea, SceneMesh
+from deux.contracts import Scene, SceneMesh
 from deux.errors import DeuxError
 from deux.scenes.mesh_reader import read_mesh
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReference
@@ -93,6 +93,7 @@ class HM3D(ScanDataset):
     source = "HM3D's home page (aihabitat.org/datasets/hm3d) offers them as hm3d-{train,val,minival}-glb-v0.2.tar"
     layout = "train, val or minival with folders such as 00800-TEEsavR23oF in it"
     folders = ("hm3d",)
+    reference_type = HM3DReference
 
     def is_folder(self, folder: Path) -> bool:
         """Whether it has a split with a building in it."""
@@ -123,10 +124,6 @@ class HM3D(ScanDataset):
             (scene / f"{stem}.semantic.txt", scene / f"{stem}.semantic.glb"),
             (basis, scene / f"{stem}.basis.navmesh") if plain.is_file() else (scene / f"{stem}.basis.navmesh",),
         )
-
-    def reference(self, name: str, path: Path, annotation: tuple[Path, ...], area: SceneArea) -> ScanReference:
-        """The locator of a building."""
-        return HM3DReference(name, path, annotation=annotation, area=area)
 
 
 def read_instances(path: Path) -> dict[int, tuple[int, str]]:

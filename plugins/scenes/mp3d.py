@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import SceneArea
 from deux.errors import DeuxError
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReference
 from deux_plugins.scenes.surface_labels import LabelledSurface, labelled_surface, look_up, read_annotated_ply
@@ -101,6 +100,7 @@ class MP3D(ScanDataset):
     source = "the habitat task archive of Matterport3D (niessner.github.io/Matterport) holds them"
     layout = "<id>/<id>.glb, or <id>/matterport_mesh of the original set, for ids such as 17DRP5sb8fy"
     folders = ("mp3d", "v1/scans", "scans")
+    reference_type = MP3DReference
 
     def is_folder(self, folder: Path) -> bool:
         """Whether it has a folder that is named like a building."""
@@ -123,10 +123,6 @@ class MP3D(ScanDataset):
             return habitat
         segmented = scene / "house_segmentations"
         return ScanFiles(original[0], (segmented / f"{name}.house", segmented / f"{name}.ply"))
-
-    def reference(self, name: str, path: Path, annotation: tuple[Path, ...], area: SceneArea) -> ScanReference:
-        """The locator of a building."""
-        return MP3DReference(name, path, annotation=annotation, area=area)
 
 
 def read_house(path: Path) -> House:

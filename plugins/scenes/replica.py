@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import SceneArea
 from deux.errors import DeuxError
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReference
 from deux_plugins.scenes.surface_labels import LabelledSurface, labelled_surface, look_up, read_annotated_ply
@@ -65,6 +64,7 @@ class Replica(ScanDataset):
     source = "the repository facebookresearch/Replica-Dataset has the script that downloads them"
     layout = "<scene>/mesh.ply for names such as room_0"
     folders = ("replica", "replica_v1", "Replica", "Replica-Dataset")
+    reference_type = ReplicaReference
 
     def is_folder(self, folder: Path) -> bool:
         """Whether it has a folder that is named like a scene."""
@@ -79,10 +79,6 @@ class Replica(ScanDataset):
         habitat = folder / name / "habitat"
         annotation = (habitat / "mesh_semantic.ply", habitat / "info_semantic.json")
         return ScanFiles(folder / name / "mesh.ply", annotation, (habitat / "mesh_semantic.navmesh",))
-
-    def reference(self, name: str, path: Path, annotation: tuple[Path, ...], area: SceneArea) -> ScanReference:
-        """The locator of a scene."""
-        return ReplicaReference(name, path, annotation=annotation, area=area)
 
 
 def read_objects(path: Path) -> dict[int, str]:

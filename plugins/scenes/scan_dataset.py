@@ -119,6 +119,9 @@ class ScanDataset(SceneSource):
     folders: ClassVar[tuple[str, ...]]
     """Names of the set's folder below the folder above it."""
 
+    reference_type: ClassVar[type[ScanReference]] = ScanReference
+    """The locator of a scene; one of the set's own where there are labels."""
+
     def __init__(
         self,
         root: str,
@@ -162,10 +165,6 @@ class ScanDataset(SceneSource):
     @abstractmethod
     def files(self, folder: Path, name: str) -> ScanFiles:
         """Where the files of a scene are."""
-
-    def reference(self, name: str, path: Path, annotation: tuple[Path, ...], area: SceneArea) -> ScanReference:
-        """The locator of a scene; arguments as of `ScanReference`."""
-        return ScanReference(name, path, annotation=annotation, area=area)
 
     def full_name(self, name: str, known: Sequence[str]) -> str:
         """The name of the scene that a list calls `name`, or `name` itself if there is none."""
@@ -224,10 +223,11 @@ class ScanDataset(SceneSource):
                 f"{len(faults)} of the {len(names)} scenes of scenes.{split} are missing or incomplete, first "
                 f"{faults[0]}: {self.source}, with its licence; python -m deux.doctor lists all that is missing."
             )
-        return [
-            self.reference(name, scan.mesh, scan.annotation if self._labels and scan.labelled else (), self._area)
-            for name, scan in found
-        ]
+        return [self._reference(name, scan) for name, scan in found]
+
+    def _reference(self, name: str, scan: ScanFiles) -> ScanReference:
+        annotation = scan.annotation if self._labels and scan.labelled else ()
+        return self.reference_type(name, scan.mesh, annotation=annotation, area=self._area)
 
 
 def find_folder(root: str | Path, dataset: ScanDataset) -> Path:

@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -117,7 +116,6 @@ def load_scene(path: str | Path, up: Up = "y") -> Scene:
         DeuxError: the file, or one that it refers to, is missing, unreadable or holds no triangles or no floor.
     """
     path = check_scene_file(path)
-    _check_images(path)
     _parts(path)  # trimesh reads on in silence when one is missing
     mesh = read_mesh(path, up)
     extent = float(np.ptp(mesh.bounds, axis=0).max())
@@ -153,14 +151,9 @@ def file_identity(path: Path, up: Up = "y") -> str:
     Raises:
         DeuxError: a file that it refers to is missing, or its textures cannot be read.
     """
-    hashes = [content_hash(part) for part in (path, *_parts(path))]
+    hashes = [_file_hash(part, part.stat().st_size, part.stat().st_mtime_ns) for part in (path, *_parts(path))]
     content = hashes[0] if len(hashes) == 1 else hashlib.sha256("".join(hashes).encode()).hexdigest()
     return f"file:{content[:16]}" + ("" if up == "y" else f":{up}-up")
-
-
-def content_hash(path: Path) -> str:
-    """The hash of a file's content, in hexadecimal digits; read once in each process."""
-    return _file_hash(path, path.stat().st_size, path.stat().st_mtime_ns)
 
 
 @functools.cache
@@ -186,7 +179,9 @@ def _referenced(path: Path) -> Iterator[str]:
     """The names of the other files, as `path` writes them. What trimesh would skip in silence is an error."""
     suffix = path.suffix.lower()
     if suffix in (".glb", ".gltf"):
-        header = _gltf_header(path)
+        header = json.loads(_glb_header(path) if suffix == ".glb" else path.read_bytes())
+        if any(image.get("mimeType") == "image/ktx2" for image in header.get("images", ())):
+            raise DeuxError(f"{path} has Basis (KTX2) textures, which cannot be read: take its JPEG or PNG version.")
         for entry in (*header.get("buffers", ()), *header.get("images", ())):
             if "uri" in entry and not entry["uri"].startswith("data:"):
                 yield unquote(entry["uri"])
@@ -202,22 +197,6 @@ def _referenced(path: Path) -> Iterator[str]:
                     yield line.decode().split(maxsplit=2)[2].strip()
                 if line.startswith(b"end_header"):
                     break
-
-
-def _check_images(path: Path) -> None:
-    """Raise DeuxError if a glTF file has textures that cannot be read."""
-    if path.suffix.lower() in (".glb", ".gltf"):
-        try:
-            images = _gltf_header(path).get("images", ())
-        except ValueError:
-            return  # its damage is reported with its parts
-        if any(image.get("mimeType") == "image/ktx2" for image in images):
-            raise DeuxError(f"{path} has Basis (KTX2) textures, which cannot be read: take its JPEG or PNG version.")
-
-
-def _gltf_header(path: Path) -> dict[str, Any]:
-    header: dict[str, Any] = json.loads(_glb_header(path) if path.suffix.lower() == ".glb" else path.read_bytes())
-    return header
 
 
 def _glb_header(path: Path) -> bytes:

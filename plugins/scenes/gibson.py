@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Literal
 
+from deux.contracts import SceneSplits
 from deux.errors import DeuxError
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles
 
@@ -74,15 +75,20 @@ class Gibson(ScanDataset):
             return read_split_file(Path(os.path.abspath(Path(self._split_file).expanduser())))
         pool = sorted((path.stem for path in folder.glob("*.glb")), key=self._place)
         count = max(1, round(HELD_OUT * len(pool)))
-        names = {"train": pool[2 * count :], "validation": pool[count : 2 * count], "test": pool[:count]}
-        log.info(
-            "Gibson: the split of the buildings in %s is drawn by scenes.split_seed=%d, since there is no "
-            "scenes.split_file: %d train, %d validation, %d test.",
-            folder,
-            self._split_seed,
-            *(len(names[split]) for split in SPLIT_COLUMNS),
-        )
-        return names
+        return {"train": pool[2 * count :], "validation": pool[count : 2 * count], "test": pool[:count]}
+
+    def splits(self) -> SceneSplits:
+        """The buildings that are asked for; a drawn split is said."""
+        if self._split_file is None:
+            names = self.names(folder := self.folder)
+            log.warning(
+                "Gibson: the split of the buildings in %s is drawn by scenes.split_seed=%d, since there is no "
+                "scenes.split_file: %d train, %d validation, %d test.",
+                folder,
+                self._split_seed,
+                *(len(names[split]) for split in SPLIT_COLUMNS),
+            )
+        return super().splits()
 
     def files(self, folder: Path, name: str) -> ScanFiles:
         """The building's mesh, and its navigation mesh."""

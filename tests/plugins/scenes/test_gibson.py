@@ -34,7 +34,6 @@ class TestGibson(SceneSourceSuite):
 
 
 def test_without_a_list_the_split_is_drawn_and_said(root, caplog):
-    caplog.set_level("INFO")
     drawn = names(Gibson(str(root)).splits())
     assert [len(split) for split in drawn] == [2, 1, 1]
     assert sorted(name for split in drawn for name in split) == list(BUILDINGS)

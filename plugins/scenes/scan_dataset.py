@@ -9,7 +9,7 @@ import os
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import ClassVar, Literal
 
@@ -45,7 +45,8 @@ class ScanReference(FileReference):
     def identity(self) -> str:
         """The hash of samples of the content of all its files, wherever they lie."""
         # An .obj file has its materials and textures beside it, in a folder of its own.
-        mesh = sorted(self.path.parent.iterdir()) if self.path.suffix == ".obj" else [self.path]
+        together = self.path.parent.iterdir() if self.path.suffix == ".obj" else [self.path]
+        mesh = sorted(path for path in together if path.is_file())
         hashes = [_sampled_hash(p, p.stat().st_size, p.stat().st_mtime_ns) for p in (*mesh, *self.annotation)]
         return f"scan:{hashlib.sha256(''.join(hashes).encode()).hexdigest()[:16]}"
 
@@ -261,13 +262,13 @@ def find_folder(root: str | Path, dataset: ScanDataset) -> Path:
 
 def _nearby(root: Path, is_folder: Callable[[Path], bool]) -> Path | None:
     """A folder up to two levels above or three below `root` that looks right."""
-    for folder in list(root.parents)[:2]:
-        if is_folder(folder):
-            return folder
-    for pattern in ("*/", "*/*/", "*/*/*/"):
-        for folder in islice(root.glob(pattern), 2000):  # a home folder has too many to look at all of them
+    below = (islice(root.glob(pattern), 300) for pattern in ("*/", "*/*/", "*/*/*/"))  # a home folder has too many
+    for folder in chain(list(root.parents)[:2], *below):
+        try:
             if is_folder(folder):
                 return folder
+        except PermissionError:
+            continue
     return None
 
 

@@ -46,6 +46,8 @@ class SceneMesh:
             in coordinates of a country or of the Earth, which float32 holds to half a metre only.
         pyramids: the mip pyramids of the materials' textures, where these are views into them; None where they are
             arrays of their own, of which whoever needs pyramids makes them.
+        face_object: F int32, number of the object (instance) that each face belongs to, -1 where it belongs to none;
+            None where the scene does not tell its objects apart.
     """
 
     vertices: np.ndarray
@@ -58,6 +60,7 @@ class SceneMesh:
     vertex_colors: np.ndarray | None = None
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     pyramids: TexturePyramids | None = None
+    face_object: np.ndarray | None = None
 
     @property
     def triangles(self) -> np.ndarray:
@@ -179,6 +182,23 @@ class SceneReference(ABC):
 
 
 @dataclass(frozen=True)
+class SceneFiles:
+    """What is on disk of one scene.
+
+    Args:
+        name: the scene's name.
+        files: the files that are there.
+        missing: what is needed and not there, such as "17DRP5sb8fy.glb".
+        without: what is optional and not there, such as "labels".
+    """
+
+    name: str
+    files: tuple[Path, ...] = ()
+    missing: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class SceneSplits:
     """The scenes of one experiment: to explore, to choose by, and to test on.
 
@@ -209,6 +229,20 @@ class SceneSource(ABC):
         Raises:
             DeuxError: a scene is missing, or in two splits at once.
         """
+
+    def inventory(self) -> dict[str, tuple[SceneFiles, ...]]:
+        """What is on disk of the scenes of each split, for `python -m deux.doctor`; nothing is loaded.
+
+        A source that knows which scenes a complete download has lists all of them, asked for or not.
+
+        Raises:
+            DeuxError: there is nothing to look at, such as a folder that is missing.
+        """
+        splits = self.splits()
+        return {
+            split: tuple(SceneFiles(scene.name, (scene.file,) if scene.file else ()) for scene in scenes)
+            for split, scenes in (("train", splits.train), ("validation", splits.validation), ("test", splits.test))
+        }
 
     def further(self, count: int, without: Collection[str]) -> tuple[SceneReference, ...]:
         """More scenes, for trainings that must not see the experiment's own.

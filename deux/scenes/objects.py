@@ -9,7 +9,10 @@ from scipy.spatial import cKDTree
 
 from deux.contracts import SceneMesh
 
-NO_OBJECTS = frozenset({"wall", "floor", "ceiling", "door frame", "door", "window", "stairs", "unlabeled", "undefined"})
+NO_OBJECTS = frozenset(
+    {"wall", "floor", "ceiling", "door frame", "door", "window", "stairs", "column", "beam", "railing"}
+    | {"unlabeled", "undefined"}
+)
 """Names of labels whose faces belong to no object: the building's, and those that say nothing."""
 
 
@@ -27,12 +30,12 @@ class SceneObjects:
 
 
 def find_objects(mesh: SceneMesh, gap: float = 0.05) -> SceneObjects:
-    """Tell the objects of a scene apart: faces of one label belong together where they come near each other.
+    """Tell the objects of a scene apart: as the mesh does, or faces of one label belong together where they are near.
 
-    Space is divided into cubes with edges of `gap`. Faces of one label that pass through the same cube, or through
-    cubes that touch, are of one object, and so are all that are joined in this way. Surfaces of one label less than a
-    `gap` apart are thus always one object (the legs and the seat of a chair, the books of a row) and those more than
-    two apart never are.
+    Where the mesh has no `face_object`, space is divided into cubes with edges of `gap`. Faces of one label that pass
+    through the same cube, or through cubes that touch, are of one object, and so are all that are joined in this way.
+    Surfaces of one label less than a `gap` apart are thus always one object (the legs and the seat of a chair, the
+    books of a row) and those more than two apart never are.
 
     Args:
         mesh: the scene.
@@ -43,6 +46,8 @@ def find_objects(mesh: SceneMesh, gap: float = 0.05) -> SceneObjects:
     face_object = np.full(len(mesh.faces), -1, np.int32)
     if len(faces) == 0:
         return SceneObjects(face_object, ())
+    if mesh.face_object is not None:
+        return _given_objects(mesh, mesh.face_object, faces)
     points, owner = _surface_points(mesh.triangles[faces].astype(np.float64), gap)
     # Labels are two units apart in a coordinate of their own, so that cubes of different labels never touch.
     cubes = np.column_stack([2 * mesh.face_label[faces][owner], np.floor(points / gap).astype(np.int64)])
@@ -55,6 +60,21 @@ def find_objects(mesh: SceneMesh, gap: float = 0.05) -> SceneObjects:
     label_of_object = np.empty(count, np.int64)
     label_of_object[object_of_cube] = cubes[:, 0] // 2
     return SceneObjects(face_object, tuple(mesh.label_names[label] for label in label_of_object))
+
+
+def _given_objects(mesh: SceneMesh, numbers: np.ndarray, labelled: np.ndarray) -> SceneObjects:
+    """The objects that the mesh itself tells apart, each with the label of its first face.
+
+    Args:
+        mesh: the scene.
+        numbers: the object of each face, F, any numbers, -1 for none.
+        labelled: the faces whose label may be an object's.
+    """
+    faces = labelled[numbers[labelled] >= 0]
+    _, first, index = np.unique(numbers[faces], return_index=True, return_inverse=True)
+    face_object = np.full(len(mesh.faces), -1, np.int32)
+    face_object[faces] = index
+    return SceneObjects(face_object, tuple(mesh.label_names[label] for label in mesh.face_label[faces[first]]))
 
 
 def _surface_points(triangles: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

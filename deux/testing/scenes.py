@@ -99,7 +99,7 @@ class SceneSourceSuite:
         except DeuxError:
             pytest.skip("there is no mesh of the scene")
         assert first.floors == second.floors
-        for name in ("vertices", "faces", "uv", "face_material", "face_label", "vertex_colors"):
+        for name in ("vertices", "faces", "uv", "face_material", "face_label", "vertex_colors", "face_object"):
             np.testing.assert_array_equal(getattr(first.mesh, name), getattr(second.mesh, name), err_msg=name)
         for one, other in zip(first.mesh.materials, second.mesh.materials, strict=True):
             assert (one.name, one.color) == (other.name, other.color)
@@ -140,6 +140,9 @@ def _check_mesh(mesh: SceneMesh) -> None:
         assert values.max() < count
     if mesh.vertex_colors is not None:
         assert (mesh.vertex_colors.shape, mesh.vertex_colors.dtype) == ((vertices, 3), np.uint8)
+    if mesh.face_object is not None:
+        assert (mesh.face_object.shape, mesh.face_object.dtype) == ((faces,), np.int32)
+        assert mesh.face_object.min() >= -1
     for material in mesh.materials:
         if material.texture is not None:
             assert material.texture.ndim == 3

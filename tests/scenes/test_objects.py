@@ -84,3 +84,19 @@ def test_the_objects_of_a_flat_are_the_pieces_that_were_placed_in_it(monkeypatch
         assert counts[label] == placed[label], label
     for number, label in enumerate(found.labels):
         assert {mesh.label_names[i] for i in np.unique(mesh.face_label[found.face_object == number])} == {label}
+
+
+def test_objects_that_the_scene_tells_apart_are_taken_as_they_are(mesh_of, slab):
+    """Two chairs that touch are two, the two halves of a third one are one, and a wall is none."""
+    parts = [slab([k, 0, 0], [k + 1, 1, 1]) for k in range(5)]
+    mesh = mesh_of(*parts)
+    part = np.repeat(np.arange(5), 12)
+    told = replace(
+        mesh,
+        face_label=np.array([1, 1, 1, 1, 0], np.int32)[part],
+        face_object=np.array([40, 41, 7, 7, 3], np.int32)[part],
+        label_names=("wall", "chair"),
+    )
+    found = find_objects(told)
+    assert found.labels == ("chair",) * 3
+    assert [np.unique(found.face_object[part == k]).tolist() for k in range(5)] == [[1], [2], [0], [0], [-1]]

@@ -1,0 +1,168 @@
+"""Labels of a scan from a second mesh of the same building: each face takes those of the nearest labelled surface."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from scipy.spatial import cKDTree
+
+from deux.contracts import SceneMesh
+from deux.errors import DeuxError
+
+SPACING = 0.1  # metres between the points that stand for a labelled surface
+VOTE_SPACING = 0.3  # metres between the places at which a face looks for such points
+REACH = 0.2  # metres within which a face takes the labels of a point: scans and their annotations differ by less
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LabelledSurface:
+    """Points on the annotated surfaces of a scene.
+
+    Args:
+        points: N x 3, metres, Y-up.
+        labels: N int32, index into `names`, -1 where nothing is known.
+        objects: N int32, number of the object, -1 where a point belongs to none.
+        names: names of the labels, such as "chair".
+    """
+
+    points: np.ndarray
+    labels: np.ndarray
+    objects: np.ndarray
+    names: tuple[str, ...]
+
+    def label(self, mesh: SceneMesh, scene: str) -> SceneMesh:
+        """The mesh with labels and objects: each face takes those of the points nearest to it.
+
+        Large faces are asked at several places, and the object that most of them are near to is taken. Faces farther
+        than `REACH` from every point stay unlabelled; a warning says when most are.
+
+        Args:
+            mesh: of the same building, in the same place.
+            scene: its name, for the warning.
+        """
+        owner, weights = surface_samples(mesh.triangles, VOTE_SPACING)
+        places = np.einsum("pk,pkd->pd", weights, mesh.triangles[owner])
+        distance, nearest = cKDTree(self.points).query(places, distance_upper_bound=REACH, workers=-1)
+        near = np.isfinite(distance)
+        faces, points = _majority(owner[near], nearest[near], self.labels, self.objects)
+        if len(faces) < 0.5 * len(mesh.faces):
+            log.warning(
+                "%s: %.0f %% of its faces are farther than %.1f m from the surfaces that its annotation labels and "
+                "stay unlabelled: the two files may not be of one scene.",
+                scene,
+                100 * (1 - len(faces) / len(mesh.faces)),
+                REACH,
+            )
+        face_label = np.full(len(mesh.faces), -1, np.int32)
+        face_object = face_label.copy()
+        face_label[faces], face_object[faces] = self.labels[points], self.objects[points]
+        return replace(mesh, face_label=face_label, face_object=face_object, label_names=self.names)
+
+
+def _majority(
+    faces: np.ndarray, points: np.ndarray, labels: np.ndarray, objects: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Each face once, with a point of the label and object that most of its votes are for.
+
+    Args:
+        faces: V, the face that each vote is for.
+        points: V, the point that it names.
+        labels: N, the label of each point.
+        objects: N, the object of each point.
+    """
+    label, number = labels[points], objects[points]
+    order = np.lexsort((number, label, faces))
+    face, label, number = faces[order], label[order], number[order]
+    new = np.ones(len(face), bool)
+    new[1:] = (face[1:] != face[:-1]) | (label[1:] != label[:-1]) | (number[1:] != number[:-1])
+    first = np.flatnonzero(new)
+    votes = np.diff(first, append=len(face))
+    ranked = np.lexsort((votes, face[first]))  # of each face the group with most votes comes last
+    last = np.append(np.diff(face[first][ranked]) != 0, True)[: len(ranked)]
+    chosen = first[ranked[last]]
+    return face[chosen], points[order[chosen]]
+
+
+def surface_samples(triangles: np.ndarray, spacing: float = SPACING) -> tuple[np.ndarray, np.ndarray]:
+    """Points on triangles: the centroids of the n x n equal parts of each, whose edges are no longer than `spacing`.
+
+    Args:
+        triangles: F x 3 x 3, metres.
+        spacing: metres.
+
+    Returns:
+        P, the triangle of each point, and P x 3, its barycentric coordinates; the points are
+        `np.einsum("pk,pkd->pd", weights, triangles[owner])`.
+    """
+    edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
+    pieces = np.clip(np.ceil(edges / spacing), 1, 1000).astype(np.int64)
+    owners, weights = [], []
+    for number in np.unique(pieces):
+        same = np.flatnonzero(pieces == number)
+        i, j = np.meshgrid(np.arange(number), np.arange(number), indexing="ij")
+        upright, turned = i + j < number, i + j < number - 1  # a part, and the one turned by 180 degrees beside it
+        b = np.concatenate([i[upright] + 1 / 3, i[turned] + 2 / 3]) / number
+        c = np.concatenate([j[upright] + 1 / 3, j[turned] + 2 / 3]) / number
+        owners.append(np.repeat(same, len(b)))
+        weights.append(np.tile(np.stack([1 - b - c, b, c], axis=1), (len(same), 1)))
+    return np.concatenate(owners), np.concatenate(weights)
+
+
+def labelled_surface(
+    triangles: np.ndarray, face_label: np.ndarray, face_object: np.ndarray, names: tuple[str, ...]
+) -> LabelledSurface:
+    """The surface of a mesh that has one label and one object for each face; arguments as of `LabelledSurface`.
+
+    Args:
+        triangles: F x 3 x 3, metres, Y-up.
+        face_label: F, index into `names`, -1 where nothing is known.
+        face_object: F, number of the object, -1 where a face belongs to none.
+        names: names of the labels.
+    """
+    owner, weights = surface_samples(triangles)
+    points = np.einsum("pk,pkd->pd", weights, triangles[owner])
+    return LabelledSurface(points, face_label[owner].astype(np.int32), face_object[owner].astype(np.int32), names)
+
+
+def look_up(mapping: Mapping[int, int], keys: np.ndarray) -> np.ndarray:
+    """The value of each key, int64 of the keys' shape; -1 where the mapping has none."""
+    known = np.array(sorted(mapping), np.int64)
+    values = np.array([mapping[key] for key in known.tolist()], np.int64)
+    if len(known) == 0:
+        return np.full(keys.shape, -1)
+    place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    return np.where(known[place] == keys, values[place], -1)
+
+
+def read_annotated_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Read a Z-up .ply whose faces carry numbers; polygons become fans of triangles.
+
+    Args:
+        path: a .ply file whose faces all have the same number of corners.
+
+    Returns:
+        F x 3 x 3 float64, the triangles in metres, Y-up, and the other properties of the faces, F each, by name.
+
+    Raises:
+        DeuxError: the file cannot be read or has no faces.
+    """
+    try:
+        elements = trimesh.load_mesh(path, process=False).metadata["_ply_raw"]
+        vertices = np.column_stack([elements["vertex"]["data"][axis] for axis in "xyz"]).astype(np.float64)
+        properties = elements["face"]["data"]
+        names = properties.dtype.names if isinstance(properties, np.ndarray) else tuple(properties)
+        (listed,) = {"vertex_indices", "vertex_index"} & set(names)
+        corners = properties[listed]["f1"] if isinstance(properties, np.ndarray) else np.asarray(properties[listed])
+        fan = [corners[:, [0, k, k + 1]] for k in range(1, corners.shape[1] - 1)]
+        turned = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
+        triangles = turned[np.concatenate(fan).astype(np.int64)]
+    except Exception as error:  # trimesh raises whatever it likes
+        raise DeuxError(f"{path} cannot be read as a .ply file of annotated faces: {error}.") from error
+    return triangles, {name: np.tile(properties[name].ravel(), len(fan)) for name in names if name != listed}

@@ -63,6 +63,7 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
     """Check the recorded frames of a folder; previews are written below `paths.outputs`/doctor."""
     from deux.configuration import user_path
     from deux.contracts import Reader
+    from deux.doctor.frame_checks import check_frames
     from deux.options import construct
     from deux.registry import registry
     from deux.tasks.console import say
@@ -73,10 +74,6 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
         reader: Reader = registry().choose("readers", cfg.data).create(user_path(folder))
         checkup.fact("folder", str(reader.folder))
         offsets = construct(TrainingSettings, cfg.training, "training").offsets
-        try:
-            from deux.doctor.frame_checks import check_frames
-        except ModuleNotFoundError:
-            return
         checks = check_frames(
             reader, offsets, user_path(cfg.paths.outputs) / "doctor", show=lambda line: say(f"  {line}")
         )

@@ -36,7 +36,7 @@ def read_ply(path: Path, max_texture: int | None = None) -> list[MeshPart]:
     if any(name not in vertex for name in "xyz"):
         raise DeuxError(f"{path} cannot be read as a scene: its vertices have no x, y and z.")
     vertices = np.stack([np.asarray(vertex[name], np.float64) for name in "xyz"], axis=1)
-    index, corner, owner = _triangles(elements)
+    index, corner, owner = ply_triangles(elements)
     if len(index) == 0:
         raise DeuxError(f"{path} holds {len(vertices):,} points but no triangles: there is nothing to see in it.")
     check_indices(index, len(vertices), path)
@@ -75,7 +75,7 @@ def referenced_by_ply(path: Path) -> list[Path]:
     return [find_part(name, path) for name in names]
 
 
-def _triangles(elements: dict[str, PlyElement]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def ply_triangles(elements: dict[str, PlyElement]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Triangles as vertex indices (T x 3), as places in the faces' lists of corners (T x 3), and their faces (T)."""
     lists = _list(elements.get("face", {}), _INDICES)
     if lists is not None:

@@ -35,6 +35,8 @@ class Gibson(ScanDataset):
         split_file: one of the set's own lists of the splits, relative to the working folder; null for a drawn split.
         split_seed: seed of the drawn split.
         limit: at most so many buildings of each split, the first ones; null for no limit.
+        max_texture: the most pixels that the longer side of a texture keeps; null for all.
+        prepared: a folder in which a scene is kept as it is used once it was read, as of `scenes=files`.
         floor: "largest" for the floor with the most room, "all" for an episode on each, or a number from the lowest, 0.
         region: x_min, z_min, x_max and z_max in world metres that the robot stays within; null for no bound.
         start: x and z in world metres of a point whose connected floor is taken; null for the largest one.
@@ -57,11 +59,13 @@ class Gibson(ScanDataset):
         split_file: str | None = None,
         split_seed: int = 0,
         limit: int | None = None,
+        max_texture: int | None = None,
+        prepared: str | None = None,
         floor: int | Literal["largest", "all"] = "largest",
         region: tuple[float, float, float, float] | None = None,
         start: tuple[float, float] | None = None,
     ) -> None:
-        super().__init__(root, train, validation, test, limit, floor=floor, region=region, start=start)
+        super().__init__(root, train, validation, test, limit, False, max_texture, prepared, floor, region, start)
         self._split_file = split_file
         self._split_seed = split_seed
 

@@ -56,7 +56,7 @@ class HM3DReference(ScanReference):
         categories = read_instances(listing)
         mesh = read_mesh(mesh_file, "z")
         owner, weights = surface_samples(mesh.triangles)
-        points = np.einsum("pk,pkd->pd", weights, mesh.triangles[owner])
+        points = np.einsum("pk,pkd->pd", weights, mesh.triangles[owner]) + mesh.origin
         colors = _colors(mesh, owner, weights).astype(np.int64) @ (1 << 16, 1 << 8, 1)
         instances = look_up({color: number for color, (number, _) in categories.items()}, colors)
         names = tuple(sorted({name for _, name in categories.values() if name.lower() not in NOTHING_KNOWN}))
@@ -81,6 +81,8 @@ class HM3D(ScanDataset):
         test: likewise, of buildings that are kept for the final numbers.
         limit: at most so many buildings of each split, the first ones; null for no limit.
         labels: whether surfaces get the set's labels, where they are on disk.
+        max_texture: the most pixels that the longer side of a texture keeps; null for all.
+        prepared: a folder in which a scene is kept as it is used once it was read, as of `scenes=files`.
         floor: "largest" for the floor with the most room, "all" for an episode on each, or a number from the lowest, 0.
         region: x_min, z_min, x_max and z_max in world metres that the robot stays within; null for no bound.
         start: x and z in world metres of a point whose connected floor is taken; null for the largest one.

@@ -52,6 +52,8 @@ class Replica(ScanDataset):
         test: likewise, of scenes that are kept for the final numbers.
         limit: at most so many scenes of each split, the first ones; null for no limit.
         labels: whether surfaces get the set's labels, where they are on disk.
+        max_texture: the most pixels that the longer side of a texture keeps; null for all.
+        prepared: a folder in which a scene is kept as it is used once it was read, as of `scenes=files`.
         floor: "largest" for the floor with the most room, "all" for an episode on each, or a number from the lowest, 0.
         region: x_min, z_min, x_max and z_max in world metres that the robot stays within; null for no bound.
         start: x and z in world metres of a point whose connected floor is taken; null for the largest one.

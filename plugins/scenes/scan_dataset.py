@@ -48,7 +48,8 @@ class ScanReference(FileReference):
         together = self.path.parent.iterdir() if self.path.suffix == ".obj" else [self.path]
         mesh = sorted(path for path in together if path.is_file())
         hashes = [_sampled_hash(p, p.stat().st_size, p.stat().st_mtime_ns) for p in (*mesh, *self.annotation)]
-        return f"scan:{hashlib.sha256(''.join(hashes).encode()).hexdigest()[:16]}"
+        content = hashlib.sha256("".join(hashes).encode()).hexdigest()[:16]
+        return f"scan:{content}" + ("" if self.max_texture is None else f":textures{self.max_texture}")
 
     def load(self) -> Scene:
         """Read the mesh, and label its faces if there are labels."""
@@ -112,6 +113,8 @@ class ScanDataset(SceneSource):
         test: likewise, of scenes that are kept for the final numbers.
         limit: at most so many scenes of each split, the first ones; None for no limit.
         labels: whether surfaces get the set's labels, where they are on disk.
+        max_texture: the most pixels that the longer side of a texture keeps; None for all.
+        prepared: the folder in which scenes are kept as they are used, as of `files`; None keeps nothing.
         floor: the floor that the robot lives on, as of `SceneArea`.
         region: the part of it, as of `SceneArea`.
         start: a point of it, as of `SceneArea`.
@@ -140,6 +143,8 @@ class ScanDataset(SceneSource):
         test: int | list[str] | None = None,
         limit: int | None = None,
         labels: bool = True,
+        max_texture: int | None = None,
+        prepared: str | None = None,
         floor: int | Literal["largest", "all"] = "largest",
         region: tuple[float, float, float, float] | None = None,
         start: tuple[float, float] | None = None,
@@ -150,7 +155,11 @@ class ScanDataset(SceneSource):
                 check_range(f"scenes.{split}", asked, 0)
         if limit is not None:
             check_range("scenes.limit", limit, 1)
+        if max_texture is not None:
+            check_range("scenes.max_texture", max_texture, 1)
         self._limit = limit
+        self._max_texture = max_texture
+        self._prepared = None if prepared is None else Path(os.path.abspath(Path(prepared).expanduser()))
         self._labels = labels
         self._area = SceneArea(floor, region, start)
         self._root = root
@@ -237,7 +246,14 @@ class ScanDataset(SceneSource):
 
     def _reference(self, name: str, scan: ScanFiles) -> ScanReference:
         annotation = scan.annotation if self._labels and scan.labelled else ()
-        return self.reference_type(name, scan.mesh, annotation=annotation, area=self._area)
+        return self.reference_type(
+            name,
+            scan.mesh,
+            max_texture=self._max_texture,
+            prepared=self._prepared,
+            annotation=annotation,
+            area=self._area,
+        )
 
 
 def find_folder(root: str | Path, dataset: ScanDataset) -> Path:

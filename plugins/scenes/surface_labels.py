@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from scipy.spatial import cKDTree
 
 from deux.contracts import SceneMesh
 from deux.errors import DeuxError
+from deux.scenes.mesh_parts import check_indices
+from deux.scenes.ply_elements import read_ply_elements
+from deux.scenes.ply_file import ply_triangles
 
 SPACING = 0.1  # metres between the points that stand for a labelled surface
 VOTE_SPACING = 0.3  # metres between the places at which a face looks for such points
@@ -48,7 +50,7 @@ class LabelledSurface:
             scene: its name, for the warning.
         """
         owner, weights = surface_samples(mesh.triangles, VOTE_SPACING)
-        places = np.einsum("pk,pkd->pd", weights, mesh.triangles[owner])
+        places = np.einsum("pk,pkd->pd", weights, mesh.triangles[owner]) + mesh.origin
         distance, nearest = cKDTree(self.points).query(places, distance_upper_bound=REACH, workers=-1)
         near = np.isfinite(distance)
         faces, points = _majority(owner[near], nearest[near], self.labels, self.objects)
@@ -142,10 +144,10 @@ def look_up(mapping: Mapping[int, int], keys: np.ndarray) -> np.ndarray:
 
 
 def read_annotated_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Read a Z-up .ply whose faces carry numbers; polygons become fans of triangles.
+    """Read a Z-up .ply whose faces carry numbers; polygons become triangles.
 
     Args:
-        path: a .ply file whose faces all have the same number of corners.
+        path: a .ply file.
 
     Returns:
         F x 3 x 3 float64, the triangles in metres, Y-up, and the other properties of the faces, F each, by name.
@@ -153,16 +155,12 @@ def read_annotated_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     Raises:
         DeuxError: the file cannot be read or has no faces.
     """
-    try:
-        elements = trimesh.load_mesh(path, process=False).metadata["_ply_raw"]
-        vertices = np.column_stack([elements["vertex"]["data"][axis] for axis in "xyz"]).astype(np.float64)
-        properties = elements["face"]["data"]
-        names = properties.dtype.names if isinstance(properties, np.ndarray) else tuple(properties)
-        (listed,) = {"vertex_indices", "vertex_index"} & set(names)
-        corners = properties[listed]["f1"] if isinstance(properties, np.ndarray) else np.asarray(properties[listed])
-        fan = [corners[:, [0, k, k + 1]] for k in range(1, corners.shape[1] - 1)]
-        turned = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
-        triangles = turned[np.concatenate(fan).astype(np.int64)]
-    except Exception as error:  # trimesh raises whatever it likes
-        raise DeuxError(f"{path} cannot be read as a .ply file of annotated faces: {error}.") from error
-    return triangles, {name: np.tile(properties[name].ravel(), len(fan)) for name in names if name != listed}
+    elements = read_ply_elements(path)
+    index, _, owner = ply_triangles(elements)
+    if len(index) == 0:
+        raise DeuxError(f"{path} holds no faces: it is no annotation of a mesh.")
+    vertex = elements["vertex"]
+    check_indices(index, len(vertex["x"]), path)
+    vertices = np.stack([np.asarray(vertex[axis], np.float64) for axis in "xzy"], axis=1) * (1.0, 1.0, -1.0)
+    numbers = {name: v[owner] for name, v in elements["face"].items() if isinstance(v, np.ndarray)}
+    return vertices[index], numbers

@@ -95,6 +95,16 @@ def test_the_identity_is_of_the_content_with_the_labels(root, tmp_path):
     assert labelled.load().identity == labelled.identity
 
 
+def test_a_prepared_building_keeps_its_labels(root, tmp_path):
+    """Read, and opened again: equal labels, and textures no larger than asked for."""
+    scenes = [only(root, max_texture=2, prepared=str(tmp_path / "prepared")).load() for _ in range(2)]
+    assert any((tmp_path / "prepared").iterdir())
+    for scene in scenes:
+        assert label_at(scene.mesh, 3, 1, 0.9) == "chair"
+        assert max(scene.mesh.materials[0].texture.shape[:2]) == 2
+    assert scenes[0].identity == scenes[1].identity != only(root).identity
+
+
 def test_an_annotation_of_another_building_is_said(root, caplog):
     far = room()
     write_ply(root / "mp3d" / TRAIN / f"{TRAIN}_semantic.ply", far.vertices + 20, far.faces, object_id=far.kind)

@@ -1,4 +1,4 @@
-"""A stand-in for the package habitat_sim: its types, shapes, values and refusals as measured on versions 0.2.5 to 0.3.3.
+"""A stand-in for the package habitat_sim: its types, shapes, values and refusals, of versions 0.2.5 to 0.3.3.
 
 A scene is a room with boxes in it, in a file of JSON whatever its suffix says:
 
@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -58,7 +58,7 @@ class SensorSubType(enum.Enum):
 class Typed:
     """Attributes that C++ holds: a name that is not there and a value of the wrong type raise."""
 
-    kinds: dict[str, type]
+    kinds: ClassVar[dict[str, type]]
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in self.kinds:
@@ -79,7 +79,7 @@ class Typed:
 
 
 class CameraSensorSpec(Typed):
-    kinds = {
+    kinds: ClassVar = {
         "uuid": str,
         "sensor_type": SensorType,
         "sensor_subtype": SensorSubType,
@@ -98,7 +98,7 @@ class CameraSensorSpec(Typed):
 
 
 class SimulatorConfiguration(Typed):
-    kinds = {
+    kinds: ClassVar = {
         "scene_id": str,
         "scene_dataset_config_file": str,
         "gpu_device_id": int,
@@ -114,7 +114,9 @@ class SimulatorConfiguration(Typed):
 
 
 class NavMeshSettings(Typed):
-    kinds = dict.fromkeys(("cell_size", "cell_height", "agent_radius", "agent_height", "agent_max_climb"), float)
+    kinds: ClassVar = dict.fromkeys(
+        ("cell_size", "cell_height", "agent_radius", "agent_height", "agent_max_climb"), float
+    )
 
     def __init__(self) -> None:
         self.set_defaults()
@@ -371,11 +373,8 @@ class Simulator:
         if semantic and backend.load_semantic_mesh:
             # The reader of .ply turns it to Y-up, whatever the configuration says next.
             read = np.eye(3) if semantic.endswith(".ply") else turn
-            axes = (
-                attributes.get("semantic_up", attributes["up"]),
-                attributes.get("semantic_front", attributes["front"]),
-            )
-            self.semantic_boxes = [box.turned(_world_from_file(*axes) @ read) for box in boxes]
+            up, front = (attributes.get(f"semantic_{axis}", attributes[axis]) for axis in ("up", "front"))
+            self.semantic_boxes = [box.turned(_world_from_file(up, front) @ read) for box in boxes]
             assert Path(attributes["semantic_descriptor_filename"]).is_file()
             self.semantic_scene = SemanticScene(
                 [SemanticObject(0, SemanticCategory("Unknown"))]
@@ -474,12 +473,10 @@ def _free_rectangles(room: Box, boxes: list[Box], radius: float, y: float) -> li
     """The floor without a margin around everything that is in the way, cut along all edges."""
     blocked = [(box.low[[0, 2]] - radius, box.high[[0, 2]] + radius) for box in boxes]
     low, high = room.low[[0, 2]] + radius, room.high[[0, 2]] - radius
-    cuts = [
-        np.unique(
-            np.clip([low[axis], high[axis], *(edge[axis] for pair in blocked for edge in pair)], low[axis], high[axis])
-        )
-        for axis in (0, 1)
-    ]
+    cuts = []
+    for axis in (0, 1):
+        edges = [low[axis], high[axis], *(edge[axis] for pair in blocked for edge in pair)]
+        cuts.append(np.unique(np.clip(edges, low[axis], high[axis])))
     return [
         Rectangle(x0, z0, x1, z1, y)
         for x0, x1 in zip(cuts[0], cuts[0][1:], strict=False)

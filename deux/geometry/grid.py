@@ -60,13 +60,28 @@ class FreeSpace:
         frame: where the grid lies.
         free: rows x columns bool, true where the robot's centre may be (obstacles are already grown by its radius).
         clearance: rows x columns float32, metres from a cell's centre to the nearest obstacle (before growing).
-        floor_height: world y of the floor in metres.
+        floor_height: world y of the floor in metres; the floor's steps and ramps may be higher or lower.
+        heights: rows x columns float32, world y in metres of the surface at each free cell's centre, NaN elsewhere;
+            `floor_height` in every free cell where it is not given.
     """
 
     frame: GridFrame
     free: np.ndarray
     clearance: np.ndarray
     floor_height: float
+    heights: np.ndarray = None  # type: ignore[assignment]  # set below
+
+    def __post_init__(self) -> None:
+        if self.heights is None:
+            level = np.where(self.free, np.float32(self.floor_height), np.float32(np.nan))
+            object.__setattr__(self, "heights", level)
+
+    def height_at(self, x: float, z: float) -> float:
+        """World y in metres of the surface under a world point; the floor's own height where that is not free."""
+        rows, columns = self.frame.cells(x, z)
+        if self.frame.contains(rows, columns) and self.free[rows, columns]:
+            return float(self.heights[rows, columns])
+        return self.floor_height
 
     @property
     def area(self) -> float:

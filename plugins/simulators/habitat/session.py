@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -73,6 +74,45 @@ def choose_device(gpu: int | None) -> int:
     return gpu
 
 
+@functools.cache
+def hold_context(habitat: ModuleType, device: int) -> Any:
+    """An empty Habitat-Sim that holds this process's OpenGL context, until the process ends.
+
+    All Habitat-Sims of a process draw in the context of the first one. When that one is freed, the next picture of
+    another ends the process, so the first one is never a scene that somebody may be done with.
+    """
+    backend = habitat.SimulatorConfiguration()
+    backend.scene_id = "NONE"
+    backend.gpu_device_id = device
+    backend.enable_physics = False
+    agent = habitat.AgentConfiguration()
+    agent.sensor_specifications = [sensor_spec(habitat, "DEPTH", Camera(1, 1))]
+    return habitat.Simulator(habitat.Configuration(backend, [agent]))
+
+
+def sensor_spec(habitat: ModuleType, kind: str, camera: Camera, near: float = NEAR, far: float = FAR) -> Any:
+    """The specification of one sensor at the agent's origin; its name tells all its properties.
+
+    Args:
+        habitat: the package.
+        kind: a name in Habitat-Sim's `SensorType`.
+        camera: its size and field of view.
+        near: nearest depth in metres that is drawn.
+        far: farthest depth in metres that is drawn.
+    """
+    spec = habitat.CameraSensorSpec()
+    spec.uuid = f"{kind.lower()}_{camera.width}x{camera.height}_{camera.hfov}_{near}_{far}"
+    spec.sensor_type = getattr(habitat.SensorType, kind)
+    spec.sensor_subtype = habitat.SensorSubType.PINHOLE
+    spec.resolution = [int(camera.height), int(camera.width)]
+    spec.hfov = float(camera.hfov)
+    spec.near, spec.far = float(near), float(far)
+    # Lists of integers raise TypeError.
+    spec.position = [0.0, 0.0, 0.0]
+    spec.orientation = [0.0, 0.0, 0.0]
+    return spec
+
+
 class Session:
     """A scene that Habitat-Sim has loaded, for all robots in it and all their cameras.
 
@@ -110,17 +150,19 @@ class Session:
         file = scene_file(scene)
         if not file.is_file():
             raise DeuxError(f"the file of the scene {scene.name} is missing: {file}.")
+        device = choose_device(gpu)
+        hold_context(self._habitat, device)
         kinds = ("DEPTH", "COLOR") if colors else ("DEPTH",)
         agent = self._habitat.AgentConfiguration()
         agent.radius, agent.height = float(robot.radius), float(robot.height)
-        agent.sensor_specifications = [self._sensor(kind, camera) for kind in kinds]
+        agent.sensor_specifications = [sensor_spec(self._habitat, kind, camera) for kind in kinds]
         with TemporaryDirectory(prefix="deux-habitat-") as folder:
             backend = self._habitat.SimulatorConfiguration()
             backend.scene_id = str(file)
             backend.scene_dataset_config_file = str(
                 check_config(dataset) if dataset else write_config(scene, Path(folder))
             )
-            backend.gpu_device_id = choose_device(gpu)
+            backend.gpu_device_id = device
             backend.enable_physics = False
             backend.load_semantic_mesh = semantics
             try:
@@ -170,7 +212,7 @@ class Session:
         return self._draw("SEMANTIC", pose, camera).astype(np.int64)
 
     def _draw(self, kind: str, pose: np.ndarray, camera: Camera, near: float = NEAR, far: float = FAR) -> np.ndarray:
-        spec = self._sensor(kind, camera, near, far)
+        spec = sensor_spec(self._habitat, kind, camera, near, far)
         # `_sensors` is there from 0.2.5 to 0.3.4. `get_sensor_observations` would draw all sensors, one pass for each.
         if spec.uuid not in self._simulator._sensors:
             self._simulator.add_sensor(spec)
@@ -183,20 +225,6 @@ class Session:
         sensor.draw_observation()
         observation: np.ndarray = sensor.get_observation()
         return observation
-
-    def _sensor(self, kind: str, camera: Camera, near: float = NEAR, far: float = FAR) -> Any:
-        """The specification of one sensor at the agent's origin; its name tells all its properties."""
-        spec = self._habitat.CameraSensorSpec()
-        spec.uuid = f"{kind.lower()}_{camera.width}x{camera.height}_{camera.hfov}_{near}_{far}"
-        spec.sensor_type = getattr(self._habitat.SensorType, kind)
-        spec.sensor_subtype = self._habitat.SensorSubType.PINHOLE
-        spec.resolution = [int(camera.height), int(camera.width)]
-        spec.hfov = float(camera.hfov)
-        spec.near, spec.far = float(near), float(far)
-        # Lists of integers raise TypeError.
-        spec.position = [0.0, 0.0, 0.0]
-        spec.orientation = [0.0, 0.0, 0.0]
-        return spec
 
     def _make_navmesh(self, scene: SceneReference, robot: Robot, cell_size: float, cell_height: float) -> None:
         settings = self._habitat.NavMeshSettings()

@@ -32,14 +32,12 @@ class Storey:
 
     Args:
         floor: its height and area.
-        space: where the robot can be.
-        ground: rows x columns float32: world y of the surface under each free cell, metres, NaN elsewhere.
+        space: where the robot can be; its heights are those of the surface under the navmesh.
         navmesh: rows x columns float32: world y of the navmesh in each free cell, metres, NaN elsewhere.
     """
 
     floor: Floor
     space: FreeSpace
-    ground: np.ndarray
     navmesh: np.ndarray
 
     def navmesh_at(self, x: float, z: float) -> float | None:
@@ -64,9 +62,9 @@ class Storey:
 
     @cached_property
     def _ground_everywhere(self) -> np.ndarray:
-        """`ground`, and elsewhere that of the nearest free cell."""
+        """The free cells' heights, and elsewhere that of the nearest one."""
         rows, columns = ndimage.distance_transform_edt(~self.space.free, return_distances=False, return_indices=True)
-        return self.ground[rows, columns]
+        return self.space.heights[rows, columns]
 
 
 def find_storeys(
@@ -165,10 +163,11 @@ def _storey(storey: NavmeshSamples, part: NavmeshSamples, level: float, robot: R
     usual = float(np.median(lift[known])) if known.any() else 0.0
     # Elsewhere something hides the ground from above, such as stairs that rise over the level's headroom.
     trusted = known & (np.abs(lift - usual) <= robot.max_climb + LEVEL)
-    surface = np.where(trusted, seen, navmesh - usual)
+    surface = np.where(trusted, seen, navmesh - usual).astype(np.float32)
     height = float(np.median(surface[free]))
-    space = FreeSpace(frame, free, clearance(np.isfinite(island.grid()), frame.resolution, robot.radius), height)
-    return Storey(Floor(height, space.area), space, surface.astype(np.float32), navmesh.astype(np.float32))
+    off_obstacles = clearance(np.isfinite(island.grid()), frame.resolution, robot.radius)
+    space = FreeSpace(frame, free, off_obstacles, height, surface)
+    return Storey(Floor(height, space.area), space, navmesh.astype(np.float32))
 
 
 def _chosen(storeys: list[Storey], area: SceneArea) -> tuple[Storey, ...]:

@@ -14,17 +14,18 @@ import pytest
 from deux.contracts import SceneReference
 
 
-def _load_stand_in() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("habitat_stand_in", Path(__file__).with_name("stand_in.py"))
+def _load(name: str, file: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(file))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
+    sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
 
 
-STAND_IN = _load_stand_in()
+_load("habitat_stand_in_room", "stand_in_room.py")
+STAND_IN = _load("habitat_stand_in", "stand_in.py")
 
 BOXES = [
     {"low": [2.0, 0.0, 1.0], "high": [2.6, 0.8, 1.8], "category": "table"},
@@ -82,3 +83,9 @@ def make_room(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., RoomRef
         return RoomReference("room", path, up, **reference)
 
     return make
+
+
+@pytest.fixture
+def boxes() -> list[dict[str, Any]]:
+    """What stands in the room of `make_room`: boxes with `low`, `high` and `category`."""
+    return BOXES

@@ -11,12 +11,14 @@ is written, so that a reader who takes it for another one sees the room lying on
 import enum
 import json
 import math
+import weakref
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from habitat_stand_in_room import Box, Rectangle, cast, navmesh
 from scipy.spatial.transform import Rotation
 
 Vectors = Literal["magnum", "numpy"]
@@ -170,20 +172,6 @@ class Agent:
         self.rotation = Rotation.from_quat(state.rotation).as_matrix()
 
 
-@dataclass(frozen=True)
-class Box:
-    """A box in the world, in metres; the room itself is one that is seen from inside."""
-
-    low: np.ndarray
-    high: np.ndarray
-    category: str
-    number: int  # 0 for the room
-
-    def turned(self, rotation: np.ndarray) -> "Box":
-        corners = np.stack([rotation @ self.low, rotation @ self.high])
-        return Box(corners.min(axis=0), corners.max(axis=0), self.category, self.number)
-
-
 class Sensor:
     """Draws the room by casting a ray through the middle of each pixel; back faces are not seen."""
 
@@ -192,6 +180,8 @@ class Sensor:
         self._observation: np.ndarray | None = None
 
     def draw_observation(self) -> None:
+        if self._simulator._context() is None:
+            raise SystemExit("the process ends here: its OpenGL context is gone")
         self._observation = self._draw()
 
     def get_observation(self) -> np.ndarray:
@@ -209,7 +199,7 @@ class Sensor:
         rays = rays.reshape(-1, 3) @ agent.rotation.T
         semantic = self._spec.sensor_type is SensorType.SEMANTIC
         boxes = self._simulator.semantic_boxes if semantic else self._simulator.boxes
-        depth, number = self._cast(origin, rays, boxes)
+        depth, number = cast(boxes, origin, rays, self._spec.near, self._spec.far)
         shape = (height, width)
         if semantic:
             return number.astype(np.uint32).reshape(shape)
@@ -221,41 +211,6 @@ class Sensor:
         rgba = np.stack([80.0 + pattern, 90.0 + 20.0 * number, 180.0 - pattern, np.full(len(rays), 255.0)], axis=1)
         rgba[~hit, :3] = 0.0
         return rgba.astype(np.uint8).reshape(*shape, 4)
-
-    def _cast(self, origin: np.ndarray, rays: np.ndarray, boxes: list[Box]) -> tuple[np.ndarray, np.ndarray]:
-        """Depth along the optical axis between the clipping planes, inf where nothing is hit, and the box's number."""
-        depth, number = np.full(len(rays), np.inf), np.zeros(len(rays), np.int64)
-        safe = np.where(np.abs(rays) < 1e-12, 1e-12, rays)
-        for box in boxes:
-            inward = -1.0 if box.number == 0 else 1.0
-            for axis in range(3):
-                others = [a for a in range(3) if a != axis]
-                for side, outward in ((box.low, -1.0), (box.high, 1.0)):
-                    t = (side[axis] - origin[axis]) / safe[:, axis]
-                    points = origin[others] + t[:, None] * rays[:, others]
-                    hit = ((points >= box.low[others]) & (points <= box.high[others])).all(axis=1)
-                    hit &= (rays[:, axis] * outward * inward < 0.0) & (t >= self._spec.near) & (t <= self._spec.far)
-                    nearer = hit & (t < depth)
-                    depth[nearer], number[nearer] = t[nearer], box.number
-        return depth, number
-
-
-@dataclass(frozen=True)
-class Rectangle:
-    """A level piece of the navmesh."""
-
-    x0: float
-    z0: float
-    x1: float
-    z1: float
-    y: float
-    island: int = 0
-
-    def touches(self, other: "Rectangle") -> bool:
-        """Whether the two share more than a corner."""
-        along_x = min(self.x1, other.x1) - max(self.x0, other.x0)
-        along_z = min(self.z1, other.z1) - max(self.z0, other.z0)
-        return self.y == other.y and min(along_x, along_z) > -1e-9 and max(along_x, along_z) > 1e-9
 
 
 class PathFinder:
@@ -346,19 +301,30 @@ class SemanticScene:
     objects: list[SemanticObject]
 
 
+class Context:
+    """The OpenGL context of a process."""
+
+
 class Simulator:
     """One open scene."""
 
     vectors: Vectors = "magnum"
     cards = 0
+    current_context: ClassVar[Any] = staticmethod(lambda: None)
     navmesh_loaded = False  # a .navmesh, made for another body, lies beside the scene
 
     def __init__(self, config: Configuration) -> None:
         backend = config.sim_cfg
         if not -1 <= backend.gpu_device_id < self.cards:
             raise SystemExit("the process ends here: no EGL device has this CUDA index")
+        # A context that is there is taken; it is gone with the simulator that made it.
+        context = type(self).current_context()
+        self._owned = None if context else Context()
+        self._context = weakref.ref(context or self._owned)
+        type(self).current_context = self._context
         scene = Path(backend.scene_id)
-        described = json.loads(scene.read_text())
+        empty = {"size": [0.0, 0.0, 0.0], "up": "y", "boxes": []}
+        described = empty if backend.scene_id == "NONE" else json.loads(scene.read_text())
         attributes = _stage_attributes(scene, backend.scene_dataset_config_file)
         turn = FILE_FROM_Y_UP[described["up"]]
         size = np.array(described["size"])
@@ -403,22 +369,13 @@ class Simulator:
         self._sensors[sensor_spec.uuid] = Sensor(self, sensor_spec)
 
     def recompute_navmesh(self, pathfinder: PathFinder, settings: NavMeshSettings) -> bool:
-        room, boxes = self.boxes[0], self.boxes[1:]
-        radius = math.ceil(settings.agent_radius / settings.cell_size - 1e-6) * settings.cell_size
-        bottom, top = room.low[1], room.high[1]
-        in_the_way = [
-            box
-            for box in boxes
-            if box.high[1] > bottom + settings.agent_max_climb and box.low[1] < bottom + settings.agent_height
-        ]
-        pieces = _free_rectangles(room, in_the_way, radius, _rounded_up(bottom, bottom, settings.cell_height))
-        for box in boxes:
-            if top - box.high[1] >= settings.agent_height:
-                low, high = box.low + radius, box.high - radius
-                if (low < high)[[0, 2]].all():
-                    height = _rounded_up(box.high[1], bottom, settings.cell_height)
-                    pieces.append(Rectangle(low[0], low[2], high[0], high[2], height))
-        pathfinder.rectangles = _with_islands(pieces if top - bottom >= settings.agent_height else [])
+        pathfinder.rectangles = navmesh(
+            self.boxes,
+            math.ceil(settings.agent_radius / settings.cell_size - 1e-6) * settings.cell_size,
+            settings.agent_height,
+            settings.agent_max_climb,
+            settings.cell_height,
+        )
         pathfinder.nav_mesh_settings = settings
         return pathfinder.is_loaded
 
@@ -462,41 +419,3 @@ def _triple(point: Any) -> np.ndarray:
     if len(point) != 3:
         raise TypeError("incompatible function arguments")
     return values
-
-
-def _rounded_up(y: float, bottom: float, cell_height: float) -> float:
-    """The top of the voxel that a surface is in: at least one cell above the scene's lowest point."""
-    return bottom + cell_height * max(1, math.ceil((y - bottom) / cell_height - 1e-6))
-
-
-def _free_rectangles(room: Box, boxes: list[Box], radius: float, y: float) -> list[Rectangle]:
-    """The floor without a margin around everything that is in the way, cut along all edges."""
-    blocked = [(box.low[[0, 2]] - radius, box.high[[0, 2]] + radius) for box in boxes]
-    low, high = room.low[[0, 2]] + radius, room.high[[0, 2]] - radius
-    cuts = []
-    for axis in (0, 1):
-        edges = [low[axis], high[axis], *(edge[axis] for pair in blocked for edge in pair)]
-        cuts.append(np.unique(np.clip(edges, low[axis], high[axis])))
-    return [
-        Rectangle(x0, z0, x1, z1, y)
-        for x0, x1 in zip(cuts[0], cuts[0][1:], strict=False)
-        for z0, z1 in zip(cuts[1], cuts[1][1:], strict=False)
-        if not any(first[0] < (x0 + x1) / 2 < last[0] and first[1] < (z0 + z1) / 2 < last[1] for first, last in blocked)
-    ]
-
-
-def _with_islands(pieces: list[Rectangle]) -> list[Rectangle]:
-    """The same rectangles, numbered by connected component."""
-    islands = list(range(len(pieces)))
-    changed = True
-    while changed:
-        changed = False
-        for first, one in enumerate(pieces):
-            for second, other in enumerate(pieces[:first]):
-                if islands[first] != islands[second] and one.touches(other):
-                    islands[first] = islands[second] = min(islands[first], islands[second])
-                    changed = True
-    names = {name: number for number, name in enumerate(sorted(set(islands)))}
-    return [
-        Rectangle(one.x0, one.z0, one.x1, one.z1, one.y, names[name]) for one, name in zip(pieces, islands, strict=True)
-    ]

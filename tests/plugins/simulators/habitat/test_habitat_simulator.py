@@ -1,8 +1,10 @@
+import gc
 import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,6 +108,19 @@ def test_annotation_that_is_not_wanted_is_not_loaded(
     assert simulator.label_names == simulator.object_labels == ()
 
 
+def test_a_scene_that_is_done_with_takes_nothing_from_the_others(
+    install: Callable[..., ModuleType], make_room: Callable[..., SceneReference]
+) -> None:
+    install()
+    first = HabitatSimulator(make_room(), CAMERA, Robot())
+    second = HabitatSimulator(make_room("z"), CAMERA, Robot())
+    pose = camera_pose(3.0, 1.25, 2.5, 0.3)[None]
+    seen = first.observe(COLOR, pose)[0].depth
+    del first
+    gc.collect()
+    np.testing.assert_allclose(second.observe(COLOR, pose)[0].depth, seen, atol=1e-5)
+
+
 def test_without_colours_no_colour_sensor_is_made(
     install: Callable[..., ModuleType], make_room: Callable[..., SceneReference]
 ) -> None:
@@ -197,10 +212,13 @@ def test_a_scene_that_cannot_be_loaded_is_named(
 ) -> None:
     module = install()
 
-    def fail(self: object, config: object) -> None:
-        raise RuntimeError("no stage\nof this name")
+    class Failing(module.Simulator):
+        def __init__(self, config: Any) -> None:
+            if config.sim_cfg.scene_id != "NONE":
+                raise RuntimeError("no stage\nof this name")
+            super().__init__(config)
 
-    module.Simulator.__init__ = fail
+    module.Simulator = Failing
     scene = make_room()
     with pytest.raises(DeuxError, match=r"cannot load the scene room of .*room\.glb: no stage of this name\."):
         HabitatSimulator(scene, CAMERA, Robot())

@@ -101,8 +101,8 @@ def test_ground_that_is_hidden_from_above_is_the_navmesh_without_its_usual_lift(
         return seen
 
     (main,) = find_storeys(samples, ROBOT, SceneArea(), ground, lambda frame, *_: np.ones(frame.shape, bool))
-    np.testing.assert_allclose(main.ground[:50, :50], 0.0, atol=1e-6)
-    assert main.ground[10, 54] == pytest.approx(0.36, abs=1e-3)
+    np.testing.assert_allclose(main.space.heights[:50, :50], 0.0, atol=1e-6)
+    assert main.space.heights[10, 54] == pytest.approx(0.36, abs=1e-3)
 
 
 def test_a_roof_is_no_floor_unless_nothing_lies_under_a_ceiling() -> None:

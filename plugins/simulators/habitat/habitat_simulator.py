@@ -13,9 +13,10 @@ from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
+from deux_plugins.simulators.habitat.drawing_context import FAR, NEAR
 from deux_plugins.simulators.habitat.navmesh import sample_navmesh
 from deux_plugins.simulators.habitat.semantics import Semantics, read_semantics
-from deux_plugins.simulators.habitat.session import FAR, NEAR, Session
+from deux_plugins.simulators.habitat.session import Session
 from deux_plugins.simulators.habitat.storeys import Storey, find_storeys
 from deux_plugins.simulators.habitat.survey import covered, ground
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,12 +15,12 @@ from scipy.spatial.transform import Rotation
 from deux.contracts import Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux_plugins.simulators.habitat.drawing_context import FAR, NEAR, drawing_context, sensor_spec
 from deux_plugins.simulators.habitat.scene_dataset import check_config, scene_file, write_config
 
 if TYPE_CHECKING:
     from deux.contracts import SceneReference
 
-NEAR, FAR = 0.01, 1000.0  # metres: the clipping planes that Habitat-Sim has by default
 OLDEST = (0, 2, 5)
 NVIDIA_CARDS = Path("/proc/driver/nvidia/gpus")
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
@@ -74,45 +73,6 @@ def choose_device(gpu: int | None) -> int:
     return gpu
 
 
-@functools.cache
-def hold_context(habitat: ModuleType, device: int) -> Any:
-    """An empty Habitat-Sim that holds this process's OpenGL context, until the process ends.
-
-    All Habitat-Sims of a process draw in the context of the first one. When that one is freed, the next picture of
-    another ends the process, so the first one is never a scene that somebody may be done with.
-    """
-    backend = habitat.SimulatorConfiguration()
-    backend.scene_id = "NONE"
-    backend.gpu_device_id = device
-    backend.enable_physics = False
-    agent = habitat.AgentConfiguration()
-    agent.sensor_specifications = [sensor_spec(habitat, "DEPTH", Camera(1, 1))]
-    return habitat.Simulator(habitat.Configuration(backend, [agent]))
-
-
-def sensor_spec(habitat: ModuleType, kind: str, camera: Camera, near: float = NEAR, far: float = FAR) -> Any:
-    """The specification of one sensor at the agent's origin; its name tells all its properties.
-
-    Args:
-        habitat: the package.
-        kind: a name in Habitat-Sim's `SensorType`.
-        camera: its size and field of view.
-        near: nearest depth in metres that is drawn.
-        far: farthest depth in metres that is drawn.
-    """
-    spec = habitat.CameraSensorSpec()
-    spec.uuid = f"{kind.lower()}_{camera.width}x{camera.height}_{camera.hfov}_{near}_{far}"
-    spec.sensor_type = getattr(habitat.SensorType, kind)
-    spec.sensor_subtype = habitat.SensorSubType.PINHOLE
-    spec.resolution = [int(camera.height), int(camera.width)]
-    spec.hfov = float(camera.hfov)
-    spec.near, spec.far = float(near), float(far)
-    # Lists of integers raise TypeError.
-    spec.position = [0.0, 0.0, 0.0]
-    spec.orientation = [0.0, 0.0, 0.0]
-    return spec
-
-
 class Session:
     """A scene that Habitat-Sim has loaded, for all robots in it and all their cameras.
 
@@ -151,7 +111,7 @@ class Session:
         if not file.is_file():
             raise DeuxError(f"the file of the scene {scene.name} is missing: {file}.")
         device = choose_device(gpu)
-        hold_context(self._habitat, device)
+        self._context = drawing_context(self._habitat, device)
         kinds = ("DEPTH", "COLOR") if colors else ("DEPTH",)
         agent = self._habitat.AgentConfiguration()
         agent.radius, agent.height = float(robot.radius), float(robot.height)
@@ -166,7 +126,7 @@ class Session:
             backend.enable_physics = False
             backend.load_semantic_mesh = semantics
             try:
-                self._simulator = self._habitat.Simulator(self._habitat.Configuration(backend, [agent]))
+                self._simulator = self._context.open(self._habitat.Configuration(backend, [agent]), self)
             except (RuntimeError, ValueError) as error:
                 cause = " ".join(str(error).split())
                 raise DeuxError(f"Habitat-Sim cannot load the scene {scene.name} of {file}: {cause}.") from error
@@ -212,6 +172,7 @@ class Session:
         return self._draw("SEMANTIC", pose, camera).astype(np.int64)
 
     def _draw(self, kind: str, pose: np.ndarray, camera: Camera, near: float = NEAR, far: float = FAR) -> np.ndarray:
+        self._context.free_discarded()
         spec = sensor_spec(self._habitat, kind, camera, near, far)
         # `_sensors` is there from 0.2.5 to 0.3.4. `get_sensor_observations` would draw all sensors, one pass for each.
         if spec.uuid not in self._simulator._sensors:

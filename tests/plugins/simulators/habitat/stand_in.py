@@ -11,6 +11,7 @@ is written, so that a reader who takes it for another one sees the room lying on
 import enum
 import json
 import math
+import threading
 import weakref
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -346,6 +347,7 @@ class Simulator:
                 [SemanticObject(0, SemanticCategory("Unknown"))]
                 + [SemanticObject(box.number, SemanticCategory(box.category)) for box in boxes[1:]]
             )
+        self._thread = threading.get_ident()
         self._agent = Agent()
         self._loaded = {SensorType.DEPTH, SensorType.SEMANTIC}
         self._loaded |= {spec.sensor_type for agent in config.agents for spec in agent.sensor_specifications}
@@ -357,6 +359,12 @@ class Simulator:
             other = NavMeshSettings()
             other.agent_radius = 0.4
             self.recompute_navmesh(self.pathfinder, other)
+
+    def close(self, destroy: bool = True) -> None:
+        """Free the scene, and the context if it is this one's."""
+        if threading.get_ident() != self._thread:
+            raise SystemExit("the process ends here: no OpenGL context is current in this thread")
+        self._owned = None
 
     def get_agent(self, agent_id: int) -> Agent:
         return [self._agent][agent_id]
@@ -371,7 +379,8 @@ class Simulator:
     def recompute_navmesh(self, pathfinder: PathFinder, settings: NavMeshSettings) -> bool:
         pathfinder.rectangles = navmesh(
             self.boxes,
-            math.ceil(settings.agent_radius / settings.cell_size - 1e-6) * settings.cell_size,
+            settings.cell_size,
+            settings.agent_radius,
             settings.agent_height,
             settings.agent_max_climb,
             settings.cell_height,

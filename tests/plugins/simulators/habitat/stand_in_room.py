@@ -71,12 +71,18 @@ class Rectangle:
         return self.y == other.y and min(along_x, along_z) > -1e-9 and max(along_x, along_z) > 1e-9
 
 
-def navmesh(boxes: list[Box], radius: float, height: float, max_climb: float, cell_height: float) -> list[Rectangle]:
+def navmesh(
+    boxes: list[Box], cell_size: float, radius: float, height: float, max_climb: float, cell_height: float
+) -> list[Rectangle]:
     """The level surfaces where a robot's centre can be: the floor, and the tops of boxes with room above them.
+
+    Walls take up whole cells, counted from the room's least corner: the one that they begin in and the one that they
+    end in, even where that is on the edge between two.
 
     Args:
         boxes: the room first.
-        radius: of the robot, a whole number of cells, metres.
+        cell_size: of the voxels, metres.
+        radius: of the robot, metres; rounded up to cells.
         height: of the robot, metres.
         max_climb: the highest step in metres.
         cell_height: of the voxels, metres.
@@ -85,8 +91,21 @@ def navmesh(boxes: list[Box], radius: float, height: float, max_climb: float, ce
     bottom, top = room.low[1], room.high[1]
     if top - bottom < height:
         return []
-    in_the_way = [box for box in others if box.high[1] > bottom + max_climb and box.low[1] < bottom + height]
-    pieces = _free_rectangles(room, in_the_way, radius, _rounded_up(bottom, bottom, cell_height))
+    radius = math.ceil(radius / cell_size - 1e-6) * cell_size
+
+    def cells(box: Box) -> tuple[np.ndarray, np.ndarray]:
+        first = np.floor((box.low - room.low)[[0, 2]] / cell_size + 1e-6) * cell_size
+        last = (np.floor((box.high - room.low)[[0, 2]] / cell_size + 1e-6) + 1.0) * cell_size
+        return first + room.low[[0, 2]], last + room.low[[0, 2]]
+
+    blocked = []
+    for box in others:
+        if box.high[1] > bottom + max_climb and box.low[1] < bottom + height:
+            first, last = cells(box)
+            blocked.append((first - radius, last + radius))
+    margin = cell_size + radius
+    floor = _rounded_up(bottom, bottom, cell_height)
+    pieces = _free_rectangles(room.low[[0, 2]] + margin, room.high[[0, 2]] - margin, blocked, floor)
     for box in others:
         low, high = box.low + radius, box.high - radius
         if top - box.high[1] >= height and (low < high)[[0, 2]].all():
@@ -99,10 +118,10 @@ def _rounded_up(y: float, bottom: float, cell_height: float) -> float:
     return bottom + cell_height * max(1, math.ceil((y - bottom) / cell_height - 1e-6))
 
 
-def _free_rectangles(room: Box, boxes: list[Box], radius: float, y: float) -> list[Rectangle]:
-    """The floor without a margin around everything that is in the way, cut along all edges."""
-    blocked = [(box.low[[0, 2]] - radius, box.high[[0, 2]] + radius) for box in boxes]
-    low, high = room.low[[0, 2]] + radius, room.high[[0, 2]] - radius
+def _free_rectangles(
+    low: np.ndarray, high: np.ndarray, blocked: list[tuple[np.ndarray, np.ndarray]], y: float
+) -> list[Rectangle]:
+    """A rectangle from `low` to `high` (x and z) without the blocked ones, cut along all edges."""
     cuts = []
     for axis in (0, 1):
         edges = [low[axis], high[axis], *(edge[axis] for pair in blocked for edge in pair)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -32,6 +33,10 @@ def import_habitat() -> ModuleType:
     Raises:
         DeuxError: it is not installed, cannot be imported, or is too old.
     """
+    # torch loads this compiler with its first optimizer. It has an LLVM of its own, as Mesa has, and loading it after
+    # Mesa's crashes the process.
+    with suppress(ImportError):
+        import triton._C.libtriton  # noqa: F401
     os.environ.setdefault("HABITAT_SIM_LOG", "quiet")
     os.environ.setdefault("MAGNUM_LOG", "quiet")
     try:

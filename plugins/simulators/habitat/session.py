@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,10 +34,7 @@ def import_habitat() -> ModuleType:
     Raises:
         DeuxError: it is not installed, cannot be imported, or is too old.
     """
-    # torch loads this compiler with its first optimizer. It has an LLVM of its own, as Mesa has, and loading it after
-    # Mesa's crashes the process.
-    with suppress(ImportError):
-        import triton._C.libtriton  # noqa: F401
+    _load_compiler()
     os.environ.setdefault("HABITAT_SIM_LOG", "quiet")
     os.environ.setdefault("MAGNUM_LOG", "quiet")
     try:
@@ -56,6 +54,21 @@ def import_habitat() -> ModuleType:
     if tuple(int(part) for part in version.split(".")[:3]) < OLDEST:
         raise DeuxError(f"habitat_sim is version {version}: simulator=habitat needs 0.2.5 or later.")
     return habitat_sim
+
+
+def _load_compiler() -> None:
+    """Load the compiler that torch loads with its first optimizer, before Mesa is loaded.
+
+    Both have an LLVM of their own, and loading the compiler after Mesa crashes the process. Magnum makes Python share
+    the symbols of all libraries that are loaded after it, which these two must not do either.
+    """
+    flags = sys.getdlopenflags()
+    sys.setdlopenflags(flags & ~os.RTLD_GLOBAL)
+    try:
+        with suppress(ImportError):
+            import triton._C.libtriton  # noqa: F401
+    finally:
+        sys.setdlopenflags(flags)
 
 
 def choose_device(gpu: int | None) -> int:

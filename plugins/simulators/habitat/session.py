@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -51,7 +52,7 @@ def import_habitat() -> ModuleType:
     except ImportError as error:
         raise DeuxError(f"habitat_sim cannot be imported: {' '.join(str(error).split())}.") from error
     version = habitat_sim.__version__
-    if tuple(int(part) for part in version.split(".")[:3]) < OLDEST:
+    if tuple(int(part) for part in re.findall(r"\d+", version)[:3]) < OLDEST:
         raise DeuxError(f"habitat_sim is version {version}: simulator=habitat needs 0.2.5 or later.")
     return habitat_sim
 
@@ -145,8 +146,8 @@ class Session:
             backend.load_semantic_mesh = semantics
             try:
                 self._simulator = self._context.open(self._habitat.Configuration(backend, [agent]), self)
-            except (RuntimeError, ValueError) as error:
-                cause = " ".join(str(error).split())
+            except (RuntimeError, ValueError, AssertionError) as error:  # a failed check in C++ is the last of these
+                cause = " ".join(str(error).split()).rstrip(".")
                 raise DeuxError(f"Habitat-Sim cannot load the scene {scene.name} of {file}: {cause}.") from error
         self._make_navmesh(scene, robot, cell_size, cell_height)
 

@@ -30,7 +30,7 @@ def test_an_old_package_is_refused(version: str, install: Callable[..., ModuleTy
         import_habitat()
 
 
-@pytest.mark.parametrize("version", ["0.2.5", "0.3.3", "0.3.4.dev0"])
+@pytest.mark.parametrize("version", ["0.2.5", "0.3.3", "0.3.4.dev0", "0.3.3rc1"])
 def test_a_package_that_will_do_is_taken(version: str, install: Callable[..., ModuleType]) -> None:
     module = install(version=version)
     assert import_habitat() is module

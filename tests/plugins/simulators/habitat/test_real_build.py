@@ -11,7 +11,7 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from deux.contracts import COLOR, DEPTH, Action, Robot, Scene, Simulator
+from deux.contracts import COLOR, DEPTH, Action, Channel, Robot, Scene, Simulator
 from deux.geometry.camera import Camera
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.testing.simulators import SimulatorSuite, starts
@@ -153,3 +153,53 @@ def test_the_stand_in_is_as_the_real_one(rooms: tuple[HabitatSimulator, HabitatS
         pose = stand_in.pose[None]
         seen, expected = (one.observe(DEPTH, pose)[0].depth for one in rooms)
         assert np.percentile(np.abs(seen - expected), 95) < 1e-3
+
+
+def write_mp3d(folder: Path, boxes: list[dict]) -> FileReference:
+    """The room in Matterport3D's layout: Z-up, each box in a colour of its own and an object in the annotation."""
+    turn = trimesh.transformations.rotation_matrix(math.pi / 2.0, [1.0, 0.0, 0.0])
+    room = trimesh.creation.box(bounds=[[0.0, 0.0, 0.0], [6.0, 2.5, 5.0]])
+    room.invert()
+    parts = [room, *(trimesh.creation.box(bounds=[box["low"], box["high"]]) for box in boxes)]
+    for number, part in enumerate(parts):
+        part.apply_transform(turn)
+        material = trimesh.visual.material.PBRMaterial(baseColorFactor=[200, 40 * number, 20, 255])
+        part.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=material)
+    trimesh.Scene(parts).export(folder / "room.glb")
+
+    vertices = np.concatenate([part.vertices for part in parts])
+    faces = np.concatenate([part.faces + 8 * number for number, part in enumerate(parts)])
+    points = np.zeros(len(vertices), [("xyz", "<f4", 3), ("rgb", "u1", 3)])
+    points["xyz"] = vertices
+    polygons = np.zeros(len(faces), [("count", "u1"), ("corners", "<i4", 3), ("object", "<i4")])
+    polygons["count"], polygons["corners"], polygons["object"] = 3, faces, np.repeat(np.arange(len(parts)), 12)
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
+        + "".join(f"property float {name}\n" for name in "xyz")
+        + "".join(f"property uchar {name}\n" for name in ("red", "green", "blue"))
+        + f"element face {len(faces)}\nproperty list uchar int vertex_indices\nproperty int object_id\nend_header\n"
+    )
+    (folder / "room_semantic.ply").write_bytes(header.encode() + points.tobytes() + polygons.tobytes())
+
+    zeros = " ".join("0" * 30)
+    categories = ["wall", *(box["category"] for box in boxes)]
+    lines = ["ASCII 1.1", f"H room - 1 1 0 0 {len(parts)} {len(parts)} 0 1 0 1 {zeros}", f"L 0 1 - {zeros}"]
+    lines.append(f"R 0 0 0 0 k {zeros}")
+    lines += [f"C {number} {number} {name} {number} {name} 0 0 0 0 0" for number, name in enumerate(categories)]
+    lines += [f"O {number} 0 {number} 0 0 0 1 0 0 0 1 0 1 1 1 {zeros}" for number in range(len(parts))]
+    (folder / "room.house").write_text("\n".join(lines) + "\n")
+    return FileReference("room", folder / "room.glb", "z")
+
+
+def test_labels_lie_on_what_they_name(boxes: list[dict], tmp_path: Path) -> None:
+    simulator = HabitatSimulator(write_mp3d(tmp_path, boxes), Camera(64, 48), Robot())
+    assert simulator.object_labels == ("wall", *(box["category"] for box in boxes))
+    assert simulator.floors[0].height == pytest.approx(0.0, abs=1e-3)
+    seen = set()
+    for yaw in np.arange(8) * math.pi / 4.0:
+        simulator.reset(3.5, 2.3, float(yaw))
+        frame = simulator.observe(frozenset(Channel))
+        assert frame.objects is not None
+        np.testing.assert_array_equal(frame.objects, frame.rgb[..., 1] // 40)
+        seen |= set(np.unique(frame.objects).tolist())
+    assert seen == set(range(len(boxes) + 1))

@@ -172,6 +172,11 @@ class SceneReference(ABC):
         """The scene's file, for simulators that read it themselves; None if it is in no file."""
         return None
 
+    @property
+    def up(self) -> Literal["y", "z"]:
+        """The axis of `file` that points up; "z": world (x, y, z) = (x, z, -y) of the file."""
+        return "y"
+
     def load(self) -> Scene:
         """Make or read the scene as a mesh, anew at each call.
 

@@ -28,6 +28,7 @@ from deux.task_sections import PLUGIN_SECTIONS, TASKS
 from deux.tasks.compare_explorers import CompareSettings
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.export import ExportSettings
+from deux.tasks.export_dataset import ExportDatasetSettings
 from deux.tasks.model_training import FoundationSettings
 from deux.tasks.predict import PredictSettings
 from deux.tasks.report import ReportSettings
@@ -106,7 +107,9 @@ PLUGIN_OPTIONS = [
 
 @pytest.mark.parametrize(("section", "name", "option"), PLUGIN_OPTIONS, ids=lambda value: getattr(value, "name", value))
 def test_every_option_of_every_plugin_can_be_given(section: str, name: str, option: Option) -> None:
-    cfg = compose([f"{section}={name}", "task=train"])
+    every = options(registry().get(PLUGIN_SECTIONS[section], name), KINDS[PLUGIN_SECTIONS[section]].given).values()
+    required = [f"{section}.{other.name}=there" for other in every if other.default is REQUIRED]
+    cfg = compose([f"{section}={name}", "task=train", *required])
     cfg[section][option.name] = option.default if not isinstance(option.default, tuple) else list(option.default)
     chosen = sections_of(cfg).plugin(section)
     assert chosen.settings[option.name] == cfg[section][option.name]
@@ -126,6 +129,7 @@ SECTION_OPTIONS = [
     ("compare_explorers", "compare", CompareSettings),
     ("predict", "predict", PredictSettings),
     ("export", "export", ExportSettings),
+    ("export_dataset", "export_dataset", ExportDatasetSettings),
     ("report", "report", ReportSettings),
 ]
 

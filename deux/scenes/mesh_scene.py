@@ -7,8 +7,8 @@ import numpy as np
 
 from deux.contracts import Floor, Scene, SceneMesh
 from deux.errors import DeuxError
+from deux.mesh_files.mesh_extent import describe_size, unit_advice
 from deux.scenes.floor import find_floors
-from deux.scenes.mesh_extent import describe_size, unit_advice
 from deux.scenes.ray_caster import RayCaster
 
 log = logging.getLogger(__name__)

@@ -12,7 +12,7 @@ from typing import Literal
 
 from deux.contracts import Scene, SceneArea, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError, check_range, near_matches
-from deux.scenes.mesh_reader import SUFFIXES, Up, read_mesh, referenced_files
+from deux.mesh_files.mesh_reader import SUFFIXES, Up, read_mesh, referenced_files
 from deux.scenes.mesh_scene import mesh_scene
 from deux.scenes.prepared_scene import prepared_scene
 from deux.scenes.splits import SPLITS, check_disjoint, each_once, make_splits

@@ -10,7 +10,7 @@ import numpy as np
 
 from deux.contracts import Scene, SceneMesh
 from deux.errors import DeuxError
-from deux.scenes.mesh_reader import read_mesh
+from deux.mesh_files.mesh_reader import read_mesh
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReference
 from deux_plugins.scenes.surface_labels import LabelledSurface, look_up, surface_samples
 

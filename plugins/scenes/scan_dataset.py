@@ -15,7 +15,7 @@ from typing import ClassVar, Literal
 
 from deux.contracts import Scene, SceneArea, SceneFiles, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError, check_range, near_matches
-from deux.scenes.mesh_reader import Up
+from deux.mesh_files.mesh_reader import Up
 from deux.scenes.splits import SPLITS, check_disjoint, make_splits
 from deux_plugins.scenes.files import FileReference
 from deux_plugins.scenes.surface_labels import LabelledSurface

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 
 from deux.contracts import SceneMesh
 from deux.errors import DeuxError
-from deux.scenes.mesh_parts import check_indices
-from deux.scenes.ply_elements import read_ply_elements
-from deux.scenes.ply_file import ply_triangles
+from deux.mesh_files.mesh_parts import check_indices
+from deux.mesh_files.ply_elements import read_ply_elements
+from deux.mesh_files.ply_file import ply_triangles
 
 SPACING = 0.1  # metres between the points that stand for a labelled surface
 VOTE_SPACING = 0.3  # metres between the places at which a face looks for such points

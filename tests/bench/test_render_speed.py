@@ -42,7 +42,7 @@ def test_a_renderer_without_its_libraries_is_left_out(monkeypatch: pytest.Monkey
     monkeypatch.setattr(render_speed, "at_once", lambda work, job, processes, threads: [work(job, lambda: None)])
     (table,) = measure_rendering(RenderSettings((16,), (1,), 14_000, 1, 0.01, 2), None)
     assert [row["renderer"] for row in table.rows] == ["embree", "embree"]
-    assert table.notes[1:] == ("pyrender is left out: there is no EGL.",)
+    assert "pyrender is left out: there is no EGL." in table.notes
 
 
 def test_a_scene_that_is_not_there(tmp_path: Path) -> None:

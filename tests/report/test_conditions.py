@@ -151,7 +151,18 @@ def test_given_frames_have_no_explorer():
 
 UNRELATED = {
     "training": {"num_workers", "checkpoint_minutes", "validations"},
-    "": {"defaults", "task", "seed", "training_data", "predict", "export", "explorer_training", "compare", "paths"},
+    "": {
+        "defaults",
+        "task",
+        "seed",
+        "training_data",
+        "predict",
+        "export",
+        "export_dataset",
+        "explorer_training",
+        "compare",
+        "paths",
+    },
 }
 """Options and sections that no number of an experiment depends on, or that are known otherwise."""
 

@@ -11,8 +11,8 @@ from PIL import Image
 from deux.contracts import Scene
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
+from deux.mesh_files.mesh_reader import read_mesh
 from deux.scenes import prepared_scene as module
-from deux.scenes.mesh_reader import read_mesh
 from deux.scenes.mesh_scene import mesh_scene
 from deux.scenes.prepared_scene import prepared_scene
 from deux.simulator.embree_renderer import EmbreeRenderer

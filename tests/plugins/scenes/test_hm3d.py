@@ -33,14 +33,15 @@ def only(root, name=TRAIN, **options):
 
 
 def with_basis_textures(root, name):
-    """Make a building's mesh one with Basis textures, by what its header says of its image."""
+    """Make a building's mesh one with Basis textures, by what its header and its image say; the rest is no such one."""
     folder = root / "hm3d" / "train" / name
     basis = (folder / f"{name[6:]}.glb").rename(folder / f"{name[6:]}.basis.glb")
     content = basis.read_bytes()
     end = 20 + int.from_bytes(content[12:16], "little")
     header = content[20:end].replace(b"image/png", b"image/ktx2").rstrip().ljust(end - 20 + 4)
     lengths = (len(content) + 4).to_bytes(4, "little") + len(header).to_bytes(4, "little")
-    basis.write_bytes(content[:8] + lengths + content[16:20] + header + content[end:])
+    image = content[end:].replace(b"\x89PNG\r\n\x1a\n\0\0\0\r", b"\xabKTX 20\xbb\r\n\x1a\n")
+    basis.write_bytes(content[:8] + lengths + content[16:20] + header + image)
     return basis
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.scenes.polygons import triangulate
+from deux.mesh_files.polygons import triangulate
 
 L_SHAPE = np.array([(2, 4), (2, 2), (4, 2), (4, 0), (0, 0), (0, 4)], float)
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from deux.contracts import Material
 from deux.errors import DeuxError
-from deux.scenes.mesh_parts import GREY, MeshPart, check_indices
-from deux.scenes.part_files import find_part, read_textures
-from deux.scenes.ply_elements import PlyElement, Ragged, read_ply_elements, read_ply_header
-from deux.scenes.polygons import triangulate
+from deux.mesh_files.mesh_parts import GREY, MeshPart, check_indices
+from deux.mesh_files.part_files import find_part, read_textures
+from deux.mesh_files.ply_elements import PlyElement, Ragged, read_ply_elements, read_ply_header
+from deux.mesh_files.polygons import triangulate
 
 _INDICES = ("vertex_indices", "vertex_index")
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from deux.errors import DeuxError
-from deux.scenes.mesh_extent import check_extent, near_faces
+from deux.mesh_files.mesh_extent import check_extent, near_faces
 
 PATH = Path("house.ply")
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from deux.errors import DeuxError
-from deux.scenes.gltf_document import GltfDocument
-from deux.scenes.gltf_file import read_gltf
-from deux.scenes.gltf_primitives import read_accessor
+from deux.mesh_files.gltf_document import GltfDocument
+from deux.mesh_files.gltf_file import read_gltf
+from deux.mesh_files.gltf_primitives import read_accessor
 
 SQUARE = np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]], np.float32)
 FACES = np.array([0, 1, 2, 0, 2, 3], np.uint16)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from deux.errors import DeuxError
-from deux.scenes.gltf_document import GltfDocument
-from deux.scenes.gltf_file import read_gltf, referenced_by_gltf
+from deux.mesh_files.gltf_document import GltfDocument
+from deux.mesh_files.gltf_file import read_gltf, referenced_by_gltf
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0]], np.float32)
 

@@ -3,7 +3,7 @@ import pytest
 from PIL import Image
 
 from deux.errors import DeuxError
-from deux.scenes.part_files import find_part, limited_texture, read_texture, reduction
+from deux.mesh_files.part_files import find_part, limited_texture, read_texture, reduction
 
 
 def noise(height: int, width: int, channels: int = 3) -> np.ndarray:

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image, features
 
 from deux.errors import DeuxError
-from deux.scenes.gltf_file import read_gltf, referenced_by_gltf
-from deux.scenes.mesh_parts import GREY
+from deux.mesh_files.gltf_file import read_gltf, referenced_by_gltf
+from deux.mesh_files.mesh_parts import GREY
 
 SQUARE = np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]], np.float32)
 FACES = np.array([0, 1, 2, 0, 2, 3], np.uint16)

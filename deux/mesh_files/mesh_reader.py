@@ -11,12 +11,12 @@ import numpy as np
 from deux.contracts import Material, SceneMesh
 from deux.errors import DeuxError
 from deux.geometry.texture_pyramids import TexturePyramids, pack_pyramids
-from deux.scenes.gltf_file import read_gltf, referenced_by_gltf
-from deux.scenes.mesh_extent import check_extent, near_faces
-from deux.scenes.mesh_parts import MeshPart, check_indices
-from deux.scenes.obj_file import read_obj, referenced_by_obj
-from deux.scenes.part_files import find_part, limited_texture
-from deux.scenes.ply_file import read_ply, referenced_by_ply
+from deux.mesh_files.gltf_file import read_gltf, referenced_by_gltf
+from deux.mesh_files.mesh_extent import check_extent, near_faces
+from deux.mesh_files.mesh_parts import MeshPart, check_indices
+from deux.mesh_files.obj_file import read_obj, referenced_by_obj
+from deux.mesh_files.part_files import find_part, limited_texture
+from deux.mesh_files.ply_file import read_ply, referenced_by_ply
 
 log = logging.getLogger(__name__)
 

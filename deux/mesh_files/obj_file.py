@@ -16,10 +16,10 @@ from deux.compilation import compiled
 from deux.contracts import Material
 from deux.errors import DeuxError
 from deux.io.atomic import read_bytes
-from deux.scenes.mesh_parts import GREY, MeshPart
-from deux.scenes.obj_materials import ObjMaterial, material_libraries, read_material_library
-from deux.scenes.part_files import read_textures
-from deux.scenes.polygons import triangulate
+from deux.mesh_files.mesh_parts import GREY, MeshPart
+from deux.mesh_files.obj_materials import ObjMaterial, material_libraries, read_material_library
+from deux.mesh_files.part_files import read_textures
+from deux.mesh_files.polygons import triangulate
 
 log = logging.getLogger(__name__)
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from trimesh import transformations
 
 from deux.errors import DeuxError
-from deux.scenes.gltf_file import read_gltf
+from deux.mesh_files.gltf_file import read_gltf
 
 BOX = trimesh.creation.box(bounds=[[1, 2, 3], [2, 4, 7]])
 VOLUME = 8.0

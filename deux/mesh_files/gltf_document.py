@@ -73,7 +73,7 @@ class GltfDocument:
         self._chunk: np.ndarray | None = None
         self._buffers: dict[int, np.ndarray] = {}
         self._views: dict[int, np.ndarray] = {}
-        with self.reading("its beginning"):
+        with self.reading("its header"):
             text = self._split_chunks()
             header = json.loads(text.tobytes())
             if not isinstance(header, dict):
@@ -207,14 +207,18 @@ class GltfDocument:
         """The bytes of the JSON; keeps the first binary chunk of a .glb."""
         data = _file_bytes(self.path)
         if data[:4].tobytes() != b"glTF":
+            if not data[:64].tobytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
+                raise DeuxError(
+                    f"{self.path} cannot be read as a {self.path.suffix} file: it does not begin as such a file does."
+                )
             return data
         if len(data) < 20:
-            raise ValueError(f"it is truncated to {len(data)} bytes")
+            raise DeuxError(f"{self.path} is truncated to {len(data)} bytes.")
         version, length = (int(value) for value in data[4:12].view("<u4"))
         if version != 2:
             raise ValueError(f"it is version {version} of the .glb format, not 2")
         if len(data) < length:
-            raise ValueError(f"it is truncated to {len(data)} of {length} bytes")
+            raise DeuxError(f"{self.path} is truncated to {len(data)} of {length} bytes.")
         chunks: dict[bytes, np.ndarray] = {}
         start = 12
         while start + 8 <= length:

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from deux.contracts import Material
-from deux.scenes.gltf_document import GltfDocument
-from deux.scenes.gltf_materials import (
+from deux.mesh_files.gltf_document import GltfDocument
+from deux.mesh_files.gltf_materials import (
     BaseTexture,
     Sampling,
     WrappedTexture,
@@ -25,8 +25,8 @@ from deux.scenes.gltf_materials import (
     decode_images,
     make_material,
 )
-from deux.scenes.gltf_primitives import SURFACES, Geometry, read_accessor, read_geometry
-from deux.scenes.mesh_parts import MeshPart
+from deux.mesh_files.gltf_primitives import SURFACES, Geometry, read_accessor, read_geometry
+from deux.mesh_files.mesh_parts import MeshPart
 
 log = logging.getLogger(__name__)
 

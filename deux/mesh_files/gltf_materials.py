@@ -21,8 +21,8 @@ from PIL.PngImagePlugin import PngImageFile
 
 from deux.contracts import Material
 from deux.errors import DeuxError
-from deux.scenes.gltf_document import TEXTURE_FORMATS, GltfDocument, whole_number
-from deux.scenes.mesh_parts import GREY
+from deux.mesh_files.gltf_document import TEXTURE_FORMATS, GltfDocument, whole_number
+from deux.mesh_files.mesh_parts import GREY
 
 log = logging.getLogger(__name__)
 

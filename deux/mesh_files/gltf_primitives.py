@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from deux.scenes.gltf_document import GltfDocument, whole_number
+from deux.mesh_files.gltf_document import GltfDocument, whole_number
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 SURFACES = (TRIANGLES, STRIP, FAN)

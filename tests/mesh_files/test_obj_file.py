@@ -6,8 +6,8 @@ import trimesh
 from PIL import Image
 
 from deux.errors import DeuxError
-from deux.scenes.mesh_parts import GREY, MeshPart
-from deux.scenes.obj_file import read_obj, referenced_by_obj
+from deux.mesh_files.mesh_parts import GREY, MeshPart
+from deux.mesh_files.obj_file import read_obj, referenced_by_obj
 
 SQUARE = "v 0 0 0\nv 0 0 4\nv 4 0 4\nv 4 0 0\nvt 0 0\nvt 0 1\nvt 1 1\nvt 1 0\n"
 

@@ -4,7 +4,7 @@ import trimesh
 from PIL import Image
 
 from deux.errors import DeuxError
-from deux.scenes.mesh_reader import read_mesh, referenced_files
+from deux.mesh_files.mesh_reader import read_mesh, referenced_files
 
 ROOM = trimesh.creation.box(bounds=[[0, 0, 0], [5, 2.5, 4]])
 

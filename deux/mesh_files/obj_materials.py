@@ -10,7 +10,7 @@ import numpy as np
 
 from deux.errors import DeuxError
 from deux.io.atomic import read_bytes
-from deux.scenes.part_files import find_part
+from deux.mesh_files.part_files import find_part
 
 _COUNTS = {
     **dict.fromkeys(("-blendu", "-blendv", "-boost", "-texres", "-clamp", "-bm", "-imfchan", "-type", "-cc"), 1),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deux.errors import DeuxError
-from deux.scenes.ply_elements import Ragged, read_ply_elements, read_ply_header
+from deux.mesh_files.ply_elements import Ragged, read_ply_elements, read_ply_header
 
 HEADER = """ply
 format {form} 1.0

@@ -4,8 +4,8 @@ import trimesh
 from PIL import Image
 
 from deux.errors import DeuxError
-from deux.scenes.mesh_parts import GREY, MeshPart
-from deux.scenes.ply_file import read_ply, referenced_by_ply
+from deux.mesh_files.mesh_parts import GREY, MeshPart
+from deux.mesh_files.ply_file import read_ply, referenced_by_ply
 
 XYZ = "property float x\nproperty float y\nproperty float z\n"
 FACE = "property list uchar int vertex_indices\n"

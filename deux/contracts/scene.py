@@ -177,6 +177,11 @@ class SceneReference(ABC):
         """The axis of `file` that points up; "z": world (x, y, z) = (x, z, -y) of the file."""
         return "y"
 
+    @property
+    def scale(self) -> float:
+        """Metres per unit of `file`."""
+        return 1.0
+
     def load(self) -> Scene:
         """Make or read the scene as a mesh, anew at each call.
 

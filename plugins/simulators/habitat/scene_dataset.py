@@ -27,12 +27,18 @@ def scene_file(scene: SceneReference) -> Path:
     """The file of a scene, which Habitat-Sim reads itself.
 
     Raises:
-        DeuxError: the scene is in no file.
+        DeuxError: the scene is in no file, or in one that is not in metres: Habitat-Sim makes its navmesh from the file
+            as it is, whatever a configuration says of its scale.
     """
     if scene.file is None:
         raise DeuxError(
             f"the scene {scene.name} is in no file, and simulator=habitat reads scene files itself: take scenes=files, "
             "or another simulator."
+        )
+    if scene.scale != 1.0:
+        raise DeuxError(
+            f"simulator=habitat reads files in metres, and a unit of {scene.file} is {scene.scale:g} m: write the file "
+            "again in metres, or take simulator=mesh."
         )
     return scene.file
 

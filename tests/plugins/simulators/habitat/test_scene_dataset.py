@@ -7,6 +7,7 @@ import pytest
 from deux.contracts import SceneReference
 from deux.errors import DeuxError
 from deux_plugins.scenes.apartments import Apartments
+from deux_plugins.scenes.files import FileReference
 from deux_plugins.simulators.habitat.scene_dataset import check_config, scene_file, write_config
 
 
@@ -52,6 +53,11 @@ def test_a_semantic_mesh_without_its_description_is_left_out(
 def test_a_scene_that_is_in_no_file_is_refused() -> None:
     with pytest.raises(DeuxError, match="is in no file"):
         scene_file(Apartments(train=1, validation=0, test=0).splits().train[0])
+
+
+def test_a_file_in_another_unit_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DeuxError, match=r"reads files in metres, and a unit of .*cm\.glb is 0\.01 m"):
+        scene_file(FileReference("cm", tmp_path / "cm.glb", scale=0.01))
 
 
 def test_a_configuration_of_the_users_is_checked(tmp_path: Path) -> None:

@@ -68,12 +68,12 @@ class EGLContext:
         try:
             self._platform = EGLPlatform(width, height)
             self._platform.init_context()
+            # pyrender hands over textures without padding, but OpenGL expects rows of a multiple of four bytes.
+            glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
+            self._renderer = pyrender.Renderer(width, height)
         except (AssertionError, IndexError, Error) as cause:
             raise DeuxError(f"simulator.renderer=pyrender cannot make an EGL context ({cause!r}): {_REMEDY}") from cause
         _creator = os.getpid()
-        # pyrender hands over textures without padding, but OpenGL expects rows of a multiple of four bytes.
-        glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
-        self._renderer = pyrender.Renderer(width, height)
         weakref.finalize(self, _release, self._platform, self._renderer).atexit = False
 
     def render(self, scene: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -81,7 +81,11 @@ class EGLContext:
 
         Returns:
             H x W x 3 uint8, and H x W float32 metres, 0 = none.
+
+        Raises:
+            DeuxError: the driver refuses to draw.
         """
+        from OpenGL.error import Error
         from OpenGL.GL import glRenderbufferStorage
         from pyrender import RenderFlags
 
@@ -92,8 +96,13 @@ class EGLContext:
 
         self._platform.make_current()
         flags = RenderFlags.OFFSCREEN | RenderFlags.FLAT | RenderFlags.SKIP_CULL_FACES
-        with patch("pyrender.renderer.glRenderbufferStorageMultisample", single_sample):
-            color, depth = self._renderer.render(scene, flags)
+        try:
+            with patch("pyrender.renderer.glRenderbufferStorageMultisample", single_sample):
+                color, depth = self._renderer.render(scene, flags)
+        except Error as cause:
+            # PyOpenGL's errors hold pointers and cannot be sent from a worker process.
+            said = " ".join(str(cause).split())
+            raise DeuxError(f"simulator.renderer=pyrender: OpenGL refuses to draw ({said}); {_REMEDY}") from cause
         return np.ascontiguousarray(color), np.ascontiguousarray(depth)
 
 

@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch.nn import functional
 
-from deux_plugins.depth_models.parts.convolution import ConvolutionBlock
+from deux_plugins.depth_models.parts.convolution import Convolution, ConvolutionBlock
 from deux_plugins.depth_models.parts.decoder import UpConvolution
 from deux_plugins.depth_models.parts.depth_range import depth_from_logits
 from deux_plugins.depth_models.parts.pooling import sliding_min_of_points
@@ -92,3 +92,16 @@ fusionnet.FusionNet(), kbnet.KBNet(), scaffnet.ScaffNet(), voiced.VOICED()
 sys.exit("torchvision" in sys.modules)
 """
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+def test_the_gradient_of_a_stride_over_a_single_pixel_is_that_of_float32(dtype):
+    """oneDNN leaves it unwritten in bfloat16; only the kernel's middle sees the pixel."""
+    torch.manual_seed(0)
+    layer = Convolution(128, 128, stride=2, activation="linear").to(dtype)
+    pixel = torch.randn(4, 128, 1, 1)
+    with torch.autocast("cpu", torch.bfloat16, enabled=dtype == torch.float32):
+        layer(pixel.to(dtype)).float().sum().backward()
+    expected = torch.zeros(128, 128, 3, 3)
+    expected[:, :, 1, 1] = pixel.sum(0).flatten()
+    torch.testing.assert_close(layer.conv.weight.grad.float(), expected, rtol=2e-2, atol=2e-2)

@@ -3,6 +3,7 @@
 import os
 import weakref
 from contextlib import suppress
+from ctypes import ArgumentError
 from types import ModuleType
 from typing import Any
 from unittest.mock import patch
@@ -71,7 +72,7 @@ class EGLContext:
             # pyrender hands over textures without padding, but OpenGL expects rows of a multiple of four bytes.
             glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
             self._renderer = pyrender.Renderer(width, height)
-        except (AssertionError, IndexError, Error) as cause:
+        except (AssertionError, IndexError, ArgumentError, Error) as cause:
             raise DeuxError(f"simulator.renderer=pyrender cannot make an EGL context ({cause!r}): {_REMEDY}") from cause
         _creator = os.getpid()
         weakref.finalize(self, _release, self._platform, self._renderer).atexit = False
@@ -99,10 +100,11 @@ class EGLContext:
         try:
             with patch("pyrender.renderer.glRenderbufferStorageMultisample", single_sample):
                 color, depth = self._renderer.render(scene, flags)
-        except Error as cause:
-            # PyOpenGL's errors hold pointers and cannot be sent from a worker process.
+        except (ArgumentError, Error) as cause:
+            # These errors hold pointers and cannot be sent from a worker process. PyOpenGL 3.1.0, which pyrender 0.1.45
+            # asks for, raises the first one with Python 3.12.
             said = " ".join(str(cause).split())
-            raise DeuxError(f"simulator.renderer=pyrender: OpenGL refuses to draw ({said}); {_REMEDY}") from cause
+            raise DeuxError(f"OpenGL refuses to draw ({said}): set simulator.renderer=embree.") from cause
         return np.ascontiguousarray(color), np.ascontiguousarray(depth)
 
 

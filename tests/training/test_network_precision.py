@@ -105,7 +105,9 @@ def test_every_precision_trains_with_and_without_clipping(two_steps, precision, 
 @pytest.mark.parametrize("clipping", CLIPPING)
 @pytest.mark.parametrize("precision", WEIGHTS)
 def test_every_precision_trains_on_a_gpu(two_steps, precision, clipping):
-    _, seen = two_steps(precision, "gpu", devices=1, **CLIPPING[clipping])
+    # float16 on a card begins with so large a scale of the loss that the first steps overflow and are left out.
+    steps = {"max_steps": 60} if precision == "16-mixed" else {}
+    _, seen = two_steps(precision, "gpu", devices=1, **steps, **CLIPPING[clipping])
     assert seen.weights == {WEIGHTS[precision]}
     assert seen.objective_inputs == {torch.float32}
 

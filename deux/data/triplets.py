@@ -115,16 +115,16 @@ class TripletDataset(Dataset[Batch]):
         reader, triplet = self.triplets[index]
         if settings.sources == "unread":
             triplet = Triplet(triplet.target, ())
-        sample = self._read(reader, triplet, seed)
+        sample = self._read(reader, triplet, seed, settings.poses)
         if settings.training and settings.augmentation:
             sample = augment(sample, settings.augmentation, seed)
         return _batch(sample, settings.prepare)
 
     def with_sources(self, index: int) -> Batch:
-        """The item of that index with the source frames that its target has, also where samples hold none."""
-        return _batch(self._read(*self.triplets[index], seed=0), self.settings.prepare)
+        """The item of that index with the source frames and poses that there are, also where samples hold none."""
+        return _batch(self._read(*self.triplets[index], seed=0, poses=True), self.settings.prepare)
 
-    def _read(self, reader: Reader, triplet: Triplet, seed: int) -> dict[str, np.ndarray]:
+    def _read(self, reader: Reader, triplet: Triplet, seed: int, poses: bool) -> dict[str, np.ndarray]:
         """Read and crop a triplet's frames, as copies of what the cache holds; see `deux.data.transforms`."""
         frames = (triplet.target, *triplet.sources)
         images = [self._image(reader, frame) for frame in frames]
@@ -144,7 +144,7 @@ class TripletDataset(Dataset[Batch]):
         sample["images"] = np.stack([image[:, rows, columns] for image in images])
         sample["intrinsics"] = self._array(reader, "intrinsics", triplet.target).copy()
         sample["intrinsics"][:2, 2] -= left, top
-        if self.settings.poses:
+        if poses:
             motions = self._cache.read((reader, "motions", triplet), lambda: _motions(reader, triplet))
             if motions is not None:
                 sample["source_from_target"] = motions.copy()

@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 LIKELY_CEILING = (1.0, 30.0)
 """Metres between the floor and the ceiling, outside which a mesh is hardly in metres."""
 
-_SAMPLES = 500
+_SAMPLES = 2000
 _LEVEL = 0.1  # metres from the floor's height within which a surface is the floor's
 
 
@@ -65,15 +65,15 @@ def has_colors(mesh: SceneMesh) -> bool:
 
 
 def _ceiling(mesh: SceneMesh, floor: Floor, caster: RayCaster) -> float:
-    """The median height in metres of what is above the floor; infinite where nothing is."""
-    heights = mesh.vertices[:, 1][mesh.faces]
-    on_floor = np.flatnonzero((np.abs(heights - floor.height) < _LEVEL).all(axis=1))
-    if len(on_floor) == 0:
+    """The median height in metres of what is above the floor, at places spread evenly over it; infinite outdoors."""
+    low, high = mesh.bounds
+    origins = np.random.default_rng(0).uniform(low, high, (_SAMPLES, 3))
+    origins[:, 1] = floor.height + _LEVEL
+    up = np.broadcast_to([0.0, 1.0, 0.0], origins.shape)
+    on_floor = caster.cast(origins, -up).distance <= 2 * _LEVEL
+    if not on_floor.any():
         return np.inf
-    chosen = on_floor[np.linspace(0, len(on_floor) - 1, min(_SAMPLES, len(on_floor))).astype(np.int64)]
-    origins = mesh.vertices[mesh.faces[chosen]].mean(axis=1) + np.array([0.0, _LEVEL, 0.0])
-    above = caster.cast(origins, np.broadcast_to([0.0, 1.0, 0.0], origins.shape)).distance
-    return float(np.median(above)) + _LEVEL
+    return float(np.median(caster.cast(origins, up).distance[on_floor])) + _LEVEL
 
 
 @functools.cache

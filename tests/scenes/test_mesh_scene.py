@@ -6,7 +6,8 @@ import trimesh
 
 from deux.contracts import Material, SceneMesh
 from deux.errors import DeuxError
-from deux.scenes.mesh_scene import has_colors, mesh_scene
+from deux.scenes.mesh_scene import _warn_once, has_colors, mesh_scene
+from deux_plugins.scenes.files import load_scene
 
 RED = np.full((4, 4, 3), (255, 0, 0), np.uint8)
 
@@ -71,4 +72,11 @@ def test_an_unlikely_size_is_said_with_the_option(room, caplog, factor, said):
 
 def test_a_likely_ceiling_is_not_said(room, caplog):
     mesh_scene("likely", painted(room, Material("a", (1, 2, 3)), Material("b", (3, 2, 1))), "test:5", "likely.ply")
+    assert caplog.text == ""
+
+
+@pytest.mark.parametrize("name", ["small_house.glb", "lounge.ply"])
+def test_nothing_is_said_of_real_scenes(shared_data, name, caplog):
+    _warn_once.cache_clear()  # whatever an earlier test of this process has said
+    assert load_scene(shared_data("scenes") / name).floors[0].height == pytest.approx(0.0, abs=0.05)
     assert caplog.text == ""

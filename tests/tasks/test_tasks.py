@@ -11,10 +11,12 @@ import torch
 import deux as package
 from deux.collection.pipeline import read_manifest
 from deux.errors import DeuxError
+from deux.figures.depth_figures import draw_depth_panels
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import read_depth, read_image
 from deux.io.layout import sequences
 from deux.simulator.egl_context import EGLContext
+from deux.tasks import evaluate
 
 
 def only(folder: Path, pattern: str) -> Path:
@@ -202,3 +204,18 @@ def test_source_frames_of_a_dataset_that_lists_none(tiny, collected, tmp_path):
     assert sentence.startswith(f"None of the 6 train frames of {dataset} has source frames: what lies -4 and +4 frames")
     outcome = tiny(tmp_path, *arguments, "training.offsets=[-3,3]")
     assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_the_figure_of_test_frames_has_their_residual(deux, tiny_arguments, model_file, tmp_path, monkeypatch):
+    drawn = []
+
+    def draw(samples):
+        drawn.extend(samples)
+        return draw_depth_panels(samples)
+
+    monkeypatch.setattr(evaluate, "draw_depth_panels", draw)
+    checkpoint = f"evaluation.checkpoint={model_file('kbnet')}"
+    outcome = deux(*tiny_arguments(tmp_path, "task=evaluate", checkpoint, f"hydra.run.dir={tmp_path}/run"))
+    assert outcome.code == 0, outcome.err
+    assert len(drawn) == 3
+    assert all(np.isfinite(sample.residual).any() for sample in drawn)

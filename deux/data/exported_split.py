@@ -1,6 +1,5 @@
 """What is exported to foreign code: the frames of each split, under names that are theirs alone, file by file."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,22 +43,19 @@ class ExportedSplit:
         return found
 
 
-def read_splits(
-    readers: dict[str, Reader], offsets: tuple[int, ...], names: Sequence[str] = ("train", "validation", "test")
-) -> list[ExportedSplit]:
+def read_splits(readers: dict[str, Reader], offsets: tuple[int, ...]) -> list[ExportedSplit]:
     """List the frames of each split; of training and validation splits those that have two source frames.
 
     Args:
         readers: of each split that is exported, by its name.
         offsets: the source frames, where a folder does not list them itself.
-        names: the order of the splits.
 
     Raises:
         DeuxError: a split has no frames, or none that can be trained on.
     """
     splits: list[ExportedSplit] = []
     taken: set[str] = set()
-    for name in (name for name in names if name in readers):
+    for name in (name for name in ("train", "validation", "test") if name in readers):
         listed = readers[name].triplets(name, offsets)
         triplets = tuple(t for t in listed if name == "test" or len(t.sources) == SOURCES)
         if not triplets:

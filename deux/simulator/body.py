@@ -7,7 +7,7 @@ import numpy as np
 
 from deux.compilation import compiled
 from deux.geometry.grid import FreeSpace, GridFrame
-from deux.simulator.walls import is_clear, wall_segments
+from deux.simulator.wall_segments import is_clear, wall_segments
 
 MARGIN = 1e-6  # cells from a wall at which the body comes to rest
 SLACK = 1e-5  # cells behind a wall, or beyond its end, at which it still stops the body

@@ -104,8 +104,8 @@ def fit(
     terms = make_objective(model, objective)
     data = TripletDataModule(
         model,
-        train=train,
-        validation=validation,
+        train,
+        validation,
         batch_size=settings.batch_size,
         crop=settings.crop,
         seed=seed,
@@ -115,8 +115,7 @@ def fit(
         poses=terms.needs_reconstructions and pose == "simulator",
     )
     module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics)
-    checkpoints = folder / "checkpoints"
-    own = trainer_arguments or {}
+    checkpoints, own = folder / "checkpoints", trainer_arguments or {}
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),

@@ -1,10 +1,10 @@
 """`data=webdataset`: tar shards of samples, read in any order."""
 
-import functools
 import json
 import re
 import tarfile
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,8 +28,8 @@ class _Member(NamedTuple):
 class Shards(Reader):
     """Reads the shards that `task=export_dataset export_dataset.format=webdataset` writes, `<split>-NNNNNN.tar`.
 
-    The headers are read once in each process, so that frames can be read in any order. The package `webdataset`
-    streams the same shards (docs/export.md).
+    The headers are read once, with the first frame that is asked for, so that frames can be read in any order. The
+    package `webdataset` streams the same shards (docs/export.md).
 
     Args:
         folder: holds the shards.
@@ -39,12 +39,11 @@ class Shards(Reader):
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         """The targets of a split, by name; each has its source frames with it."""
-        samples = self._index(split)
+        samples = self._index.get(split)
         if not samples:
-            there = sorted({path.name.rpartition("-")[0] for path in self.folder.glob("*-*.tar")})
             raise DeuxError(
                 f"{self.folder} has no {split} split, whose shards {split}-000000.tar and so on would hold; it has "
-                f"{', '.join(there) or 'no shards at all'}."
+                f"{', '.join(sorted(self._index)) or 'no shards at all'}."
             )
         return [self._triplet(key, kinds) for key, kinds in sorted(samples.items())]
 
@@ -96,15 +95,27 @@ class Shards(Reader):
             raise DeuxError(f"{member.shard} cannot be read: {error.strerror}.") from error
 
     def _find(self, key: str) -> dict[str, _Member]:
-        for split in ("train", "validation", "test"):
-            if key in (samples := self._index(split)):
+        for samples in self._index.values():
+            if key in samples:
                 return samples[key]
         raise DeuxError(f"{self.folder} has no sample {key}.")
 
-    def _index(self, split: str) -> dict[str, dict[str, _Member]]:
-        # Size and time are there for the cache: a shard that changes is indexed again.
-        shards = ((path, path.stat()) for path in sorted(self.folder.glob(f"{split}-*.tar")))
-        return _samples(tuple((path, status.st_size, status.st_mtime_ns) for path, status in shards))
+    @cached_property
+    def _index(self) -> dict[str, dict[str, dict[str, _Member]]]:
+        """The files of each split's samples, by the sample's key and their kinds."""
+        index: dict[str, dict[str, dict[str, _Member]]] = {}
+        for shard in sorted(self.folder.glob("*-*.tar")):
+            samples = index.setdefault(shard.name.rpartition("-")[0], {})
+            try:
+                with tarfile.open(shard, "r:") as archive:
+                    for member in (member for member in archive if member.isfile()):
+                        folder, _, file = member.name.rpartition("/")
+                        stem, _, kind = file.partition(".")
+                        place = _Member(shard, member.offset_data, member.size)
+                        samples.setdefault(f"{folder}/{stem}", {})[kind] = place
+            except (tarfile.TarError, OSError) as error:
+                raise DeuxError(f"{shard} is damaged or no tar file: {error}.") from error
+        return index
 
     def _triplet(self, key: str, kinds: dict[str, _Member]) -> Triplet:
         sequence, _, name = key.rpartition("/")
@@ -118,19 +129,3 @@ def _key(frame: FrameReference) -> tuple[str, str]:
     """A sample's key, and which of its images the frame is."""
     name, _, kind = frame.name.partition(".")
     return f"{frame.sequence}/{name}", kind or "image"
-
-
-@functools.lru_cache(maxsize=16)
-def _samples(shards: tuple[tuple[Path, int, int], ...]) -> dict[str, dict[str, _Member]]:
-    """The files of each sample, by its key and their kinds; a shard is given with its size and time of change."""
-    samples: dict[str, dict[str, _Member]] = {}
-    for shard, _, _ in shards:
-        try:
-            with tarfile.open(shard, "r:") as archive:
-                for member in (member for member in archive if member.isfile()):
-                    folder, _, file = member.name.rpartition("/")
-                    stem, _, kind = file.partition(".")
-                    samples.setdefault(f"{folder}/{stem}", {})[kind] = _Member(shard, member.offset_data, member.size)
-        except (tarfile.TarError, OSError) as error:
-            raise DeuxError(f"{shard} is damaged or no tar file: {error}.") from error
-    return samples

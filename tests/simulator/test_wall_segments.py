@@ -5,7 +5,7 @@ import pytest
 from matplotlib.path import Path
 from scipy import ndimage
 
-from deux.simulator.walls import is_clear, wall_segments
+from deux.simulator.wall_segments import is_clear, wall_segments
 
 
 def hilly_floor(seed: int) -> np.ndarray:

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from functools import partial
 
-from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator, begin_episode
+from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
+from deux.collection.jobs import CountFrames, Executor, ExplorationJob, JobRunner, run_here
 from deux.collection.perception import MODEL_NEEDS, Perception
 from deux.collection.sparse import SparseSettings
-from deux.collection.walk import check_perception, run_walks
+from deux.collection.walk import check_perception
 from deux.contracts import DepthPredictor, Uncertainty
-from deux.io.frames import FrameWriter
 from deux.io.processes import in_processes
 from deux.io.progress import Progress, ignore_progress
 
@@ -49,21 +49,15 @@ def explore(
     guided = bool(explorer.needs & MODEL_NEEDS)
     perception = Perception(predict_depth, sparse, uncertainty) if guided and predict_depth is not None else None
     check_perception(explorer, perception)
-    batches = [plans[first : first + batch_size] for first in range(0, len(plans), batch_size)]
-    if not guided:  # the robots do not touch each other
-        batches = [[plan for plan in batch if not plan.record.exists()] for batch in batches]
-    # With a model, a batch with one unfinished episode runs again as a whole: the number of frames in a batch can
-    # change the last bits of what the model predicts.
-    unfinished = [batch for batch in batches if not all(plan.record.exists() for plan in batch)]
-    total = sum(plan.steps for plan in plans)
-    count = _Count(progress, total - sum(plan.steps for batch in unfinished for plan in batch), total)
+    size = batch_size if guided else 1  # without a model the robots do not touch each other
+    jobs = [ExplorationJob(tuple(plans[first : first + size])) for first in range(0, len(plans), size)]
+    unfinished = [job for job in jobs if not job.finished]
+    total = sum(job.frames for job in jobs)
+    count = _Count(progress, total - sum(job.frames for job in unfinished), total)
+    execute: Executor = run_here
     if processes > 1 and not guided:
-        work = partial(_explore_alone, make_simulator=make_simulator, make_explorer=make_explorer)
-        alone = [plan for batch in unfinished for plan in batch]
-        in_processes(work, alone, processes, lambda plan: count.add(plan.steps))
-        return
-    for batch in unfinished:
-        _explore_batch(batch, make_simulator, make_explorer, perception, count)
+        execute = partial(_in_processes, processes=processes)
+    execute(JobRunner(make_simulator, make_explorer, perception), unfinished, count)
 
 
 class _Count:
@@ -72,30 +66,15 @@ class _Count:
     def __init__(self, progress: Progress, done: int, total: int) -> None:
         self._progress, self._done, self._total = progress, done, total
 
-    def add(self, frames: int) -> None:
+    def __call__(self, frames: int) -> None:
         self._done += frames
         self._progress(_STAGE, self._done, self._total)
 
 
-def _explore_batch(
-    plans: Sequence[EpisodePlan],
-    make_simulator: MakeSimulator,
-    make_explorer: MakeExplorer,
-    perception: Perception | None,
-    count: _Count,
-) -> None:
-    """Run episodes in lock-step and store their frames."""
-    with FrameWriter() as writer:
-        episodes = dict(begin_episode(plan, make_simulator(plan.scene), make_explorer(), writer) for plan in plans)
-        for steps in run_walks([*episodes], perception):
-            for step in steps:
-                episodes[step.walk].add(step)
-            count.add(len(steps))
-    for walk, files in episodes.items():  # all frames are on disk now
-        files.finish(walk)
-        count.add(walk.steps - len(walk.actions))
+def _in_processes(run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames, processes: int) -> None:
+    """The executor of several local processes."""
+    in_processes(partial(_run_silently, run), jobs, processes, lambda job: count(job.frames))
 
 
-def _explore_alone(plan: EpisodePlan, make_simulator: MakeSimulator, make_explorer: MakeExplorer) -> None:
-    """One episode of an explorer that needs no model, in a process of its own."""
-    _explore_batch([plan], make_simulator, make_explorer, None, _Count(ignore_progress, 0, plan.steps))
+def _run_silently(run: JobRunner, job: ExplorationJob) -> None:
+    run(job, lambda frames: None)

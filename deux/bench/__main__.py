@@ -11,7 +11,7 @@ from deux.errors import DeuxError
 if TYPE_CHECKING:
     from deux.bench.speed_tables import SpeedTable
 
-BENCHMARKS = ("render", "batching", "explore", "environment", "models")
+BENCHMARKS = ("render", "batching", "explore", "environment", "models", "limits", "peers")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

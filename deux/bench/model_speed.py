@@ -9,7 +9,7 @@ from itertools import product
 from typing import Literal, NamedTuple
 
 import torch
-from lightning import Trainer
+from lightning import Callback, Trainer
 from torch import Tensor
 from torch.utils.data import DataLoader
 
@@ -62,32 +62,49 @@ QUICK = ModelSettings(batch_size=1, size=128, steps=1, inference_size=128, round
 """Settings for a quick look."""
 
 
-def measure_models(settings: ModelSettings) -> Iterator[SpeedTable]:
-    """Measure every installed depth model, with its published objective and default options."""
+def measure_models(settings: ModelSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
+    """Measure every installed depth model, with its published objective and default options.
+
+    Args:
+        settings: what is trained.
+        accelerator: Lightning's accelerator setting.
+    """
     models, broken = installed("depth_models")
     notes = broken if models else (*broken, "no depth model is installed.")
-    yield from _step_tables(settings, models, notes)
-    yield _inference_table(settings, models, notes)
+    yield from _step_tables(settings, models, notes, accelerator)
+    yield _inference_table(settings, models, notes, default_device(accelerator))
 
 
-class _Variant(NamedTuple):
+class StepVariant(NamedTuple):
+    """One way of training a model.
+
+    Args:
+        model: its registered name.
+        precision: of `PRECISIONS`.
+        poses: where the relative poses come from.
+    """
+
     model: str
     precision: str
     poses: PoseKind
 
 
 def _step_tables(
-    settings: ModelSettings, models: dict[str, DepthModel], notes: tuple[str, ...]
+    settings: ModelSettings, models: dict[str, DepthModel], notes: tuple[str, ...], accelerator: str
 ) -> Iterator[SpeedTable]:
     """The rate of training steps, and the shares of their parts."""
     variants = [
-        _Variant(name, precision, poses)
+        StepVariant(name, precision, poses)
         for (name, model), precision, poses in product(models.items(), PRECISIONS, POSES)
         if poses == "simulator" or model.pose_network() is not None
     ]
     batches = {name: render_batch(model, settings.size, settings.batch_size) for name, model in models.items()}
-    runs = {variant: partial(_train, variant, batches[variant.model], settings.steps) for variant in variants}
-    found = in_turn(runs, settings.rounds)
+
+    def run(variant: StepVariant) -> StepClock:
+        train_steps(variant, batches[variant.model], settings.steps, clock := StepClock(), accelerator)
+        return clock
+
+    found = in_turn({variant: partial(run, variant) for variant in variants}, settings.rounds)
     seconds = {variant: [step for clock in found[variant] for step in clock.steps] for variant in variants}
     ratios = times_the_slowest({variant: [1.0 / step for step in seconds[variant]] for variant in variants})
     shape = f"batch {settings.batch_size}, {settings.size} x {settings.size}"
@@ -100,28 +117,35 @@ def _step_tables(
     yield SpeedTable("models_parts", "Training steps: where their time goes", parts)
 
 
-def _train(variant: _Variant, batch: Batch, steps: int) -> StepClock:
-    """Train a newly made model for a few steps, as `deux.training.fit` does but for loading data and writing logs."""
+def train_steps(variant: StepVariant, batch: Batch, steps: int, watch: Callback, accelerator: str = "auto") -> None:
+    """Train a newly made model for a few steps, as `deux.training.fit` does but for loading data and writing logs.
+
+    Args:
+        variant: the model and how it is trained.
+        batch: shown in every step.
+        steps: number of steps, after one to warm up.
+        watch: a callback that measures.
+        accelerator: Lightning's accelerator setting.
+    """
     torch.manual_seed(0)
     model: DepthModel = registry().create("depth_models", variant.model, {})
     module = DepthCompletion(model, make_objective(model), make_pose_source(variant.poses, model))
-    clock = StepClock()
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     with warnings.catch_warnings():
         for message in _KNOWN_WARNINGS:
             warnings.filterwarnings("ignore", message)
         trainer = Trainer(
+            accelerator=accelerator,
             precision=PRECISIONS[variant.precision],
             devices=1,
             max_steps=steps + 1,
-            callbacks=[clock],
+            callbacks=[watch],
             logger=False,
             enable_checkpointing=False,
             enable_progress_bar=False,
             enable_model_summary=False,
         )
         trainer.fit(module, DataLoader([batch] * (steps + 1), batch_size=None))  # type: ignore[arg-type]
-    return clock
 
 
 def _shares(clocks: Sequence[StepClock]) -> dict[str, Spread]:
@@ -131,9 +155,11 @@ def _shares(clocks: Sequence[StepClock]) -> dict[str, Spread]:
     }
 
 
-def _inference_table(settings: ModelSettings, models: Mapping[str, DepthModel], notes: tuple[str, ...]) -> SpeedTable:
+def _inference_table(
+    settings: ModelSettings, models: Mapping[str, DepthModel], notes: tuple[str, ...], device: torch.device
+) -> SpeedTable:
     """The time of predicting the depth of one image, from points as sampled to metres."""
-    size, device = settings.inference_size, default_device()
+    size = settings.inference_size
     calls = {}
     for name, model in models.items():
         batch = render_batch(model, size, count=1)

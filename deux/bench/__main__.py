@@ -1,6 +1,7 @@
 """The benchmarks from the command line: `python -m deux.bench [BENCHMARK] [--quick] [--json PATH]`."""
 
 import argparse
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -35,12 +36,21 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="small and short: two minutes for all")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the numbers to this file, too")
     parser.add_argument(
-        "--scene", type=Path, metavar="PATH", help="scene file to render in place of the flat with its faces split"
+        "--scene",
+        type=Path,
+        metavar="PATH",
+        help="scene file to render in place of the flat with its faces split; for peers, of the flat",
     )
     parser.add_argument(
         "--model",
         metavar="NAME",
         help="depth model that guides explorers, untrained; default: the first that is installed and unsupervised",
+    )
+    parser.add_argument(
+        "--device",
+        choices=("auto", "cpu", "cuda"),
+        default="auto",
+        help="where models compute; default: a CUDA device where there is one",
     )
     parser.add_argument(
         "--threads", type=_positive, metavar="N", help="threads of torch and OpenCV; default: all cores"
@@ -55,13 +65,15 @@ def _positive(text: str) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
+    # PyTorch's profiler tells of its beginning and end on stderr.
+    os.environ.setdefault("KINETO_LOG_LEVEL", "99")
     # Imported here because they bring torch, which `--help` must not wait for.
     from deux.bench.machine import prepare_machine
     from deux.bench.speed_tables import make_console, print_table
     from deux.io.atomic import write_json
 
     console = make_console()
-    machine = prepare_machine(options.threads)
+    machine = prepare_machine(options.threads, options.device)
     console.print(str(machine), markup=False, end="\n\n")
     tables = []
     for name in BENCHMARKS if options.benchmark == "all" else [options.benchmark]:
@@ -82,13 +94,13 @@ def _tables(name: str, options: argparse.Namespace) -> "Iterator[SpeedTable]":
         from deux.bench import batching_speed as batching
 
         return batching.measure_batching(
-            batching.QUICK if options.quick else batching.BatchingSettings(), options.model
+            batching.QUICK if options.quick else batching.BatchingSettings(), options.model, options.device
         )
     if name == "explore":
         from deux.bench import exploration_speed as exploration
 
         return exploration.measure_exploration(
-            exploration.QUICK if options.quick else exploration.ExploreSettings(), options.model
+            exploration.QUICK if options.quick else exploration.ExploreSettings(), options.model, options.device
         )
     if name == "environment":
         from deux.bench import environment_speed as environment
@@ -96,9 +108,19 @@ def _tables(name: str, options: argparse.Namespace) -> "Iterator[SpeedTable]":
         return environment.measure_environment(
             environment.QUICK if options.quick else environment.EnvironmentSettings()
         )
+    if name == "limits":
+        from deux.bench import step_limits as limits
+
+        return limits.measure_limits(limits.QUICK if options.quick else limits.LimitSettings(), options.device)
+    if name == "peers":
+        from deux.bench import peer_figures as peers
+
+        return peers.measure_peers(
+            peers.QUICK if options.quick else peers.PeerSettings(), options.scene, options.device
+        )
     from deux.bench import model_speed as models
 
-    return models.measure_models(models.QUICK if options.quick else models.ModelSettings())
+    return models.measure_models(models.QUICK if options.quick else models.ModelSettings(), options.device)
 
 
 if __name__ == "__main__":

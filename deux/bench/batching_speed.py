@@ -46,17 +46,20 @@ QUICK = BatchingSettings(sizes=(64,), places=16, seconds=0.1, steps=4, rounds=3)
 """Settings for a quick look."""
 
 
-def measure_batching(settings: BatchingSettings, model_name: str | None) -> Iterator[SpeedTable]:
+def measure_batching(
+    settings: BatchingSettings, model_name: str | None, accelerator: str = "auto"
+) -> Iterator[SpeedTable]:
     """Measure one call of `Simulator.observe` with many poses, and one call of the depth model for many robots.
 
     Args:
         settings: what is measured.
         model_name: the depth model, as of `make_guide`.
+        accelerator: Lightning's accelerator setting.
 
     Raises:
         DeuxError: there is no such model.
     """
-    guide = make_guide(model_name)
+    guide = make_guide(model_name, accelerator)
     yield _frames_table(settings)
     yield _walks_table(settings, guide)
 

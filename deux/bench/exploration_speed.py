@@ -44,17 +44,20 @@ QUICK = ExploreSettings(steps=10, warm_up=3, rounds=2)
 """Settings for a quick look."""
 
 
-def measure_exploration(settings: ExploreSettings, model_name: str | None) -> Iterator[SpeedTable]:
+def measure_exploration(
+    settings: ExploreSettings, model_name: str | None, accelerator: str = "auto"
+) -> Iterator[SpeedTable]:
     """Measure every installed explorer, with its default options.
 
     Args:
         settings: what is explored.
         model_name: the depth model for explorers that need one, as of `make_guide`.
+        accelerator: Lightning's accelerator setting.
 
     Raises:
         DeuxError: there is no such model.
     """
-    guide = make_guide(model_name)
+    guide = make_guide(model_name, accelerator)
     explorers, broken = installed("explorers")
     notes = [
         f"{settings.robots} robots in {settings.robots} flats take turns in one process. The explorer's share is all "

@@ -39,11 +39,12 @@ def installed(kind: str) -> tuple[dict[str, Any], tuple[str, ...]]:
     return made, tuple(notes)
 
 
-def make_guide(model_name: str | None) -> Guide | None:
+def make_guide(model_name: str | None, accelerator: str = "auto") -> Guide | None:
     """Make the guide of explorers.
 
     Args:
         model_name: its depth model; by default the first that is installed and trains without ground truth.
+        accelerator: Lightning's accelerator setting.
 
     Returns:
         None if no model is named and none is installed.
@@ -55,7 +56,7 @@ def make_guide(model_name: str | None) -> Guide | None:
     if model_name is None:
         return None
     model = registry().create("depth_models", model_name, {}).eval()
-    return Guide(model_name, FastPredictor(model), registry().create("uncertainties", UNCERTAINTY, {}))
+    return Guide(model_name, FastPredictor(model, accelerator), registry().create("uncertainties", UNCERTAINTY, {}))
 
 
 def default_model() -> str | None:

@@ -10,6 +10,9 @@ from typing import Any
 import cv2
 import torch
 
+from deux.errors import DeuxError
+from deux.inference.precision import default_device
+
 PACKAGES = ("deux", "torch", "lightning", "numpy", "numba", "embreex", "pyrender")
 """The packages whose versions matter."""
 
@@ -22,7 +25,7 @@ class Machine:
         processor: the processor's model.
         cores: number of cores that this process may use.
         threads: number of threads of torch and OpenCV in this process.
-        accelerator: the graphics card that training uses, or "none".
+        accelerator: the graphics card that models compute on, or "none".
         load: load average of the last minute; above 0 somebody else is at work.
         versions: of Python and the packages that matter.
     """
@@ -46,8 +49,19 @@ class Machine:
         return asdict(self)
 
 
-def prepare_machine(threads: int | None) -> Machine:
-    """Set the number of threads of this process (all cores if None) and describe the machine."""
+def prepare_machine(threads: int | None, device: str = "auto") -> Machine:
+    """Set the number of threads of this process and describe the machine.
+
+    Args:
+        threads: of torch and OpenCV; None for all cores.
+        device: where models compute: "cpu", "cuda", or "auto" for a CUDA device where there is one.
+
+    Raises:
+        DeuxError: a CUDA device is asked for and there is none.
+    """
+    if device == "cuda" and not torch.cuda.is_available():
+        raise DeuxError("--device cuda: PyTorch finds no CUDA device here; python -m deux.doctor says more.")
+    used = default_device(device).type == "cuda"
     count = threads or cores()
     torch.set_num_threads(count)
     cv2.setNumThreads(count)
@@ -55,7 +69,7 @@ def prepare_machine(threads: int | None) -> Machine:
         processor=_processor(),
         cores=cores(),
         threads=count,
-        accelerator=torch.cuda.get_device_name() if torch.cuda.is_available() else "none",
+        accelerator=torch.cuda.get_device_name() if used else "none",
         load=os.getloadavg()[0],
         versions={"Python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
     )

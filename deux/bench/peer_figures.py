@@ -121,7 +121,9 @@ def _rows(work: Work, settings: PeerSettings) -> list[dict[str, Value]]:
     others = {peer.name: peer.call for peer in work.peers if peer.call is not None}
     for call in (work.call, *others.values()):  # compiles the kernels
         call()
-    timed = {name: partial(_milliseconds, call, settings.seconds) for name, call in others.items()}
+    timed: dict[str, Callable[[], float]] = {
+        name: partial(_milliseconds, call, settings.seconds) for name, call in others.items()
+    }
     timed["deux"] = work.call if work.timed else partial(_milliseconds, work.call, settings.seconds)
     found = {name: Spread.of(values) for name, values in in_turn(timed, settings.rounds).items()}
     rows: list[dict[str, Value]] = []

@@ -55,14 +55,17 @@ def test_quick_is_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
         ("explore", "exploration_speed", "measure_exploration"),
         ("environment", "environment_speed", "measure_environment"),
         ("models", "model_speed", "measure_models"),
+        ("limits", "step_limits", "measure_limits"),
+        ("peers", "peer_figures", "measure_peers"),
     ],
 )
 def test_each_part_runs_alone(part: str, module: str, function: str, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[object, ...]] = []
     measuring = importlib.import_module(f"deux.bench.{module}")
     monkeypatch.setattr(measuring, function, lambda *given: asked.append(given) or iter([]))
-    assert main([part, "--quick", "--model", "tiny", *THREADS]) == 0
-    given = {"render": (None,), "batching": ("tiny",), "explore": ("tiny",)}.get(part, ())
+    assert main([part, "--quick", "--model", "tiny", "--device", "cpu", *THREADS]) == 0
+    guided = {"batching": ("tiny", "cpu"), "explore": ("tiny", "cpu")}
+    given = {"render": (None,), "environment": (), "peers": (None, "cpu"), **guided}.get(part, ("cpu",))
     assert asked == [(measuring.QUICK, *given)]
 
 
@@ -73,6 +76,12 @@ def test_a_mistake_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch, caps
     monkeypatch.setattr(render_speed, "measure_rendering", fail)
     assert main(["render", *THREADS]) == 1
     assert capsys.readouterr().err == "deux: there is no such scene.\n"
+
+
+def test_a_card_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert main(["models", "--device", "cuda", *THREADS]) == 1
+    assert "--device cuda: PyTorch finds no CUDA device here" in capsys.readouterr().err
 
 
 def test_help_waits_for_neither_torch_nor_hydra() -> None:

@@ -25,7 +25,8 @@ def load_moderngl() -> ModuleType:
         import moderngl
     except ImportError as cause:
         raise DeuxError(
-            'simulator.renderer=gl needs the package moderngl: pip install "deux[gl]", or set simulator.renderer=embree.'
+            'simulator.renderer=gl needs the package moderngl: pip install "deux[gl]", '
+            "or set simulator.renderer=embree."
         ) from cause
     module: ModuleType = moderngl
     return module
@@ -51,6 +52,7 @@ class GLContext:
         except Exception as cause:
             raise DeuxError(f"simulator.renderer=gl cannot make an EGL context ({cause}): {REMEDY}") from cause
         remember_process()
+        self.on_cpu = any(name in self.gl.info["GL_RENDERER"] for name in ("llvmpipe", "softpipe"))
         self.gl.gc_mode = "context_gc"  # what is dropped outside `with` waits for the next `with`
         self.gl.__exit__(None, None, None)
         weakref.finalize(self, _release, self.gl).atexit = False

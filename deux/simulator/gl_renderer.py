@@ -6,16 +6,15 @@ import copy
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
-from deux.compilation import compiled
 from deux.contracts import SceneMesh
 from deux.geometry.camera import Camera
 from deux.scenes.ray_caster import RayCaster
-from deux.simulator.gl_clusters import Frustum
+from deux.simulator.gl_clusters import Frustum, likely_occluders
 from deux.simulator.gl_context import load_moderngl
 from deux.simulator.gl_scene import GLScene
+from deux.simulator.gl_target import RenderTarget
 from deux.simulator.renderers import RenderedImage
 
 if TYPE_CHECKING:
@@ -52,7 +51,7 @@ class GLRenderer:
         """Render from N x 4 x 4 camera-to-world matrices; while one image is read, others are still drawn.
 
         Raises:
-            DeuxError: the system's OpenGL libraries are missing, or this process was forked from one that has a context.
+            DeuxError: the system's OpenGL libraries are missing, or this process was forked from one that uses them.
         """
         images: list[RenderedImage] = []
         scene = self._model.scene
@@ -68,27 +67,28 @@ class GLRenderer:
         self.camera = camera
         self._frustum = Frustum(camera)
         self._clip_from_camera = _projection(camera, self._model.mesh)
-        self._targets: dict[tuple[bool, bool], list[_Target]] = {}
+        self._targets: dict[tuple[bool, bool], list[RenderTarget]] = {}
 
     def _render(
         self, gl: moderngl.Context, scene: GLScene, poses: np.ndarray, colors: bool, faces: bool
     ) -> list[RenderedImage]:
         targets = self._targets.setdefault((colors, faces), [])
-        targets += [_Target(gl, self.camera, colors, faces) for _ in range(len(poses) - len(targets))]
-        seen = [scene.commands(self._frustum.clusters(scene.clusters, pose)) for pose in poses]
-        commands = gl.buffer(np.concatenate(seen).tobytes() or bytes(1))
-        program, mesh = scene.program(colors, faces)
+        targets += [RenderTarget(gl, self.camera, colors, faces) for _ in range(len(poses) - len(targets))]
+        del targets[_AT_ONCE:]
+        clusters = scene.clusters
+        seen = [self._frustum.within(clusters, pose) for pose in poses]
+        matrices = [self._clip_from_camera @ np.linalg.inv(pose) for pose in poses]
         gl.enable_only(gl.DEPTH_TEST)
-        first = 0
-        for pose, target, own in zip(poses, targets, seen, strict=False):
-            clip_from_world = self._clip_from_camera @ np.linalg.inv(pose)
-            program["clip_from_world"].write(clip_from_world.T.astype(np.float32).tobytes())
-            target.frame.use()
-            target.frame.clear(depth=1.0)
-            if len(own):
-                mesh.render_indirect(commands, count=len(own), first=first)
-            first += len(own)
-        return [target.read(self.camera, scene.clusters.order) for target in targets[: len(poses)]]
+        if scene.context.on_cpu:
+            # Vertices and hidden surfaces cost more there than to look what the nearest ones have left open.
+            likely = [likely_occluders(clusters, numbers) for numbers in seen]
+            scene.draw(targets, matrices, [numbers[first] for numbers, first in zip(seen, likely, strict=True)])
+            seen = [
+                self._frustum.not_hidden(clusters, numbers[~first], pose, target.depth())
+                for numbers, first, pose, target in zip(seen, likely, poses, targets, strict=False)
+            ]
+        scene.draw(targets, matrices, seen)
+        return [target.read(self.camera, clusters.order) for target in targets[: len(poses)]]
 
 
 class _Model:
@@ -102,37 +102,6 @@ class _Model:
         return GLScene(self.mesh)
 
 
-class _Target:
-    """What one image is drawn into: depth, and colours and numbers of faces if asked for."""
-
-    def __init__(self, gl: moderngl.Context, camera: Camera, colors: bool, faces: bool) -> None:
-        size = camera.width, camera.height
-        self._depth = gl.texture(size, 1, dtype="f4")
-        self._color = gl.texture(size, 4) if colors else None
-        self._face = gl.texture(size, 1, dtype="i4") if faces else None
-        attachments = [texture for texture in (self._depth, self._color, self._face) if texture is not None]
-        self.frame = gl.framebuffer(attachments, gl.depth_renderbuffer(size))
-
-    def read(self, camera: Camera, face_order: np.ndarray) -> RenderedImage:
-        """Wait until the image is drawn and copy it to arrays of its own."""
-        shape = camera.height, camera.width
-        depth = np.empty(shape, np.float32)
-        self._depth.read_into(depth)
-        rgb = face = None
-        if self._color is not None:
-            rgba = np.empty((*shape, 4), np.uint8)
-            self._color.read_into(rgba)
-            rgb = cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)  # fifty times faster than slicing
-        if self._face is not None:
-            place = np.empty(shape, np.int32)
-            self._face.read_into(place)
-            face = np.full(shape, -1, np.int32)
-            drawn = depth > 0.0
-            face[drawn] = face_order[place[drawn]]
-        _clear_out_of_range(depth, camera.min_depth, camera.max_depth)
-        return RenderedImage(depth, rgb, face)
-
-
 def _projection(camera: Camera, mesh: SceneMesh) -> np.ndarray:
     """The matrix from camera axes to clip space, whose y points down as the image's rows do."""
     near = NEAR_PLANE
@@ -140,11 +109,3 @@ def _projection(camera: Camera, mesh: SceneMesh) -> np.ndarray:
     x, y = 2 * camera.focal_length / camera.width, 2 * camera.focal_length / camera.height
     z, w = (far + near) / (far - near), -2 * far * near / (far - near)
     return np.array([[x, 0, 0, 0], [0, y, 0, 0], [0, 0, z, w], [0, 0, 1.0, 0]])
-
-
-@compiled(nogil=True)
-def _clear_out_of_range(depth: np.ndarray, least: float, most: float) -> None:
-    for row in range(depth.shape[0]):
-        for column in range(depth.shape[1]):
-            if depth[row, column] < least or depth[row, column] > most:
-                depth[row, column] = 0.0

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from deux.contracts import SceneMesh
@@ -13,6 +13,7 @@ from deux.geometry.texture_pyramids import TexturePyramids
 from deux.simulator.gl_clusters import Clusters, make_clusters
 from deux.simulator.gl_context import GLContext
 from deux.simulator.gl_shaders import shaders
+from deux.simulator.gl_target import RenderTarget
 from deux.simulator.textures import pack_textures
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class GLScene:
         self.context = GLContext()
         self.clusters = make_clusters(mesh)
         self._vertex_colors = mesh.vertex_colors is not None
-        self._programs: dict[tuple[bool, bool], tuple[moderngl.Program, moderngl.VertexArray]] = {}
+        self._programs: dict[tuple[bool, bool], tuple[Any, moderngl.VertexArray]] = {}
         pyramids = mesh.pyramids or pack_textures(mesh.materials)
         corners, indices = _corners(mesh, self.clusters, pyramids)
         with self.context as gl:
@@ -46,24 +47,44 @@ class GLScene:
             self._first_face = gl.buffer(self.clusters.first.astype(np.int32).tobytes())
             self._texels, self._level_start = _upload_texels(gl, pyramids), _upload_level_starts(gl, pyramids)
 
-    def commands(self, clusters: np.ndarray) -> np.ndarray:
+    def draw(
+        self, targets: Sequence[RenderTarget], clip_from_world: Sequence[np.ndarray], clusters: Sequence[np.ndarray]
+    ) -> None:
+        """Draw into each target; inside the context.
+
+        Args:
+            targets: what is drawn into; all of one kind, and at least as many as images.
+            clip_from_world: the 4 x 4 matrix of each image.
+            clusters: the numbers of the clusters that each image shows, in the order in which they are drawn.
+        """
+        program, mesh = self._program(targets[0].colors, targets[0].faces)
+        commands = self.context.gl.buffer(self._commands(np.concatenate(clusters)).tobytes() or bytes(1))
+        first = 0
+        for target, matrix, numbers in zip(targets, clip_from_world, clusters, strict=False):
+            target.begin()
+            if len(numbers):
+                program["clip_from_world"].write(matrix.T.astype(np.float32).tobytes())
+                mesh.render_indirect(commands, count=len(numbers), first=first)
+            first += len(numbers)
+
+    def _commands(self, clusters: np.ndarray) -> np.ndarray:
         """What `glMultiDrawElementsIndirect` reads to draw these clusters in this order, N x 5 uint32."""
         commands = np.zeros((len(clusters), 5), np.uint32)
-        commands[:, 0] = 3 * self.clusters.count[clusters]
+        commands[:, 0] = 3 * self.clusters.size[clusters]
         commands[:, 1] = 1
         commands[:, 2] = 3 * self.clusters.first[clusters]
-        commands[:, 4] = clusters
+        commands[:, 4] = clusters  # the instance, from which the shader knows the cluster's first face
         return commands
 
-    def program(self, colors: bool, faces: bool) -> tuple[moderngl.Program, moderngl.VertexArray]:
-        """The program that draws depth and what is asked for, and the mesh as its input; inside the context."""
+    def _program(self, colors: bool, faces: bool) -> tuple[Any, moderngl.VertexArray]:
+        """The program that draws depth and what is asked for, and the mesh as its input."""
         if (colors, faces) not in self._programs:
             self._programs[colors, faces] = self._make_program(colors, faces)
         self._texels.use(0)
         self._level_start.use(1)
         return self._programs[colors, faces]
 
-    def _make_program(self, colors: bool, faces: bool) -> tuple[moderngl.Program, moderngl.VertexArray]:
+    def _make_program(self, colors: bool, faces: bool) -> tuple[Any, moderngl.VertexArray]:
         gl = self.context.gl
         vertex_shader, fragment_shader = shaders(colors, faces, self._vertex_colors)
         program = gl.program(vertex_shader=vertex_shader, fragment_shader=fragment_shader)
@@ -73,7 +94,7 @@ class GLScene:
             program["texels"], program["level_start"] = 0, 1
             if self._vertex_colors:
                 names, layout = [*names, "vertex_color"], "3f4 2f4 4f1 2i4 4f1"
-        content: list[tuple] = [(self._corners, layout, *names)]
+        content: list[tuple[Any, ...]] = [(self._corners, layout, *names)]
         if faces:
             content.append((self._first_face, "1i4/i", "first_face"))
         return program, gl.vertex_array(program, content, index_buffer=self._indices)

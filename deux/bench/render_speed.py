@@ -80,7 +80,7 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
     notes = [f"{name} is left out: {reason}" for name, reason in left_out.items()]
     threads = (
         "Frames are of random free poses, a new one each. embree renders on 1 thread in each process; OpenGL without "
-        f"a card draws on as many as there are cores, {cores()}; on the calling one alone where there are several processes."
+        f"a card draws on as many as there are cores, {cores()}; several processes draw on one thread each."
     )
     yield SpeedTable("render", "Rendering: colour and depth as numpy arrays", tuple(rows), (threads, *notes))
 

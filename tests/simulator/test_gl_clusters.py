@@ -49,7 +49,7 @@ def test_a_wall_hides_what_is_behind_it_and_not_what_is_beside_it(make_quads: Ca
 
     places = np.array([square(0.0, -2.0, 1.0), square(0.0, -4.0, 0.2), square(3.2, -4.0, 0.2), square(0.0, 4.0, 0.2)])
     scene = make_quads(places, tuple(Material(str(i)) for i in range(4)))
-    clusters = make_clusters(scene.mesh, most=2)
+    clusters = make_clusters(scene.mesh, most=1)
     pose = camera_pose(0.0, 0.0, 0.0, 0.0)
     camera = Camera(90, 90, 90.0)
     quad = clusters.order[clusters.first] // 2

@@ -74,7 +74,6 @@ class GLRenderer:
     ) -> list[RenderedImage]:
         targets = self._targets.setdefault((colors, faces), [])
         targets += [RenderTarget(gl, self.camera, colors, faces) for _ in range(len(poses) - len(targets))]
-        del targets[_AT_ONCE:]
         clusters = scene.clusters
         seen = [self._frustum.within(clusters, pose) for pose in poses]
         matrices = [self._clip_from_camera @ np.linalg.inv(pose) for pose in poses]
@@ -87,7 +86,7 @@ class GLRenderer:
                 self._frustum.not_hidden(clusters, numbers[~first], pose, target.depth())
                 for numbers, first, pose, target in zip(seen, likely, poses, targets, strict=False)
             ]
-        scene.draw(targets, matrices, seen)
+        scene.draw(targets, matrices, seen, new=not scene.context.on_cpu)
         return [target.read(self.camera, clusters.order) for target in targets[: len(poses)]]
 
 

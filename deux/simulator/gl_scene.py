@@ -48,7 +48,11 @@ class GLScene:
             self._texels, self._level_start = _upload_texels(gl, pyramids), _upload_level_starts(gl, pyramids)
 
     def draw(
-        self, targets: Sequence[RenderTarget], clip_from_world: Sequence[np.ndarray], clusters: Sequence[np.ndarray]
+        self,
+        targets: Sequence[RenderTarget],
+        clip_from_world: Sequence[np.ndarray],
+        clusters: Sequence[np.ndarray],
+        new: bool = True,
     ) -> None:
         """Draw into each target; inside the context.
 
@@ -56,12 +60,13 @@ class GLScene:
             targets: what is drawn into; all of one kind, and at least as many as images.
             clip_from_world: the 4 x 4 matrix of each image.
             clusters: the numbers of the clusters that each image shows, in the order in which they are drawn.
+            new: whether new images begin; otherwise this is drawn beside what is there.
         """
         program, mesh = self._program(targets[0].colors, targets[0].faces)
         commands = self.context.gl.buffer(self._commands(np.concatenate(clusters)).tobytes() or bytes(1))
         first = 0
         for target, matrix, numbers in zip(targets, clip_from_world, clusters, strict=False):
-            target.begin()
+            target.begin(new)
             if len(numbers):
                 program["clip_from_world"].write(matrix.T.astype(np.float32).tobytes())
                 mesh.render_indirect(commands, count=len(numbers), first=first)

@@ -27,7 +27,6 @@ class RenderTarget:
 
     def __init__(self, gl: moderngl.Context, camera: Camera, colors: bool, faces: bool) -> None:
         self.colors, self.faces = colors, faces
-        self._read = True
         size = camera.width, camera.height
         self._depth = gl.texture(size, 1, dtype="f4")
         self._color = gl.texture(size, 4) if colors else None
@@ -35,12 +34,15 @@ class RenderTarget:
         attachments = [texture for texture in (self._depth, self._color, self._face) if texture is not None]
         self.frame = gl.framebuffer(attachments, gl.depth_renderbuffer(size))
 
-    def begin(self) -> None:
-        """Draw into this from now on, and clear it if it has been read."""
+    def begin(self, new: bool) -> None:
+        """Draw into this from now on.
+
+        Args:
+            new: whether a new image begins, with nothing in it.
+        """
         self.frame.use()
-        if self._read:
+        if new:
             self.frame.clear(depth=1.0)
-            self._read = False
 
     def depth(self) -> np.ndarray:
         """The depth that is drawn so far, H x W float32 metres, 0 where there is nothing."""
@@ -57,7 +59,6 @@ class RenderTarget:
         """
         shape = camera.height, camera.width
         depth = self.depth()
-        self._read = True
         rgb = face = None
         if self._color is not None:
             rgba = np.empty((*shape, 4), np.uint8)

@@ -60,7 +60,7 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
     for scene in (flat, larger):
         triangles = len(scene.load().mesh.faces)
         for processes in settings.processes:
-            parts = at_once(_render, _Job(scene, settings), processes, cores())
+            parts = at_once(_render, _Job(scene, settings), processes, _opengl_threads(processes))
             left_out |= parts[0].left_out
             for size in settings.sizes:
                 rates = _summed([part.rates[size] for part in parts])
@@ -79,10 +79,15 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
                     )
     notes = [f"{name} is left out: {reason}" for name, reason in left_out.items()]
     threads = (
-        "Frames are of random free poses, a new one each. embree renders on 1 thread in each process; OpenGL without a "
-        f"graphics card draws on as many as there are cores, {cores()}."
+        "Frames are of random free poses, a new one each. embree renders on 1 thread in each process; OpenGL without "
+        f"a card draws on as many as there are cores, {cores()}; several processes draw on one thread each."
     )
     yield SpeedTable("render", "Rendering: colour and depth as numpy arrays", tuple(rows), (threads, *notes))
+
+
+def _opengl_threads(processes: int) -> int:
+    """Threads on which Mesa draws beside the calling one: with a process for each core, more only get in their way."""
+    return cores() if processes == 1 else 0
 
 
 class _Job(NamedTuple):

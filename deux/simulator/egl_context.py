@@ -12,9 +12,45 @@ import numpy as np
 
 from deux.errors import DeuxError
 
-_REMEDY = "install the Debian packages libegl1 and libgl1, or set simulator.renderer=embree."
+REMEDY = "install the Debian packages libegl1 and libgl1, or set simulator.renderer=embree."
+"""What a user can do who has no OpenGL."""
+
 _creator: int | None = None
 """The process that made the first context."""
+
+
+def check_not_forked(renderer: str) -> None:
+    """Refuse to use OpenGL in a process that was forked from one that has a context.
+
+    Mesa would wait forever for threads that the fork has left behind.
+
+    Args:
+        renderer: the name of the renderer that is about to use it.
+
+    Raises:
+        DeuxError: this process was forked so.
+    """
+    if _creator not in (None, os.getpid()):
+        raise DeuxError(
+            f"simulator.renderer={renderer} was used before this process was forked: start worker processes by spawn, "
+            "or set simulator.renderer=embree."
+        )
+
+
+def remember_process() -> None:
+    """Note that this process has an OpenGL context."""
+    global _creator
+    _creator = os.getpid()
+
+
+def load_triton() -> None:
+    """Load torch's compiler before OpenGL.
+
+    torch loads it with its first optimizer. It has an LLVM of its own, as Mesa has, and loading it after Mesa's crashes
+    the process.
+    """
+    with suppress(ImportError):
+        import triton._C.libtriton  # noqa: F401
 
 
 def load_pyrender() -> ModuleType:
@@ -24,17 +60,14 @@ def load_pyrender() -> ModuleType:
         DeuxError: the system's OpenGL libraries are missing.
     """
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-    # torch loads this compiler with its first optimizer. It has an LLVM of its own, as Mesa has, and loading it after
-    # Mesa's crashes the process.
-    with suppress(ImportError):
-        import triton._C.libtriton  # noqa: F401
+    load_triton()
     # pyrender imports its viewer too, and that needs a library of X11 unless pyglet is told that there is no screen.
     os.environ.setdefault("PYGLET_HEADLESS", "true")
     try:
         import pyrender
     # What a missing library raises depends on which one it is: PyOpenGL looks up names in the None that it loaded.
     except (ImportError, AttributeError) as cause:
-        raise DeuxError(f"simulator.renderer=pyrender cannot load OpenGL ({cause}): {_REMEDY}") from cause
+        raise DeuxError(f"simulator.renderer=pyrender cannot load OpenGL ({cause}): {REMEDY}") from cause
     module: ModuleType = pyrender
     return module
 
@@ -54,13 +87,7 @@ class EGLContext:
     """
 
     def __init__(self, width: int, height: int) -> None:
-        global _creator
-        if _creator not in (None, os.getpid()):
-            # Mesa would wait forever for threads that the fork has left behind.
-            raise DeuxError(
-                "simulator.renderer=pyrender was used before this process was forked: start worker processes by spawn, "
-                "or set simulator.renderer=embree."
-            )
+        check_not_forked("pyrender")
         pyrender = load_pyrender()
         from OpenGL.error import Error
         from OpenGL.GL import GL_UNPACK_ALIGNMENT, glPixelStorei
@@ -73,8 +100,8 @@ class EGLContext:
             glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
             self._renderer = pyrender.Renderer(width, height)
         except (AssertionError, IndexError, ArgumentError, Error) as cause:
-            raise DeuxError(f"simulator.renderer=pyrender cannot make an EGL context ({cause!r}): {_REMEDY}") from cause
-        _creator = os.getpid()
+            raise DeuxError(f"simulator.renderer=pyrender cannot make an EGL context ({cause!r}): {REMEDY}") from cause
+        remember_process()
         weakref.finalize(self, _release, self._platform, self._renderer).atexit = False
 
     def render(self, scene: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +131,9 @@ class EGLContext:
             # These errors hold pointers and cannot be sent from a worker process. PyOpenGL 3.1.0, which pyrender 0.1.45
             # asks for, raises the first one with Python 3.12.
             said = " ".join(str(cause).split())
-            raise DeuxError(f"OpenGL refuses to draw ({said}): set simulator.renderer=embree.") from cause
+            raise DeuxError(
+                f"OpenGL refuses to draw ({said}): set simulator.renderer=gl or simulator.renderer=embree."
+            ) from cause
         return np.ascontiguousarray(color), np.ascontiguousarray(depth)
 
 

@@ -34,7 +34,7 @@ class MeshSimulator(Simulator):
         camera: its camera.
         robot: its body and motion.
         colors: whether colours will be asked for; a scene without its textures takes a tenth of the memory.
-        renderer: what draws: Embree's rays on the CPU, or OpenGL by pyrender, which needs system libraries.
+        renderer: what draws: Embree's rays on the CPU, or OpenGL by moderngl or pyrender, which need system libraries.
 
     Raises:
         DeuxError: the scene cannot be loaded, or has no such floor as `scene.area` asks for.
@@ -46,7 +46,7 @@ class MeshSimulator(Simulator):
         camera: Camera,
         robot: Robot,
         colors: bool = True,
-        renderer: Literal["embree", "pyrender"] = "embree",
+        renderer: Literal["embree", "gl", "pyrender"] = "embree",
     ) -> None:
         loaded = scene.load()
         self._begin(

@@ -14,6 +14,7 @@ from deux.scenes.ray_caster import RayCaster
 
 RENDERERS = {
     "embree": "deux.simulator.embree_renderer:EmbreeRenderer",
+    "gl": "deux.simulator.gl_renderer:GLRenderer",
     "pyrender": "deux.simulator.pyrender_renderer:PyrenderRenderer",
 }
 """The renderers by name, imported only when chosen, so that one works without the other's libraries."""

@@ -44,6 +44,6 @@ def test_every_installed_simulator_draws(monkeypatch: pytest.MonkeyPatch) -> Non
     names = registry().names("simulators")  # fills the table, so that it comes back afterwards
     monkeypatch.setitem(registry()._plugins, "simulators", list(registry()._plugins["simulators"]))
     registry().register("simulators", "boxes", BoxWorld)
-    assert list(renderers())[:2] == ["embree", "pyrender"]
-    assert set(renderers()) == {"embree", "pyrender", "boxes", *names} - {"mesh"}
+    assert list(renderers())[:3] == ["embree", "gl", "pyrender"]
+    assert set(renderers()) == {"embree", "gl", "pyrender", "boxes", *names} - {"mesh"}
     assert renderers()["pyrender"].description == {"name": "mesh", "renderer": "pyrender"}

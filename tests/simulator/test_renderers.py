@@ -1,5 +1,6 @@
 import sys
 
+import numpy as np
 import pytest
 
 from deux.contracts import Scene
@@ -22,3 +23,20 @@ def test_missing_opengl_is_one_sentence_with_the_packages(box: Scene, monkeypatc
     monkeypatch.setitem(sys.modules, "pyrender", None)  # makes its import fail
     with pytest.raises(DeuxError, match=r"cannot load OpenGL .*Debian packages libegl1 and libgl1"):
         make_renderer("pyrender", box.mesh, Camera())
+
+
+def test_a_missing_moderngl_is_one_sentence_with_the_command(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "moderngl", None)
+    with pytest.raises(DeuxError, match=r'renderer=gl needs the package moderngl: pip install "deux\[gl\]", or set'):
+        make_renderer("gl", box.mesh, Camera())
+
+
+def test_missing_opengl_is_told_for_gl_too(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    moderngl = pytest.importorskip("moderngl")
+
+    def fail(**settings: object) -> None:
+        raise Exception("libEGL.so not loaded")
+
+    monkeypatch.setattr(moderngl, "create_context", fail)
+    with pytest.raises(DeuxError, match=r"cannot make an EGL context .*Debian packages libegl1 and libgl1"):
+        make_renderer("gl", box.mesh, Camera()).render(np.eye(4)[None])

@@ -123,12 +123,22 @@ def _quiet_log_writers() -> Iterator[None]:
 
 
 def _report(error: Exception) -> None:
+    error = _first_failure(error)
     overrides = f"[{' '.join(HydraConfig.get().overrides.task)}] " if in_sweep() else ""
     if mistake := _mistake(error):
         _complain(f"{overrides}{mistake}")
     else:
         traceback.print_exception(error)
         _complain(f"{overrides}stopped by the error above, which is a fault of the program or of a plugin.")
+
+
+def _first_failure(error: Exception) -> Exception:
+    """What ends this process: another one's failure, where several train together and it came first."""
+    failures = sys.modules.get("deux.training.rank_failures")  # only a training imports it, and it brings torch
+    if failures is None:
+        return error
+    sentence = str(_mistake(error) or f"an error of the program, {type(error).__name__}: {error}")
+    return failures.told_to_all(error, sentence) or error
 
 
 def _mistake(error: Exception) -> DeuxError | None:

@@ -21,6 +21,7 @@ from deux.training.module import DepthCompletion
 from deux.training.network_precision import network_precision
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
+from deux.training.rank_failures import EndTogether
 from deux.training.schedule import Schedule
 
 
@@ -116,10 +117,11 @@ def fit(
     )
     module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics)
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}
+    kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
-            "callbacks": [*resume_checkpoints(checkpoints, settings.checkpoint_minutes), HealthCheck(), *callbacks],
+            "callbacks": [*kept, HealthCheck(), EndTogether(), *callbacks],
             **_budget(settings),
             **own,
         }

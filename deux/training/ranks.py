@@ -75,6 +75,11 @@ def starts_the_command_again(trainer: Trainer) -> bool:
     return here and trainer.world_size > 1
 
 
+def connect_store() -> torch.distributed.Store | None:
+    """A further connection to the key-value store that the processes share; None as long as there is only this one."""
+    return None if _shared_store() is None else _connected(serves=False)
+
+
 def _shared_store() -> torch.distributed.Store | None:
     """The key-value store that the processes share, at the address where PyTorch's process groups meet.
 
@@ -82,19 +87,24 @@ def _shared_store() -> torch.distributed.Store | None:
         The store; None as long as there is only this process.
     """
     global _store
-    if _store is None and (environment := _launcher()) is not None:
+    if _store is None:
         # torchrun's agent serves the store itself, and once more after each restart of its processes.
-        served = os.environ.get("TORCHELASTIC_USE_AGENT_STORE") == "True"
-        store = torch.distributed.TCPStore(
-            environment.main_address,
-            environment.main_port,
-            is_master=leads() and not served,
-            timeout=_PATIENCE,
-            wait_for_workers=False,
-            multi_tenant=True,  # a process group of the same process serves its own store at this port
-        )
-        _store = torch.distributed.PrefixStore(f"deux-{os.environ.get('TORCHELASTIC_RESTART_COUNT', 0)}", store)
+        _store = _connected(serves=leads() and os.environ.get("TORCHELASTIC_USE_AGENT_STORE") != "True")
     return _store
+
+
+def _connected(serves: bool) -> torch.distributed.Store | None:
+    if (environment := _launcher()) is None:
+        return None
+    store = torch.distributed.TCPStore(
+        environment.main_address,
+        environment.main_port,
+        is_master=serves,
+        timeout=_PATIENCE,
+        wait_for_workers=False,
+        multi_tenant=True,  # a process group of the same process serves its own store at this port
+    )
+    return torch.distributed.PrefixStore(f"deux-{os.environ.get('TORCHELASTIC_RESTART_COUNT', 0)}", store)
 
 
 def _launcher() -> ClusterEnvironment | None:

@@ -1,0 +1,100 @@
+"""Two processes of which one fails, dies or hangs: both end, and both say why."""
+
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from pathlib import Path
+from socket import socket
+
+import pytest
+import torch
+
+from deux.errors import DeuxError
+from deux.training import rank_failures
+from deux.training.rank_failures import RankWatch, told_to_all
+
+PROGRAM = Path(__file__).with_name("watched_rank.py")
+TOLD = "deux: process 1 of the 2 that train together: a frame is broken."
+NO_LEADER = "deux: the leading one of the processes that train together has ended."
+
+
+def free_port() -> int:
+    with closing(socket()) as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+def ended(leader: str, other: str) -> list[tuple[int, str]]:
+    """Exit code and last line of stderr of the leading process and of the other one."""
+    port = str(free_port())
+    started = [
+        subprocess.Popen(
+            [sys.executable, str(PROGRAM), str(rank), port, way],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=os.environ | {"OMP_NUM_THREADS": "1", "TORCH_CPP_LOG_LEVEL": "ERROR"},
+        )
+        for rank, way in enumerate((leader, other))
+    ]
+    try:
+        outputs = [process.communicate(timeout=250)[1] for process in started]
+    finally:
+        for process in started:
+            process.kill()
+    return [
+        (process.returncode, next(iter(reversed(output.splitlines())), ""))
+        for process, output in zip(started, outputs, strict=True)
+    ]
+
+
+def test_a_process_that_waits_ends_with_the_sentence_of_the_one_that_failed():
+    assert ended("waits", "fails") == [(1, TOLD), (1, "deux: a frame is broken.")]
+
+
+def test_a_leading_process_that_is_killed_ends_the_other():
+    assert ended("dies", "waits") == [(9, ""), (1, NO_LEADER)]
+
+
+@pytest.fixture
+def pair():
+    """Two processes' watches over one store, not started: both speak for themselves when they are asked."""
+    store = torch.distributed.HashStore()
+    return [RankWatch(store, rank, 2, interval=0.01, silence=0.2) for rank in (0, 1)]
+
+
+def test_all_is_well_as_long_as_all_show_life(pair):
+    for beat in range(5):
+        assert [watch._look(beat) for watch in pair] == [None, None]
+        time.sleep(0.1)
+
+
+def test_a_process_without_a_sign_of_life_counts_as_dead(pair):
+    leader, other = pair
+    assert leader._look(0) is None  # it may not have begun
+    other._look(0)
+    assert leader._look(1) is None
+    time.sleep(0.3)
+    assert leader._look(2) == "process 1 of the 2 that train together has shown no life for 0 s."
+
+
+def test_a_failure_is_found_by_an_operation_that_fails_because_of_it(pair):
+    leader, other = pair
+    with ThreadPoolExecutor() as pool:
+        told = pool.submit(other.fail, DeuxError("a frame is broken."), "a frame is broken.")
+        found = leader.fail(RuntimeError("[gloo] Connection closed by peer"), "an error of the program")
+        assert told.result(timeout=5) is None  # its own error is the first one
+    assert f"deux: {found}" == TOLD
+
+
+def test_an_operation_that_fails_because_another_process_was_killed(pair, monkeypatch):
+    monkeypatch.setattr(rank_failures, "_PATIENCE", 0.2)
+    found = pair[0].fail(RuntimeError("[gloo] Connection closed by peer"), "an error of the program")
+    assert str(found).startswith("another of the 2 processes that train together has ended without a word")
+
+
+def test_a_process_alone_has_nobody_to_tell():
+    assert told_to_all(DeuxError("a frame is broken."), "a frame is broken.") is None

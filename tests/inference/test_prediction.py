@@ -59,7 +59,7 @@ def test_takes_arrays_of_any_precision():
         ("sparse_depth", lambda x: x[:, 0], "sparse_depth has the shape 2 x 16 x 16: .* 2 x 1 x 16 x 16"),
         ("sparse_depth", lambda x: -x, "sparse_depth goes from -"),
         ("sparse_depth", lambda x: x / 0, "sparse_depth goes from"),
-        ("intrinsics", lambda x: x[0], "intrinsics has the shape 3 x 3: for a batch of 2 it is 2 x 3 x 3"),
+        ("intrinsics", lambda x: x[0], "intrinsics has the shape 3 x 3: .* 2 x 3 x 3"),
         ("intrinsics", torch.zeros_like, r"intrinsics\[0\] = .* is singular"),
         ("intrinsics", lambda x: x.transpose(1, 2), "no camera matrix"),
         ("intrinsics", lambda x: x * torch.nan, "no camera matrix"),

@@ -109,9 +109,7 @@ class Perception:
         sparse_depth, motion, matrix, color = upload(host, self._device)
         images = color.permute(0, 1, 4, 2, 3).float() / 255.0
         matrices = matrix.expand(len(histories), 3, 3)
-        return make_view(
-            images[:, 0], sparse_depth[:, None], matrices, images[:, 1:], motion, self._predict_depth
-        )
+        return make_view(images[:, 0], sparse_depth[:, None], matrices, images[:, 1:], motion, self._predict_depth)
 
 
 @torch.inference_mode()

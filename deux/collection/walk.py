@@ -156,7 +156,7 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
             found = perception([walk.frames for walk in active], active[0].simulator.camera.intrinsics)
             needs = frozenset[Need]().union(*(walk.explorer.needs for walk in active))
             percepts, seen = found, on_host(found, needs)
-        yield [walk.act(*both) for walk, *both in zip(active, percepts, seen, strict=True)]
+        yield [walk.act(*given) for walk, given in zip(active, zip(percepts, seen, strict=True), strict=True)]
 
 
 def check_perception(explorer: Explorer, perception: Perception | None) -> None:

@@ -54,8 +54,8 @@ def depth_errors(
         max_depth: ground truth at or above it is left out, metres.
 
     Returns:
-        N float64 values for each of `METRICS`, sums of float32 errors: NaN for an image without ground truth in range, infinite for an image
-        with an invalid prediction (`invalid_pixels`).
+        N float64 values for each of `METRICS`, of float32 errors: NaN for an image without ground truth in range,
+        infinite for an image with an invalid prediction (`invalid_pixels`).
 
     Example:
         >>> errors = depth_errors(torch.full((1, 1, 2, 2), 2.0), torch.full((1, 1, 2, 2), 4.0))

@@ -25,8 +25,10 @@ class DepthCompletion(LightningModule):
 
     The network runs in the trainer's precision and in channels-last layout; reconstructions, losses and metrics are
     float32. Nothing in a step makes the host wait for the device (`deux.testing.host_waits`), so that it runs ahead and
-    a card always has work; what is logged is read every `log_every_n_steps` steps. The module saves no hyperparameters: whoever resumes makes it anew from the configuration, and a checkpoint
-    holds nothing but tensors and plain values, so that it loads with `weights_only=True`.
+    a card always has work; what is logged is read every `log_every_n_steps` steps.
+
+    The module saves no hyperparameters: whoever resumes makes it anew from the configuration, and a checkpoint holds
+    nothing but tensors and plain values, so that it loads with `weights_only=True`.
 
     Args:
         model: the depth model to train.

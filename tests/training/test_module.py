@@ -151,6 +151,7 @@ def test_state_is_plain_tensors(make_module):
     buffer.seek(0)
     assert all(name.startswith("model.") for name in torch.load(buffer, weights_only=True))
 
+
 class Watched(Callback):
     """Lets a check look at the steps from the second to the one before last, and at all that lies between them."""
 

@@ -134,7 +134,7 @@ def _by_arguments(operator: Any, args: Sequence[Any], kwargs: Mapping[str, Any])
     if operator in (aten.index_put, aten.index_put_, aten._index_put_impl_) and _has_mask(args[1]):
         return None if args[2].numel() == 1 else _SIZES  # a single number is filled in without being counted
     if operator is aten.repeat_interleave and kwargs.get("output_size") is None:
-        return _SIZES
+        return _SIZES if isinstance(args[-1], Tensor) else None  # each its own number of repeats, or all the same
     return None
 
 

@@ -17,7 +17,10 @@ from deux.training.pose_source import make_pose_source
 from deux.training.schedule import Schedule
 
 # Lightning 2.6 uses what newer PyTorch releases deprecate.
-pytestmark = pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning")
+pytestmark = [
+    pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning"),
+    pytest.mark.filterwarnings(r"ignore:Found \d+ module\(s\) in eval mode"),
+]
 
 FAST = Schedule(3e-3, boundaries=(0.8,), factors=(0.1,))
 

@@ -1,6 +1,6 @@
 """What the depth model sees in the frames that robots are collecting, all robots in one call."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +8,11 @@ import torch
 from torch import Tensor
 
 from deux.collection.sparse import SparseSettings, sample_sparse
+from deux.collection.transfers import download, upload
 from deux.contracts import DepthPredictor, Frame, Need, Uncertainty, View
 from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view
 from deux.geometry.poses import source_from_target
+from deux.inference.precision import tf32_convolutions
 
 MODEL_NEEDS = frozenset({Need.PREDICTED_DEPTH, Need.RESIDUAL})
 """The needs of an explorer that take a depth model."""
@@ -41,8 +43,27 @@ class Percept:
         return self.view.depth[0, 0]
 
 
+@dataclass(frozen=True)
+class HostPercept:
+    """What an explorer is given of a `Percept`, on the host; what it does not need is None.
+
+    Args:
+        predicted_depth: H x W float32 metres.
+        residual: H x W float32, as of `Percept`.
+        uncertainty: delta of Eq. 8.
+    """
+
+    predicted_depth: np.ndarray | None = None
+    residual: np.ndarray | None = None
+    uncertainty: float | None = None
+
+
 class Perception:
     """The depth model as robots see with it, and how its predictions are judged.
+
+    All frames of a step go to the model's device in one transfer of bytes; conversions, predictions and their judgement
+    are made there, in float32 without TensorFloat-32 but for the network, and stay there until `on_host` asks for them.
+    The sparse points are taken on the host: OpenCV's Harris corners have no counterpart on a card with equal results.
 
     Args:
         predict_depth: the depth model. Where it has a `device`, as `FastPredictor` has, all is computed there.
@@ -62,6 +83,7 @@ class Perception:
         self._device: torch.device = getattr(predict_depth, "device", torch.device("cpu"))
 
     @torch.inference_mode()
+    @tf32_convolutions(False)
     def __call__(self, histories: Sequence[Sequence[Frame]], intrinsics: np.ndarray) -> list[Percept]:
         """Predict the depth of every robot's newest frame in one batch, and judge it with the frames before.
 
@@ -80,26 +102,38 @@ class Perception:
         return [Percept(*parts) for parts in zip(views, residuals, frame_uncertainty(residuals), strict=True)]
 
     def _view(self, histories: Sequence[Sequence[Frame]], intrinsics: np.ndarray) -> View:
-        newest = [history[0] for history in histories]
-        points = np.stack([sample_sparse(frame.rgb, frame.depth, self._sparse) for frame in newest])
-        image = self._images(newest)
-        before = len(histories[0]) - 1
-        sources = image.new_zeros(len(newest), before, *image.shape[1:])
-        motions = image.new_zeros(len(newest), before, 4, 4)
-        if before:
-            sources = torch.stack([self._images(history[1:]) for history in histories])
-            motions = self._on_device(np.stack([_motions(history) for history in histories])).float()
-        matrices = self._on_device(intrinsics).float().expand(len(newest), 3, 3)
-        return make_view(image, self._on_device(points)[:, None], matrices, sources, motions, self._predict_depth)
+        points = np.stack([sample_sparse(history[0].rgb, history[0].depth, self._sparse) for history in histories])
+        colors = np.stack([np.stack([frame.rgb for frame in history]) for history in histories])
+        motions = np.stack([_motions(history) for history in histories]).astype(np.float32)
+        host = [points, motions, intrinsics.astype(np.float32), colors]
+        sparse_depth, motion, matrix, color = upload(host, self._device)
+        images = color.permute(0, 1, 4, 2, 3).float() / 255.0
+        matrices = matrix.expand(len(histories), 3, 3)
+        return make_view(images[:, 0], sparse_depth[:, None], matrices, images[:, 1:], motion, self._predict_depth)
 
-    def _images(self, frames: Sequence[Frame]) -> Tensor:
-        """N x 3 x H x W float32 in [0, 1]."""
-        return self._on_device(np.stack([frame.rgb for frame in frames])).permute(0, 3, 1, 2).float() / 255.0
 
-    def _on_device(self, array: np.ndarray) -> Tensor:
-        return torch.from_numpy(array).to(self._device)
+@torch.inference_mode()
+def on_host(percepts: Sequence[Percept], needs: Collection[Need]) -> list[HostPercept]:
+    """Copy what explorers need to the host: one transfer, and so one wait, for all robots together.
+
+    Args:
+        percepts: of one call of `Perception`.
+        needs: of all explorers together.
+    """
+    columns: list[list[Tensor | None]] = [
+        [percept.predicted_depth if Need.PREDICTED_DEPTH in needs else None for percept in percepts],
+        [percept.residual if Need.RESIDUAL in needs else None for percept in percepts],
+        [percept.uncertainty if Need.RESIDUAL in needs else None for percept in percepts],
+    ]
+    arrays = iter(download([tensor for column in columns for tensor in column if tensor is not None]))
+    filled = [[None if tensor is None else next(arrays) for tensor in column] for column in columns]
+    return [
+        HostPercept(depth, residual, None if delta is None else float(delta))
+        for depth, residual, delta in zip(*filled, strict=True)
+    ]
 
 
 def _motions(history: Sequence[Frame]) -> np.ndarray:
     """S x 4 x 4, from the newest frame's camera to those of the frames before it."""
-    return np.stack([source_from_target(history[0].pose, earlier.pose) for earlier in history[1:]])
+    motions = [source_from_target(history[0].pose, earlier.pose) for earlier in history[1:]]
+    return np.array(motions).reshape(-1, 4, 4)

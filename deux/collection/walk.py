@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from torch import Tensor
 
-from deux.collection.perception import MODEL_NEEDS, SOURCES, Percept, Perception
+from deux.collection.perception import MODEL_NEEDS, SOURCES, HostPercept, Percept, Perception, on_host
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Frame, Need, Observation, Simulator
 from deux.errors import DeuxError
 from deux.io.images import quantise_depth
@@ -74,33 +73,33 @@ class Walk:
             frame = Frame(seen.rgb.copy(), quantise_depth(seen.depth), seen.pose.copy(), seen.labels)
         self.frames = (frame, *self.frames[:SOURCES])
 
-    def act(self, percept: Percept | None = None) -> "Step":
+    def act(self, percept: Percept | None = None, seen: HostPercept | None = None) -> "Step":
         """Let the explorer choose an action by the newest frame, and carry it out.
 
         Args:
             percept: what the depth model makes of that frame; None without a model.
+            seen: what the explorer needs of it, in arrays of its own.
         """
         number, collided = len(self.actions), self._collided
-        action = self.explorer.act(self._observation(percept))
+        action = self.explorer.act(self._observation(seen or HostPercept()))
         self.actions.append(action)
         if not self.over:
             self._collided = self.simulator.step(action)
         return Step(self, number, self.frames, self._rendered, collided, percept, action)
 
-    def _observation(self, percept: Percept | None) -> Observation:
+    def _observation(self, seen: HostPercept) -> Observation:
         """Exactly what the explorer declared, in arrays of its own."""
         needs, frame = self.explorer.needs, self.frames[0]
-        predicted = percept if Need.PREDICTED_DEPTH in needs else None
-        judged = percept if Need.RESIDUAL in needs else None
+        judged = Need.RESIDUAL in needs
         return Observation(
             step=len(self.actions),
             pose=frame.pose.copy(),
             collided=self._collided,
             rgb=frame.rgb.copy(),
             sensor_depth=frame.depth.copy() if Need.SENSOR_DEPTH in needs else None,
-            predicted_depth=_array(predicted.predicted_depth) if predicted else None,
-            residual=_array(judged.residual) if judged and judged.residual is not None else None,
-            uncertainty=float(judged.uncertainty) if judged and judged.uncertainty is not None else None,
+            predicted_depth=seen.predicted_depth if Need.PREDICTED_DEPTH in needs else None,
+            residual=seen.residual if judged else None,
+            uncertainty=seen.uncertainty if judged else None,
             labels=frame.labels.copy() if frame.labels is not None else None,
         )
 
@@ -152,9 +151,12 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
         for walk in active:
             walk.observe()
         percepts: Sequence[Percept | None] = [None] * len(active)
+        seen: Sequence[HostPercept | None] = [None] * len(active)
         if perception is not None:
-            percepts = perception([walk.frames for walk in active], active[0].simulator.camera.intrinsics)
-        yield [walk.act(percept) for walk, percept in zip(active, percepts, strict=True)]
+            found = perception([walk.frames for walk in active], active[0].simulator.camera.intrinsics)
+            needs = frozenset[Need]().union(*(walk.explorer.needs for walk in active))
+            percepts, seen = found, on_host(found, needs)
+        yield [walk.act(*given) for walk, given in zip(active, zip(percepts, seen, strict=True), strict=True)]
 
 
 def check_perception(explorer: Explorer, perception: Perception | None) -> None:
@@ -170,8 +172,3 @@ def check_perception(explorer: Explorer, perception: Perception | None) -> None:
             f"The explorer needs {Need.RESIDUAL} but there is no measure of uncertainty: choose one with "
             "collect.uncertainty."
         )
-
-
-def _array(values: Tensor) -> np.ndarray:
-    """A copy of a tensor, on whatever device, as an array."""
-    return values.cpu().numpy().copy()

@@ -81,6 +81,11 @@ class DepthModel(nn.Module, ABC):
         """Further inputs computed on the CPU in the data workers, from H x W metres; each C x H x W float32."""
         return {}
 
+    @property
+    def prepares(self) -> bool:
+        """Whether it has further inputs. Where it has none, `predict` leaves the points on their device."""
+        return type(self).prepare is not DepthModel.prepare
+
     def augmentation(self) -> Sequence[Augmentation]:
         """The published augmentation: applied in order to each training sample, after the crop, never in evaluation.
 

@@ -1,5 +1,8 @@
 """The arithmetic and the device that a machine is fastest with."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import torch
 from torch import Tensor
 
@@ -29,6 +32,22 @@ def default_device(accelerator: str = "auto") -> torch.device:
     """The device that Lightning would train on: a CUDA device where there is one and the setting allows it."""
     cuda = accelerator in ("auto", "gpu", "cuda") and torch.cuda.is_available()
     return torch.device("cuda" if cuda else "cpu")
+
+
+@contextmanager
+def tf32_convolutions(allowed: bool) -> Iterator[None]:
+    """Say for a while whether CUDA may round the inputs of float32 convolutions to TensorFloat-32, 10 bits of mantissa.
+
+    PyTorch allows it for convolutions, unasked, and not for matrix products; those are never changed here, since the
+    geometry is made of them. TensorFloat-32 is to the structural similarity, a difference of large means, what
+    bfloat16 is to colours.
+    """
+    before = torch.backends.cudnn.allow_tf32
+    torch.backends.cudnn.allow_tf32 = allowed
+    try:
+        yield
+    finally:
+        torch.backends.cudnn.allow_tf32 = before
 
 
 class FastPredictor:

@@ -1,5 +1,6 @@
 """Depth from one batch of camera data: what `deux.contracts.DepthModel.predict` does."""
 
+import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, Protocol
@@ -20,6 +21,10 @@ class CompletionNetwork(Protocol):
     """What prediction asks of a depth model; `deux.contracts.DepthModel` describes it."""
 
     size_multiple: ClassVar[int]
+
+    @property
+    def prepares(self) -> bool:
+        """Whether `prepare` returns anything."""
 
     def __call__(
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
@@ -56,6 +61,7 @@ def predict(
 
     Outliers among the sparse points are found, the model's further inputs are prepared, the images are padded to its
     `size_multiple` and the result is cropped. The model runs in eval mode and is put back into the mode it was in.
+    The host waits for the device once, for the check of the inputs, and a second time if the model prepares some.
 
     Args:
         model: the depth model.
@@ -73,9 +79,7 @@ def predict(
     image, sparse_depth, intrinsics = (
         torch.as_tensor(x).to(device, torch.float32) for x in (image, sparse_depth, intrinsics)
     )
-    _check_image(image)
-    _check_sparse_depth(sparse_depth, image)
-    check_intrinsics(intrinsics, len(image))
+    _check(image, sparse_depth, intrinsics)
     prepared = prepared_inputs(model, sparse_depth)
     with eval_mode(model):
         return complete(model, image, sparse_depth, intrinsics, prepared)
@@ -112,6 +116,8 @@ def complete(
 
 def prepared_inputs(model: CompletionNetwork, sparse_depth: Tensor) -> dict[str, Tensor]:
     """What `DepthModel.prepare` makes of each sample of N x 1 x H x W metres, batched, on the same device."""
+    if not model.prepares:
+        return {}
     samples = [model.prepare(depth) for depth in sparse_depth[:, 0].cpu().numpy()]
     return {
         name: torch.stack([torch.from_numpy(sample[name]) for sample in samples]).to(sparse_depth.device)
@@ -119,37 +125,39 @@ def prepared_inputs(model: CompletionNetwork, sparse_depth: Tensor) -> dict[str,
     }
 
 
-def check_intrinsics(intrinsics: Tensor, count: int) -> None:
-    """Raise DeuxError unless `intrinsics` is `count` x 3 x 3 and holds camera matrices that can be inverted."""
-    if intrinsics.shape != (count, 3, 3):
-        raise DeuxError(f"intrinsics has the shape {_shape(intrinsics)}: for a batch of {count} it is {count} x 3 x 3.")
-    for i, k in enumerate(intrinsics.tolist()):
-        (fx, _, _), (shear, fy, _), last = k
-        finite = bool(torch.isfinite(intrinsics[i]).all())
-        if not (finite and fx > 0 and fy > 0 and shear == 0 and last == [0, 0, 1]):
-            raise DeuxError(
-                f"intrinsics[{i}] = {k} is singular or no camera matrix: it is [[fx, s, cx], [0, fy, cy], [0, 0, 1]] "
-                "in pixels with fx and fy above 0."
-            )
-
-
-def _check_image(image: Tensor) -> None:
+def _check(image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> None:
+    """Raise DeuxError unless shapes and values are possible; all values that are looked at are read at once."""
     if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape:
         raise DeuxError(f"image has the shape {_shape(image)}: it is N x 3 x H x W.")
-    low, high = image.min().item(), image.max().item()
+    count, _, height, width = image.shape
+    for name, tensor, expected in (
+        ("sparse_depth", sparse_depth, (count, 1, height, width)),
+        ("intrinsics", intrinsics, (count, 3, 3)),
+    ):
+        if tensor.shape != expected:
+            raise DeuxError(
+                f"{name} has the shape {_shape(tensor)}: for this image it is {' x '.join(map(str, expected))}."
+            )
+    ends = torch.stack([*torch.aminmax(image), *torch.aminmax(sparse_depth)])
+    low, high, nearest, farthest, *cameras = torch.cat([ends, intrinsics.flatten()]).tolist()
     if not -TOLERANCE <= low <= high <= 1 + TOLERANCE:
         raise DeuxError(f"image goes from {low:g} to {high:g}: its values lie in [0, 1] (8-bit images / 255).")
-
-
-def _check_sparse_depth(sparse_depth: Tensor, image: Tensor) -> None:
-    expected = (len(image), 1, *image.shape[2:])
-    if sparse_depth.shape != expected:
+    if not 0 <= nearest <= farthest < float("inf"):
         raise DeuxError(
-            f"sparse_depth has the shape {_shape(sparse_depth)}: for this image it is {' x '.join(map(str, expected))}."
+            f"sparse_depth goes from {nearest:g} to {farthest:g}: it is in metres, finite, with 0 for none."
         )
-    low, high = sparse_depth.min().item(), sparse_depth.max().item()
-    if not 0 <= low <= high < float("inf"):
-        raise DeuxError(f"sparse_depth goes from {low:g} to {high:g}: it is in metres, finite, with 0 for none.")
+    for i in range(count):
+        _check_camera(f"intrinsics[{i}]", cameras[9 * i : 9 * i + 9])
+
+
+def _check_camera(name: str, numbers: list[float]) -> None:
+    """Raise DeuxError unless nine numbers are a camera matrix, row by row, that can be inverted."""
+    fx, _, _, shear, fy, _, *last = numbers
+    if not (all(map(math.isfinite, numbers)) and fx > 0 and fy > 0 and shear == 0 and last == [0, 0, 1]):
+        raise DeuxError(
+            f"{name} = {[numbers[:3], numbers[3:6], numbers[6:]]} is singular or no camera matrix: it is [[fx, s, cx], "
+            "[0, fy, cy], [0, 0, 1]] in pixels with fx and fy above 0."
+        )
 
 
 def _pad(x: Tensor, amounts: tuple[int, int]) -> Tensor:

@@ -54,8 +54,8 @@ def depth_errors(
         max_depth: ground truth at or above it is left out, metres.
 
     Returns:
-        N float64 values for each of `METRICS`: NaN for an image without ground truth in range, infinite for an image
-        with an invalid prediction (`invalid_pixels`).
+        N float64 values for each of `METRICS`, of float32 errors: NaN for an image without ground truth in range,
+        infinite for an image with an invalid prediction (`invalid_pixels`).
 
     Example:
         >>> errors = depth_errors(torch.full((1, 1, 2, 2), 2.0), torch.full((1, 1, 2, 2), 4.0))
@@ -64,12 +64,12 @@ def depth_errors(
     """
     counted = _in_range(ground_truth, min_depth, max_depth)
     valid = _is_depth(predicted_depth)
-    truth, predicted = ground_truth.double(), predicted_depth.double()
+    truth, predicted = ground_truth.float(), predicted_depth.float()
     number = counted.flatten(1).sum(dim=1)
 
     def mean(values: Tensor) -> Tensor:
         values = torch.where(valid, values, torch.inf)
-        return torch.where(counted, values, 0.0).flatten(1).sum(dim=1) / number
+        return torch.where(counted, values, 0.0).flatten(1).sum(dim=1, dtype=torch.float64) / number
 
     millimetres = 1000.0 * (predicted - truth)
     per_kilometre = 1000.0 * (1.0 / predicted - 1.0 / truth)
@@ -103,7 +103,8 @@ class DepthErrors(Metric):
     """Mean over images of `depth_errors`, as the published evaluations average them.
 
     Images without ground truth in range are left out. An image with invalid predictions makes all means infinite, and
-    `compute` warns of it with their number: a model that is chosen by the least error is not chosen for them.
+    `compute` warns of it with their number: a model that is chosen by the least error is not chosen for them. Only
+    `compute` waits for the device.
 
     Args:
         min_depth: ground truth at or below it is left out, metres.
@@ -129,15 +130,15 @@ class DepthErrors(Metric):
         """Count a batch: both N x 1 x H x W metres."""
         errors = depth_errors(predicted_depth, ground_truth, self.min_depth, self.max_depth)
         counted = _in_range(ground_truth, self.min_depth, self.max_depth).flatten(1).any(dim=1)
-        self.sums += torch.stack([errors[name] for name in METRICS], dim=1)[counted].sum(dim=0)
+        self.sums += torch.where(counted, torch.stack([errors[name] for name in METRICS]), 0.0).sum(dim=1)
         self.images += counted.sum()
         self.invalid += invalid_pixels(predicted_depth, ground_truth, self.min_depth, self.max_depth).sum()
 
     def compute(self) -> dict[str, Tensor]:
         """The means by metric, mm and 1/km; NaN if no image had ground truth in range."""
-        if self.invalid > 0:
+        if (invalid := int(self.invalid)) > 0:
             rank_zero_warn(
-                f"The predicted depth is not finite or not above 0 at {int(self.invalid)} pixels with ground truth of "
+                f"The predicted depth is not finite or not above 0 at {invalid} pixels with ground truth of "
                 f"{int(self.images)} images: their error counts as infinite."
             )
         return dict(zip(METRICS, self.sums / self.images, strict=True))

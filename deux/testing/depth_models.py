@@ -20,6 +20,7 @@ from torch import Tensor
 from deux.contracts import DepthModel, Prediction
 from deux.errors import DeuxError
 from deux.geometry.sparse_outliers import remove_outliers
+from deux.testing.host_waits import refuse_host_waits
 
 INPUTS = ["image", "sparse_depth", "validity", "intrinsics"]
 RANGE_SLACK = 0.05
@@ -48,11 +49,16 @@ def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, see
     }
 
 
-def run(model: DepthModel, data: dict[str, Tensor]) -> Prediction:
-    """Call the model as the training does: with the validity of the points and what the model prepares."""
+def network_inputs(model: DepthModel, data: dict[str, Tensor]) -> dict[str, Tensor]:
+    """What the training gives to the model: the data, the validity of the points and what the model prepares."""
     samples = [model.prepare(depth) for depth in data["sparse_depth"][:, 0].numpy()]
     prepared = {name: torch.from_numpy(np.stack([s[name] for s in samples])) for name in samples[0]}
-    return model(**data, validity=remove_outliers(data["sparse_depth"]), **prepared)
+    return {**data, "validity": remove_outliers(data["sparse_depth"]), **prepared}
+
+
+def run(model: DepthModel, data: dict[str, Tensor]) -> Prediction:
+    """Call the model as the training does."""
+    return model(**network_inputs(model, data))
 
 
 class DepthModelSuite:
@@ -167,6 +173,17 @@ class DepthModelSuite:
         self.check_depth(model, prediction.depth, self.size)
         assert ((prediction.depth - expected).abs() / expected).mean() < 0.05
         prediction.depth.mean().backward()
+
+    def test_keeps_a_card_busy(self, model: DepthModel) -> None:
+        """Neither pass through the networks makes the host wait for the device; a first one may build constants."""
+        model.train()
+        inputs, pose_network = network_inputs(model, camera_data(self.size)), model.pose_network()
+        model(**inputs)
+        with refuse_host_waits():
+            value = model(**inputs).depth.mean()
+            if pose_network is not None:
+                value = value + pose_network(inputs["image"], inputs["image"].flip(3)).mean()
+            value.backward()
 
     def test_channels_last_gives_the_same_depth(self, model: DepthModel) -> None:
         """The memory layout that makes training fast changes no result."""

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from deux.contracts import Batch, LossInputs, LossNeed, LossTerm, Prediction, Reconstructions
 from deux.geometry.reprojection import reproject
+from deux.testing.host_waits import refuse_host_waits
 
 FOCAL_LENGTH = 32.0
 PLANE_DEPTH = 2.0
@@ -191,6 +192,18 @@ class LossTermSuite:
         _check_value(value)
         expected = float(evaluate(term, self._imperfect(term)))
         assert float(value) == pytest.approx(expected, rel=0.1), "bfloat16 inputs change the value by more than 10 %"
+
+    def test_keeps_a_card_busy(self) -> None:
+        """Neither the value nor its gradient makes the host wait for the device; a first call may build constants."""
+        term = self.make_term()
+        sample = self._imperfect(term)
+        assert sample.batch.source_from_target is not None
+        inputs = [sample.depth, sample.batch.source_from_target, sample.target_from_source, *sample.extras.values()]
+        for tensor in inputs:
+            tensor.requires_grad_()
+        evaluate(term, sample)
+        with refuse_host_waits():
+            evaluate(term, sample).backward()
 
     def _imperfect(self, term: LossTerm, batch_size: int = 2) -> LossSample:
         return self._with_extras(term, imperfect_sample(batch_size))

@@ -20,6 +20,7 @@ from torch import Tensor
 
 from deux.contracts import DepthPredictor, Uncertainty, View
 from deux.frame_uncertainty import frame_of, make_view
+from deux.testing.host_waits import refuse_host_waits
 
 HEIGHT, WIDTH = 48, 64
 FOCAL = 40.0
@@ -204,6 +205,15 @@ class UncertaintySuite:
         """One source frame, and four."""
         for moves in (MOVES[:1], MOVES * 2):
             self.measure(wall_view(moves=moves, points=point_grid(), predict_depth=CheckedPredictor()))
+
+    def test_keeps_a_card_busy(self) -> None:
+        """The host waits for nothing that the measure computes; a first call may build constants."""
+        measure = self.make_uncertainty()
+        view = replace(_views(), predict_depth=lambda image, points, cameras: 2.0 + 0.1 * image[:, :1])
+        with torch.inference_mode():
+            measure(view)
+            with refuse_host_waits():
+                measure(view)
 
     def test_stays_on_a_graphics_card(self) -> None:
         """All is computed where the view is, and agrees with the CPU; skipped without a card."""

@@ -1,11 +1,13 @@
 """Training a depth model on datasets, from start or from where an earlier attempt was killed."""
 
+import logging
 import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
 from lightning import Callback, Trainer, seed_everything
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from torchmetrics import Metric
@@ -14,15 +16,18 @@ from deux.callbacks import lightning_object
 from deux.contracts import DepthModel, Reader
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError, check_range
-from deux.inference.precision import default_precision
+from deux.inference.precision import default_precision, tf32_convolutions
 from deux.training.checkpointing import AtomicCheckpoints, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
+from deux.training.network_compilation import CompileMode, compiled
 from deux.training.network_precision import network_precision
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.rank_failures import EndTogether
 from deux.training.schedule import Schedule
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,9 @@ class TrainingSettings(Schedule):
         validations: number of validations over the whole training.
         offsets: the source frames, in frames from the target, where the dataset does not list them.
         checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
+        tf32: on a card, let the networks' float32 convolutions round to TensorFloat-32 (10 bits of mantissa); the
+            geometry never does. Nothing to gain in bf16-mixed, the default there.
+        compile: compile the networks by `torch.compile`, in this mode; true is "default". The first step takes longer.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -51,6 +59,8 @@ class TrainingSettings(Schedule):
     validations: int = 10
     offsets: tuple[int, ...] = (-1, -2)
     checkpoint_minutes: float = 10.0
+    tf32: bool = False
+    compile: CompileMode | bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -126,8 +136,14 @@ def fit(
             **own,
         }
     )
+    log.info(_arithmetic(trainer, settings))
     try:
-        trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
+        with (
+            tf32_convolutions(settings.tf32),
+            compiled(module.model, settings.compile),
+            compiled(module.pose_source, settings.compile if pose == "learned" else False),
+        ):
+            trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
     except SystemExit as ended:  # Lightning's answer to Ctrl-C, from which it is deaf to that key
         signal.signal(signal.SIGINT, signal.default_int_handler)
         raise KeyboardInterrupt from ended
@@ -144,6 +160,18 @@ def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
         others = {name: value for name, value in arguments.items() if name != "precision"}
         arguments = {**others, "plugins": [*(arguments.get("plugins") or []), plugin]}
     return lightning_object(Trainer, arguments, "trainer")
+
+
+def _arithmetic(trainer: Trainer, settings: TrainingSettings) -> str:
+    """What a training computes on and with, for the log."""
+    device = trainer.strategy.root_device
+    name = torch.cuda.get_device_name(device) if device.type == "cuda" else device.type.upper()
+    tf32 = "in TensorFloat-32" if settings.tf32 else "exact"
+    mode = "default" if settings.compile is True else settings.compile
+    return (
+        f"training on {trainer.world_size} x {name} with precision {trainer.precision}, float32 convolutions {tf32}, "
+        f"{f'compiled ({mode})' if mode else 'not compiled'}"
+    )
 
 
 def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[str, Any]:

@@ -2,13 +2,40 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.utilities import rank_zero_warn
+from torch import Tensor
 
 from deux.errors import DeuxError
 from deux.training.module import DepthCompletion
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Values of one step on their way from the device.
+
+    Args:
+        step: number of optimiser steps that were done.
+        learning_rate: of that step.
+        values: the loss and the mean depth in metres, on the host once `arrived`.
+        arrived: the end of the copy; None where there is none to wait for.
+    """
+
+    step: int
+    learning_rate: float
+    values: Tensor
+    arrived: torch.cuda.Event | None
+
+    def numbers(self) -> tuple[float, float]:
+        """Loss and mean depth."""
+        if self.arrived is not None:
+            self.arrived.synchronize()
+        loss, depth = self.values.tolist()
+        return loss, depth
 
 
 class HealthCheck(Callback):
@@ -17,14 +44,18 @@ class HealthCheck(Callback):
     A network that saturates its output has almost no gradient left and seldom comes back; too high a learning rate
     is the usual cause.
 
+    No check waits for the device: its values are copied while the training goes on, and are looked at by the next
+    check, by the end of the epoch, or before a checkpoint is written, whichever is first. Processes that train
+    together look at the mean of all of them, so that all of them stop at the same step.
+
     Args:
-        every: number of optimiser steps from one check to the next; a check waits for the device.
+        every: number of optimiser steps from one check to the next.
         patience: number of checks in a row with stuck predictions after which to warn.
         margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
 
     Raises:
-        DeuxError: during training, when the loss or the predicted depth is not finite; at the end of an epoch, before
-            its checkpoint is written, when a weight is not.
+        DeuxError: during training, when the loss or the predicted depth is not finite; at the end of an epoch and
+            before any checkpoint is written, when one of these or a weight is not.
     """
 
     def __init__(self, every: int = 20, patience: int = 5, margin: float = 0.05) -> None:
@@ -32,33 +63,49 @@ class HealthCheck(Callback):
         self.patience = patience
         self.margin = margin
         self.stuck_checks = 0
+        self._reading: _Reading | None = None
 
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Check what `DepthCompletion.training_step` returned, if the optimiser has made a step with it."""
+        """Begin a check of what `DepthCompletion.training_step` returned, if the optimiser has made a step with it."""
         stepped = (batch_idx + 1) % trainer.accumulate_grad_batches == 0 or trainer.is_last_batch
         if stepped and trainer.global_step % self.every == 0 and isinstance(pl_module, DepthCompletion):
-            self._check(trainer.global_step, pl_module, outputs)
+            self._finish_check(pl_module)
+            self._reading = _read(trainer, outputs)
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Check the weights: a pose network that gives NaN leaves nothing visible, and the loss stays finite."""
-        broken = [name for name, weight in pl_module.named_parameters() if not weight.isfinite().all()]
+        """Finish the last check, and check the weights."""
+        self._check_all(trainer, pl_module)
+
+    def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
+        """As at the end of an epoch, so that nothing broken is written."""
+        self._check_all(trainer, pl_module)
+
+    def _check_all(self, trainer: Trainer, module: LightningModule) -> None:
+        if isinstance(module, DepthCompletion):
+            self._finish_check(module)
+        # A pose network that gives NaN leaves nothing visible, and the loss stays finite.
+        names, weights = zip(*module.named_parameters(), strict=True)
+        finite = _mean_of_processes(torch.stack([weight.detach().isfinite().all() for weight in weights]).float())
+        broken = [name for name, share in zip(names, finite.tolist(), strict=True) if share < 1]
         if broken:
             raise DeuxError(
                 f"{len(broken)} tensors of weights are not finite at step {trainer.global_step}, {broken[0]} is the "
                 "first: lower training.learning_rate, or set trainer.precision=32-true."
             )
 
-    def _check(self, step: int, module: DepthCompletion, outputs: Mapping[str, Any]) -> None:
-        rate = module.trainer.optimizers[0].param_groups[0]["lr"]
-        # Lightning has divided the loss by the number of batches whose gradients are accumulated.
-        loss = float(outputs["loss"]) * module.trainer.accumulate_grad_batches
-        depth, model = float(outputs["mean_depth"]), module.model
+    def _finish_check(self, module: DepthCompletion) -> None:
+        """Judge the values that were read last, if they have not been judged yet."""
+        if (reading := self._reading) is None:
+            return
+        self._reading = None
+        (loss, depth), model = reading.numbers(), module.model
+        when = f"at step {reading.step}, learning rate {reading.learning_rate:g}"
         if not (math.isfinite(loss) and math.isfinite(depth)):
             raise DeuxError(
-                f"the training loss is {loss} and the mean depth {depth} at step {step}, learning rate {rate:g}: lower "
-                "training.learning_rate, or look for frames with broken values."
+                f"the training loss is {loss} and the mean depth {depth} {when}: lower training.learning_rate, or look "
+                "for frames with broken values."
             )
         near = depth <= model.min_depth * (1 + self.margin)
         far = depth >= model.max_depth * (1 - self.margin)
@@ -67,6 +114,27 @@ class HealthCheck(Callback):
             end = "nearest" if near else "farthest"
             rank_zero_warn(
                 f"The predicted depth has stuck to its {end} value ({depth:.2f} m on average) for "
-                f"{self.every * self.patience} steps, at step {step}, learning rate {rate:g}: the network has "
-                "saturated and will not recover, so start again with a lower training.learning_rate."
+                f"{self.every * self.patience} steps, {when}: the network has saturated and will not recover, so start "
+                "again with a lower training.learning_rate."
             )
+
+
+def _read(trainer: Trainer, outputs: Mapping[str, Any]) -> _Reading:
+    """Begin to copy the loss and the mean depth of a step to the host."""
+    # Lightning has divided the loss by the number of batches whose gradients are accumulated.
+    loss = outputs["loss"].detach() * trainer.accumulate_grad_batches
+    values = _mean_of_processes(torch.stack([loss, outputs["mean_depth"]]))
+    copied = values.to("cpu", non_blocking=True)  # into pinned memory, where that is needed
+    arrived = None
+    if values.is_cuda:
+        arrived = torch.cuda.Event()
+        arrived.record()
+    return _Reading(trainer.global_step, trainer.optimizers[0].param_groups[0]["lr"], copied, arrived)
+
+
+def _mean_of_processes(values: Tensor) -> Tensor:
+    """The mean over all processes that train together, the same in each; not finite if it is not finite in one."""
+    if torch.distributed.is_available() and torch.distributed.is_initialized():
+        torch.distributed.all_reduce(values)
+        values = values / torch.distributed.get_world_size()
+    return values

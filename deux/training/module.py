@@ -1,11 +1,15 @@
 """Training a depth model without ground truth, as a LightningModule."""
 
 from dataclasses import replace
+from typing import Any
 
 import torch
 from lightning.pytorch import LightningModule
+from lightning.pytorch.plugins import MixedPrecision, Precision
+from lightning.pytorch.utilities import GradClipAlgorithmType
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
+from torch.optim import Optimizer
 from torchmetrics import Metric
 
 from deux.contracts import Batch, DepthModel, Prediction
@@ -20,8 +24,11 @@ class DepthCompletion(LightningModule):
     """A depth model with its objective, its relative poses and its optimiser.
 
     The network runs in the trainer's precision and in channels-last layout; reconstructions, losses and metrics are
-    float32. The module saves no hyperparameters: whoever resumes makes it anew from the configuration, and a checkpoint
-    holds nothing but tensors and plain values, so that it loads with `weights_only=True`.
+    float32. Nothing in a step makes the host wait for the device (`deux.testing.host_waits`), so that it runs ahead and
+    a card always has work; what is logged is read every `log_every_n_steps` steps.
+
+    The module saves no hyperparameters: whoever resumes makes it anew from the configuration, and a checkpoint holds
+    nothing but tensors and plain values, so that it loads with `weights_only=True`.
 
     Args:
         model: the depth model to train.
@@ -72,8 +79,10 @@ class DepthCompletion(LightningModule):
         """One step; also returns the mean predicted depth, for `deux.training.health`."""
         prediction, losses = self._losses(batch)
         values = {"loss": losses.total, **losses.terms, **_photometric_error(batch, losses)}
-        self._log("train", values, batch, prog_bar=("loss",))
-        self.log("train/learning_rate", self.trainer.optimizers[0].param_groups[0]["lr"])
+        self._log("train", values, batch)
+        # Filled in on the device: Lightning would copy the number there, and wait until it is there.
+        rate = torch.full((), self.trainer.optimizers[0].param_groups[0]["lr"], device=batch.image.device)
+        self.log("train/learning_rate", rate)
         return {"loss": losses.total, "mean_depth": prediction.depth.detach().float().mean()}
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
@@ -93,8 +102,8 @@ class DepthCompletion(LightningModule):
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """Adam over everything that trains, with the schedule applied at every step."""
         parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
-        # Lightning clips no gradients for a fused optimiser in mixed precision.
-        fused = not self.trainer.gradient_clip_val
+        # A scaler leaves it to a fused optimiser to undo the scaling, which has to come before the clipping.
+        fused = not (self.trainer.gradient_clip_val and _scaler(self.trainer.precision_plugin))
         optimizer = torch.optim.Adam(parameters, lr=self.schedule.learning_rate, fused=fused)
         total_steps = self.trainer.estimated_stepping_batches
 
@@ -106,6 +115,24 @@ class DepthCompletion(LightningModule):
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
 
+    def configure_gradient_clipping(
+        self,
+        optimizer: Optimizer,
+        gradient_clip_val: int | float | None = None,
+        gradient_clip_algorithm: str | None = None,
+    ) -> None:
+        """Clip the gradients as Lightning does, and those of a fused optimiser in bf16-mixed as well.
+
+        Lightning refuses the latter on the ground that a fused optimiser undoes the scaling of the loss by itself, so
+        that the gradients are still scaled here. With bfloat16 there is no scaling.
+        """
+        plugin = self.trainer.precision_plugin
+        if gradient_clip_val and isinstance(plugin, MixedPrecision) and not _scaler(plugin):
+            algorithm = GradClipAlgorithmType(gradient_clip_algorithm or GradClipAlgorithmType.NORM)
+            Precision.clip_gradients(plugin, optimizer, gradient_clip_val, algorithm)
+        else:
+            self.clip_gradients(optimizer, gradient_clip_val, gradient_clip_algorithm)
+
     def _losses(self, batch: Batch) -> tuple[Prediction, Losses]:
         prediction = self(batch)
         poses = None
@@ -113,9 +140,15 @@ class DepthCompletion(LightningModule):
             poses = self.pose_source(batch, backward=self.objective.needs_backward_poses)
         return prediction, self.objective(batch, prediction, poses)
 
-    def _log(self, stage: str, values: dict[str, Tensor], batch: Batch, prog_bar: tuple[str, ...] = ()) -> None:
+    def _log(self, stage: str, values: dict[str, Tensor], batch: Batch) -> None:
         for name, value in values.items():
-            self.log(f"{stage}/{name}", value, prog_bar=name in prog_bar, batch_size=len(batch.image))
+            # Not for the progress bar: Lightning reads such values at every step, whether there is a bar or not.
+            self.log(f"{stage}/{name}", value, batch_size=len(batch.image))
+
+
+def _scaler(plugin: Precision) -> Any:
+    """What scales the loss (`trainer.precision=16-mixed`); None where nothing does."""
+    return getattr(plugin, "scaler", None)
 
 
 @torch.no_grad()

@@ -19,6 +19,7 @@ from deux.contracts import (
 )
 from deux.errors import DeuxError
 from deux.geometry.reprojection import reproject
+from deux.inference.precision import tf32_convolutions
 from deux.registry import registry
 from deux.training.pose_source import PoseSource, RelativePoses
 
@@ -38,7 +39,7 @@ class Losses(NamedTuple):
 
 
 class Objective(nn.Module):
-    """Weighted sum of loss terms, always computed in float32.
+    """Weighted sum of loss terms, always computed in float32, not in TensorFloat-32.
 
     The reconstructions are made once if some term needs them. Ground truth is taken out of the batch before any term
     sees it, unless the model is supervised.
@@ -99,7 +100,7 @@ class Objective(nn.Module):
             DeuxError: the prediction lacks an extra that a term needs, or the batch ground truth or poses.
         """
         self._check(batch, prediction)
-        with torch.autocast(prediction.depth.device.type, enabled=False):
+        with torch.autocast(prediction.depth.device.type, enabled=False), tf32_convolutions(False):
             extras = {name: extra.float() for name, extra in prediction.extras.items()}
             prediction = Prediction(prediction.depth.float(), extras)
             reconstructions = None

@@ -1,8 +1,8 @@
 """The photometric residual in metres: normalised by how much depth matters to the reconstruction."""
 
 import torch
-from kornia.filters import box_blur
 from torch import Tensor
+from torch.nn import functional
 
 from deux.contracts import Uncertainty, View
 from deux.geometry.reprojection import reproject
@@ -57,4 +57,4 @@ def _rebuilt(view: View, depth: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _mean(x: Tensor, size: int) -> Tensor:
-    return box_blur(x, size, "replicate")
+    return functional.avg_pool2d(functional.pad(x, [size // 2] * 4, mode="replicate"), size, stride=1)

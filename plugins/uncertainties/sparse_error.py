@@ -1,9 +1,6 @@
 """What the sparse points say: the one place where the sensor has measured what the model should have predicted."""
 
-import math
-
 import torch
-from kornia.filters import gaussian_blur2d
 from torch import Tensor
 
 from deux.contracts import Uncertainty, View
@@ -23,24 +20,29 @@ class SparseError(Uncertainty):
 
     def __call__(self, view: View) -> Tensor:
         """N x H x W metres."""
-        # One by one: the width of the weights is each frame's own.
-        frames = zip(view.depth.split(1), view.sparse_depth.split(1), strict=True)
-        return torch.cat([_error_nearby(depth, sparse_depth)[:, 0] for depth, sparse_depth in frames])
+        points = view.sparse_depth[:, 0] > 0
+        error = torch.where(points, (view.depth - view.sparse_depth)[:, 0].abs(), 0.0)
+        known = points.to(error.dtype)
+        count = known.sum(dim=(1, 2), keepdim=True)
+        sigma = 0.5 * (known[0].numel() / count.clamp(min=1.0)).sqrt()
+        mean = error.sum(dim=(1, 2), keepdim=True) / count
+        rows, columns = (_gaussian(size, sigma) for size in known.shape[1:])
+        return (rows @ error @ columns + PRIOR_WEIGHT * mean) / (rows @ known @ columns + PRIOR_WEIGHT)
 
 
-def _error_nearby(depth: Tensor, sparse_depth: Tensor) -> Tensor:
-    """The weighted mean error of the points around each pixel of one frame; all 1 x 1 x H x W metres."""
-    points = sparse_depth > 0
-    error = torch.where(points, (depth - sparse_depth).abs(), 0.0)
-    known = points.to(error.dtype)
-    sigma = 0.5 / max(float(known.mean()), 1.0 / known.numel()) ** 0.5
-    mean = error.sum() / known.sum()
-    total, weight = _weighted_sum(error, sigma), _weighted_sum(known, sigma)
-    return (total + PRIOR_WEIGHT * mean) / (weight + PRIOR_WEIGHT)
+def _gaussian(size: int, sigma: Tensor) -> Tensor:
+    """Weights of the pixels of a line for each pixel of it: exp(-d^2 / (2 sigma^2)) up to 3 sigma away, else 0.
 
+    As matrices, so that each frame has its own width without the host's knowing it.
 
-def _weighted_sum(x: Tensor, sigma: float) -> Tensor:
-    """Sums over the neighbourhood of each pixel of N x 1 x H x W, with Gaussian weights that are 1 at distance 0."""
-    reach = min(round(3.0 * sigma), *(side - 1 for side in x.shape[-2:]))
-    # The filter's weights sum to 1; undone, they have their peak at 1.
-    return 2.0 * math.pi * sigma**2 * gaussian_blur2d(x, 2 * reach + 1, (sigma, sigma), "constant")
+    Args:
+        size: number of pixels.
+        sigma: N x 1 x 1, pixels.
+
+    Returns:
+        N x size x size.
+    """
+    places = torch.arange(size, dtype=sigma.dtype, device=sigma.device)
+    distance = (places[:, None] - places).abs()
+    weights = torch.exp(-0.5 * (distance / sigma).square())
+    return torch.where(distance <= (3.0 * sigma).round(), weights, 0.0)

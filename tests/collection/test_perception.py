@@ -6,9 +6,10 @@ import torch
 from torch import Tensor
 from toy_world import CAMERA, GuessingModel, ToySimulator
 
-from deux.collection.perception import SOURCES, Perception
+from deux.collection.perception import SOURCES, Perception, on_host
 from deux.collection.sparse import SparseSettings, sample_sparse
-from deux.contracts import COLOR, Frame, Uncertainty, View
+from deux.collection.transfers import download
+from deux.contracts import COLOR, Frame, Need, Uncertainty, View
 from deux.geometry.poses import source_from_target
 from deux.inference.precision import FastPredictor
 from deux.registry import registry
@@ -80,6 +81,33 @@ def test_without_a_measure_there_is_no_residual():
     (percept,) = Perception(GuessingModel())([history()], CAMERA.intrinsics)
     assert (percept.residual, percept.uncertainty) == (None, None)
     assert percept.predicted_depth.shape == (CAMERA.height, CAMERA.width)
+
+
+@pytest.mark.parametrize(
+    "needs", [set(), {Need.PREDICTED_DEPTH}, {Need.RESIDUAL}, {Need.PREDICTED_DEPTH, Need.RESIDUAL}, {Need.LABELS}]
+)
+def test_the_host_is_given_what_is_needed_in_one_transfer(needs, monkeypatch):
+    transfers = []
+    monkeypatch.setattr("deux.collection.perception.download", lambda tensors: transfers.append(1) or download(tensors))
+    percepts = Perception(GuessingModel(), uncertainty=L1Residual())(
+        [history(x=x) for x in (0.0, 1.5)], CAMERA.intrinsics
+    )
+    given = on_host(percepts, needs)
+    assert transfers == [1]
+    for percept, one in zip(percepts, given, strict=True):
+        assert (one.predicted_depth is None) == (Need.PREDICTED_DEPTH not in needs)
+        assert (one.residual is None) == (one.uncertainty is None) == (Need.RESIDUAL not in needs)
+        if one.predicted_depth is not None:
+            np.testing.assert_array_equal(one.predicted_depth, percept.predicted_depth)
+        if one.residual is not None:
+            np.testing.assert_array_equal(one.residual, percept.residual)
+            assert one.uncertainty == percept.uncertainty.item()
+
+
+def test_without_a_measure_nothing_of_it_is_given():
+    percepts = Perception(GuessingModel())([history()], CAMERA.intrinsics)
+    (given,) = on_host(percepts, {Need.RESIDUAL})
+    assert (given.predicted_depth, given.residual, given.uncertainty) == (None, None, None)
 
 
 class OnDevice(GuessingModel):

@@ -2,7 +2,7 @@ import pytest
 import torch
 
 from deux.contracts import DepthModel, Prediction
-from deux.inference.precision import FastPredictor, default_device, default_precision
+from deux.inference.precision import FastPredictor, default_device, default_precision, tf32_convolutions
 
 
 @pytest.mark.parametrize(
@@ -28,6 +28,17 @@ def test_the_device_is_the_processor_without_a_graphics_card(monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     assert default_device("auto") == torch.device("cuda")
     assert default_device("cpu") == torch.device("cpu")
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_tensorfloat_is_allowed_for_a_while_and_never_for_matrix_products(monkeypatch, before):
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", before)
+    products = torch.get_float32_matmul_precision()
+    for allowed in (True, False):
+        with tf32_convolutions(allowed):
+            assert torch.backends.cudnn.allow_tf32 is allowed
+            assert torch.get_float32_matmul_precision() == products == "highest"
+        assert torch.backends.cudnn.allow_tf32 is before
 
 
 class Multiplied(DepthModel):

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import torch
+from torch.overrides import TorchFunctionMode
 
 from deux.contracts import DepthModel, Prediction
 from deux.errors import DeuxError
@@ -59,7 +60,7 @@ def test_takes_arrays_of_any_precision():
         ("sparse_depth", lambda x: x[:, 0], "sparse_depth has the shape 2 x 16 x 16: .* 2 x 1 x 16 x 16"),
         ("sparse_depth", lambda x: -x, "sparse_depth goes from -"),
         ("sparse_depth", lambda x: x / 0, "sparse_depth goes from"),
-        ("intrinsics", lambda x: x[0], "intrinsics has the shape 3 x 3: for a batch of 2 it is 2 x 3 x 3"),
+        ("intrinsics", lambda x: x[0], "intrinsics has the shape 3 x 3: .* 2 x 3 x 3"),
         ("intrinsics", torch.zeros_like, r"intrinsics\[0\] = .* is singular"),
         ("intrinsics", lambda x: x.transpose(1, 2), "no camera matrix"),
         ("intrinsics", lambda x: x * torch.nan, "no camera matrix"),
@@ -82,3 +83,25 @@ def test_mode_comes_back_after_an_error():
     with pytest.raises(RuntimeError, match="failed"):
         predict(model, **camera_data((16, 16)))
     assert model.training
+
+
+class Unprepared(Recorder):
+    prepare = DepthModel.prepare
+
+
+@pytest.mark.parametrize(("kind", "copies"), [(Unprepared, 0), (Recorder, 1)])
+def test_values_are_read_once_and_points_copied_only_for_models_that_prepare(kind, copies):
+    reads = []
+
+    class Noted(TorchFunctionMode):
+        def __torch_function__(self, func, types, args=(), kwargs=None):
+            reads.append(func)
+            return func(*args, **(kwargs or {}))
+
+    model, data = kind(), camera_data((16, 16), points=0.5)
+    with Noted():
+        model.predict(**data)
+    assert model.prepares == bool(copies)
+    assert reads.count(torch.Tensor.tolist) == 1
+    assert reads.count(torch.Tensor.numpy) == copies
+    assert not {torch.Tensor.item, torch.Tensor.__bool__, torch.Tensor.__float__} & {*reads}

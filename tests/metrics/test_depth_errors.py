@@ -3,6 +3,7 @@ import pytest
 import torch
 
 from deux.metrics.depth_errors import METRICS, DepthErrors, depth_errors, invalid_pixels
+from deux.testing.host_waits import refuse_host_waits
 
 
 def test_errors_of_one_pixel_by_hand():
@@ -93,3 +94,25 @@ def test_a_broken_prediction_does_not_leave_the_mean():
     metric.reset()
     metric.update(predicted[:1], truth[:1])
     assert metric.compute()["mae"].item() == pytest.approx(1000.0)
+
+
+def test_only_the_mean_waits_for_the_device():
+    truth = torch.full((3, 1, 4, 4), 2.0)
+    truth[1] = 0.0
+    metric = DepthErrors()
+    with refuse_host_waits():
+        metric.update(truth + 0.5, truth)
+        metric.update(truth + 1.0, truth)
+    assert metric.compute()["mae"].item() == pytest.approx(750.0)
+
+
+def test_float32_errors_are_those_of_float64():
+    generator = torch.Generator().manual_seed(0)
+    truth = 0.2 + 9.0 * torch.rand(2, 1, 64, 64, generator=generator)
+    predicted = truth * (1.0 + 0.01 * torch.randn(truth.shape, generator=generator))
+    difference = 1000.0 * (predicted.double() - truth.double())
+    inverse = 1000.0 / predicted.double() - 1000.0 / truth.double()
+    expected = {"mae": difference.abs(), "rmse": difference.square(), "imae": inverse.abs(), "irmse": inverse.square()}
+    for name, values in depth_errors(predicted, truth).items():
+        mean = expected[name].mean(dim=(1, 2, 3))
+        torch.testing.assert_close(values, mean if "mae" in name else mean.sqrt(), rtol=1e-5, atol=0.0)

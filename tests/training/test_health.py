@@ -1,9 +1,12 @@
+import math
+
 import pytest
 import torch
+from lightning.pytorch import Callback
 
 from deux.errors import DeuxError
 from deux.testing.losses import perfect_sample
-from deux.training.health import HealthCheck
+from deux.training.health import HealthCheck, _mean_of_processes
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 from deux.training.pose_source import LearnedPoseSource
@@ -59,3 +62,64 @@ def test_weights_that_are_not_finite_stop_the_run_where_the_loss_stays_finite(sm
         module.pose_source.network.layer.bias.fill_(torch.nan)
     with pytest.raises(DeuxError, match=r"tensors of weights are not finite at step 2"):
         fit(module, perfect_sample().batch, copies=2, max_epochs=1, callbacks=[HealthCheck()])
+
+
+class Judged(HealthCheck):
+    """Notes the step at which each check is looked at."""
+
+    def __init__(self):
+        super().__init__(every=3)
+        self.looked = []
+
+    def _finish_check(self, module):
+        if self._reading is not None:
+            self.looked.append((self._reading.step, module.trainer.global_step))
+        super()._finish_check(module)
+
+
+def test_a_check_is_looked_at_by_the_next_one_or_at_the_end_of_the_epoch(small_model, fit):
+    model = small_model()
+    check = Judged()
+    module = DepthCompletion(model, make_objective(model))
+    fit(module, perfect_sample(1, 16, 16).batch, copies=10, max_epochs=1, callbacks=[check])
+    assert check.looked == [(3, 6), (6, 9), (9, 10)]
+
+
+class Save(Callback):
+    """Writes a checkpoint after a step."""
+
+    def __init__(self, path, step):
+        self.path, self.step = path, step
+
+    def on_train_batch_end(self, trainer, pl_module, outputs, batch, batch_idx):
+        if trainer.global_step == self.step:
+            trainer.save_checkpoint(self.path)
+
+
+@pytest.mark.parametrize(
+    ("every", "message"), [(2, "training loss is nan"), (100, "tensors of weights are not finite")]
+)
+def test_nothing_broken_is_written(small_model, fit, tmp_path, every, message):
+    batch = perfect_sample(1, 16, 16).batch
+    batch.image[0, 0, 0, 0] = torch.nan
+    model = small_model()
+    callbacks = [HealthCheck(every), Save(tmp_path / "state.ckpt", step=2)]
+    with pytest.raises(DeuxError, match=message):
+        fit(DepthCompletion(model, make_objective(model)), batch, copies=10, max_epochs=1, callbacks=callbacks)
+    assert not any(tmp_path.iterdir())
+
+
+def _judge_together(rank, address, results):
+    torch.distributed.init_process_group("gloo", init_method=address, rank=rank, world_size=2)
+    own = torch.tensor([1.0, torch.nan if rank else 3.0])
+    results[rank] = _mean_of_processes(own).tolist()
+    torch.distributed.destroy_process_group()
+
+
+def test_what_one_process_finds_all_of_them_find(tmp_path):
+    with torch.multiprocessing.Manager() as manager:
+        results = manager.dict()
+        torch.multiprocessing.spawn(_judge_together, (f"file://{tmp_path}/meeting", results), nprocs=2)
+        found = dict(results)
+    assert found[0][0] == found[1][0] == 1.0
+    assert all(math.isnan(found[rank][1]) for rank in (0, 1))

@@ -1,17 +1,26 @@
 import io
+from contextlib import ExitStack, contextmanager
 
 import pytest
 import torch
+from lightning.pytorch import Callback
+from lightning.pytorch.plugins import MixedPrecision
 
 from deux.metrics.depth_errors import DepthErrors
+from deux.registry import registry
+from deux.testing.host_waits import HostWait, refuse_host_waits
 from deux.testing.losses import perfect_sample
+from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 from deux.training.pose_source import make_pose_source
 from deux.training.schedule import Schedule
 
 # Lightning 2.6 uses what newer PyTorch releases deprecate.
-pytestmark = pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning")
+pytestmark = [
+    pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning"),
+    pytest.mark.filterwarnings(r"ignore:Found \d+ module\(s\) in eval mode"),
+]
 
 FAST = Schedule(3e-3, boundaries=(0.8,), factors=(0.1,))
 
@@ -144,3 +153,77 @@ def test_state_is_plain_tensors(make_module):
     torch.save(make_module(metrics=DepthErrors()).state_dict(), buffer)
     buffer.seek(0)
     assert all(name.startswith("model.") for name in torch.load(buffer, weights_only=True))
+
+
+class Watched(Callback):
+    """Lets a check look at the steps from the second to the one before last, and at all that lies between them."""
+
+    def __init__(self, check, steps):
+        self.check, self.steps, self.seen = check, steps, ExitStack()
+
+    def on_train_batch_start(self, trainer, pl_module, batch, batch_idx):
+        if batch_idx == 1:
+            self.seen.enter_context(self.check())
+        if batch_idx == self.steps - 1:
+            self.seen.close()
+
+    def on_exception(self, trainer, pl_module, exception):
+        self.seen.close()
+
+
+@contextmanager
+def on_a_card():
+    torch.cuda.set_sync_debug_mode("error")
+    try:
+        yield
+    finally:
+        torch.cuda.set_sync_debug_mode("default")
+
+
+COMBINATIONS = [(name, pose) for name in registry().names("depth_models") for pose in ("simulator", "learned")]
+
+
+def watched_steps(fit, name, pose, check, copies=8, model=None, **arguments):
+    """Trains a registered model with logging, clipping and health checks, watched by `check`."""
+    torch.manual_seed(0)
+    model = model or registry().create("depth_models", name, {})
+    if pose == "learned" and model.pose_network() is None:
+        pytest.skip(f"{name} has no pose network")
+    batch = perfect_sample(2, 64, 96).batch
+    samples = [model.prepare(depth) for depth in batch.sparse_depth[:, 0].numpy()]
+    batch.prepared = {key: torch.stack([torch.from_numpy(sample[key]) for sample in samples]) for key in samples[0]}
+    module = DepthCompletion(model, make_objective(model), make_pose_source(pose, model), metrics=DepthErrors())
+    watched = Watched(check, copies)
+    arguments = {"precision": "bf16-mixed", "gradient_clip_val": 1.0} | arguments
+    fit(module, batch, copies, max_steps=copies, callbacks=[watched, HealthCheck(every=2)], **arguments)
+
+
+@pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
+def test_no_step_waits_for_the_device(fit, name, pose):
+    watched_steps(fit, name, pose, refuse_host_waits)
+
+
+def test_a_step_that_waits_is_found(fit, small_model):
+    class Careless(small_model):
+        def forward(self, image, *inputs, **prepared):
+            assert image.mean().item() > 0
+            return super().forward(image, *inputs, **prepared)
+
+    with pytest.raises(HostWait, match="reads values"):
+        watched_steps(fit, None, "simulator", refuse_host_waits, model=Careless())
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
+def test_no_step_waits_for_a_card(fit, name, pose):
+    watched_steps(fit, name, pose, on_a_card, accelerator="gpu", devices=1)
+
+
+@pytest.mark.parametrize("clip", [{}, {"gradient_clip_val": 1e-3}])
+@pytest.mark.parametrize("scaled", [False, True])
+def test_adam_is_fused_unless_a_scaler_and_clipping_meet(make_module, fit, clip, scaled):
+    scaler = torch.amp.GradScaler("cpu", init_scale=1.0) if scaled else None
+    plugin = MixedPrecision("16-mixed" if scaled else "bf16-mixed", "cpu", scaler)
+    trainer = fit(make_module(), perfect_sample(1, 16, 16).batch, 1, max_steps=1, plugins=[plugin], **clip)
+    assert trainer.optimizers[0].defaults["fused"] is not (scaled and bool(clip))

@@ -26,6 +26,7 @@ from deux.errors import DeuxError
 from deux.io.atomic import write_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugins
+from deux.threads import let_waiting_threads_sleep
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 
@@ -69,6 +70,7 @@ def main() -> int:
     trace, or a sweep in which some job failed; 130: interrupted.
     """
     leave_out_working_folder()
+    let_waiting_threads_sleep()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
     jobs = Jobs()
     try:

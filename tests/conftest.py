@@ -1,8 +1,11 @@
 """Fixtures that all tests share."""
 
+import io
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -48,3 +51,23 @@ def house_caster(small_house: Scene) -> RayCaster:
 def lounge(shared_data: Callable[[str], Path]) -> Scene:
     """A scanned room with holes."""
     return load_scene(shared_data("scenes") / "lounge.ply")
+
+
+@pytest.fixture
+def file_system_calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Counts the calls by which Python code looks at files: each `stat`, listing of a folder and opened file."""
+    calls: Counter[str] = Counter()
+
+    def counted(module: Any, name: str) -> None:
+        original = getattr(module, name)
+
+        def call(*arguments: Any, **options: Any) -> Any:
+            calls[name] += 1
+            return original(*arguments, **options)
+
+        monkeypatch.setattr(module, name, call)
+
+    for name in ("stat", "lstat", "listdir", "scandir"):
+        counted(os, name)
+    counted(io, "open")
+    return calls

@@ -42,6 +42,14 @@ def stubbed(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
     return command(folder, "-c", STUB, *overrides, "task=train")
 
 
+SLOW_PACKAGES = {"torch", "lightning", "torchmetrics", "numpy", "scipy", "numba", "cv2", "matplotlib", "deux_plugins"}
+
+
+def imported_packages(report: str) -> set[str]:
+    """The packages in what `python -X importtime` writes."""
+    return {line.rpartition("|")[2].strip().split(".")[0] for line in report.splitlines() if "|" in line}
+
+
 def facts(folder: Path, pattern: str) -> dict[str, object]:
     (path,) = folder.glob(pattern)
     return json.loads(path.read_text())
@@ -62,10 +70,31 @@ def test_help_tells_what_there_is_without_importing_torch(tmp_path: Path) -> Non
         "batch_size:",
     ):
         assert expected in result.stdout
-    imported = {line.rpartition("|")[2].strip().split(".")[0] for line in result.stderr.splitlines()}
-    assert "hydra" in imported
-    assert not imported & {"torch", "lightning", "deux_plugins", "numba", "matplotlib"}
+    assert "hydra" in imported_packages(result.stderr)
+    assert not imported_packages(result.stderr) & SLOW_PACKAGES
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("-m", "deux", "experiment=debug", "--cfg", "job"),
+        ("-m", "deux", "modl=kbnet"),
+        ("-m", "deux.plugins"),
+        ("-m", "deux.doctor", "--help"),
+        ("-m", "deux.bench", "--help"),
+        ("-c", "import deux"),
+        ("-c", "from deux.configuration import compose; compose(['experiment=debug', 'model=voiced'])"),
+    ],
+    ids=" ".join,
+)
+def test_what_only_reads_the_configuration_imports_no_library_that_takes_seconds(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    result = command(tmp_path, "-X", "importtime", *arguments)
+    assert result.returncode == (1 if "modl=kbnet" in arguments else 0)
+    assert "deux" in imported_packages(result.stderr)
+    assert not imported_packages(result.stderr) & SLOW_PACKAGES
 
 
 def test_the_same_command_finds_the_same_run_folder(tmp_path: Path) -> None:

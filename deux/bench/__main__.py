@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deux.errors import DeuxError
+from deux.threads import let_waiting_threads_sleep
 
 if TYPE_CHECKING:
     from deux.bench.speed_tables import SpeedTable
@@ -18,6 +19,7 @@ BENCHMARKS = ("render", "batching", "explore", "environment", "models", "limits"
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the benchmarks and return the exit code: 0, or 1 after a mistake of the user's, told on stderr."""
     options = _parser().parse_args(arguments)
+    let_waiting_threads_sleep()
     try:
         _run(options)
     except DeuxError as error:

@@ -17,7 +17,7 @@ from deux.collection.viewpoints import ViewpointsPlan, collect_viewpoints
 from deux.contracts import DepthPredictor
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_json
-from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, SequencePaths, list_file, neighbours, sequences
+from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, list_file, neighbours, sequences
 from deux.io.locking import locked
 from deux.io.progress import Progress, ignore_progress
 
@@ -101,7 +101,8 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
     clock.lap("sparse depth")
     verdicts = verify_sequences(found, spec.verification, spec.sparse, progress=progress)
     clock.lap("verification")
-    triplets = write_lists(partial, spec.folder_name, spec.split, found, verdicts)
+    frames = {paths.name: paths.frames() for paths in found}
+    triplets = write_lists(partial, spec.folder_name, spec.split, frames, verdicts)
     clock.lap("preprocessing")
     rejected = Counter(str(reason) for verdict in verdicts.values() for reason in verdict.values() if reason)
     if not triplets:
@@ -114,8 +115,8 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
         "name": spec.name,
         "hash": spec.key(),
         "specification": spec.description(),
-        "sequences": {paths.name: len(paths.frames()) for paths in found},
-        "frames": sum(len(paths.frames()) for paths in found),
+        "sequences": {name: len(names) for name, names in frames.items()},
+        "frames": sum(map(len, frames.values())),
         "candidates": sum(len(verdict) for verdict in verdicts.values()),
         "triplets": triplets,
         "rejected": dict(sorted(rejected.items())),
@@ -128,7 +129,7 @@ def write_lists(
     dataset: Path,
     name: str,
     split: str,
-    found: Sequence[SequencePaths],
+    frames: Mapping[str, Sequence[str]],
     verdicts: Mapping[str, Mapping[str, Rejection | None]],
     offsets: tuple[int, ...] = (-1, -2),
 ) -> int:
@@ -141,7 +142,7 @@ def write_lists(
         dataset: the dataset's folder, as it is now.
         name: the name of that folder once it is complete.
         split: "train", "validation" or "test".
-        found: the sequences.
+        frames: for each sequence's name, its frames in the order of time.
         verdicts: for each sequence's name, for each target frame, why it is rejected or None.
         offsets: the source frames, in frames from the target.
 
@@ -149,10 +150,10 @@ def write_lists(
         The number of triplets.
     """
     lines: dict[str, list[str]] = {kind: [] for kind in (*PUBLISHED_KINDS, "intrinsics", "triplets")}
-    for paths in found:
-        folder = f"{name}/data/{paths.name}"
-        for triplet in neighbours(paths.frames(), offsets):
-            if verdicts[paths.name][triplet[0]] is not None:
+    for sequence, names in frames.items():
+        folder = f"{name}/data/{sequence}"
+        for triplet in neighbours(names, offsets):
+            if verdicts[sequence][triplet[0]] is not None:
                 continue
             for kind in PUBLISHED_KINDS:
                 lines[kind].append(f"{folder}/{kind}/{triplet[0]}{SUFFIXES[kind]}")

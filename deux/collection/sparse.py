@@ -79,10 +79,15 @@ def sample_sequences(
 ) -> None:
     """Write `sparse_depth` and `validity_map` of every frame that lacks them, from its image and ground truth.
 
+    Args:
+        found: the sequences.
+        settings: how many points.
+        progress: told the number of frames.
+
     Raises:
         DeuxError: an image or depth map cannot be read, or the disk is full.
     """
-    tasks = [(paths, frame) for paths in found for frame in paths.frames()]
+    tasks = [(paths, frame) for paths in found for frame in _unsampled(paths)]
 
     def sample(task: tuple[SequencePaths, str]) -> None:
         _sample_frame(*task, settings)
@@ -92,17 +97,20 @@ def sample_sequences(
             progress("sparse depth", done, len(tasks))
 
 
+def _unsampled(paths: SequencePaths) -> list[str]:
+    """The frames of a sequence that have no validity map, which is written last."""
+    done = paths.names("validity_map")
+    return [frame for frame in paths.frames() if frame not in done]
+
+
 def _sample_frame(paths: SequencePaths, frame: str, settings: SparseSettings) -> None:
-    validity_map = paths.file("validity_map", frame)
-    if validity_map.exists():  # it is written last
-        return
     image, depth = read_image(paths.file("image", frame)), read_depth(paths.file("ground_truth", frame))
     sparse = sample_sparse(image, depth, settings)
     for kind in ("sparse_depth", "validity_map"):
         make_folder(paths.folder / kind)
     write_depth(paths.file("sparse_depth", frame), sparse)
     # The release stores validity as a depth map of ones.
-    write_depth(validity_map, (sparse > 0).astype(np.float32))
+    write_depth(paths.file("validity_map", frame), (sparse > 0).astype(np.float32))
 
 
 def _spread_maxima(score: np.ndarray, count: int) -> np.ndarray:

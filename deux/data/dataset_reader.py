@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -101,7 +101,7 @@ class DatasetReader(Reader):
         """The triplets of a split that the dataset has lists of."""
         listed = list_file(self.folder, split, "triplets")
         if listed.exists():
-            return [self._listed_triplet(line) for line in _lines(listed)]
+            return self._listed_triplets(_lines(listed))
         if list_file(self.folder, split, "image").exists():
             return self._neighbours(split, _lines(list_file(self.folder, split, "image")), offsets)
         there = sorted({path.name.rsplit("_image.txt")[0] for path in self.folder.glob("*_image.txt")})
@@ -112,16 +112,21 @@ class DatasetReader(Reader):
 
     def _frame(self, line: str) -> FrameReference:
         """Sequence and frame of an image's path; what comes before `data/` may differ from the dataset's folder now."""
-        parts = Path(line).parts
-        if len(parts) < 4 or parts[-4] != "data":
+        parts = line.rsplit("/", 4)[-4:]  # a Path would take most of the time in which a dataset is opened
+        if len(parts) < 4 or parts[0] != "data":
             raise DeuxError(
                 f"{self.folder} lists {line}, where a path like data/<sequence>/image/<frame>.png is expected."
             )
-        return FrameReference(parts[-3], without_suffix(parts[-1]))
+        return FrameReference(parts[1], without_suffix(parts[3]))
 
-    def _listed_triplet(self, line: str) -> Triplet:
-        target, *sources = (self._frame(image) for image in line.split("\t"))
-        return Triplet(target, tuple(sources))
+    def _listed_triplets(self, lines: Sequence[str]) -> list[Triplet]:
+        """The triplets of a list of ours; most images stand in three lines, and their frames are made once."""
+        frame = cache(self._frame)
+        triplets = []
+        for line in lines:
+            target, *sources = map(frame, line.split("\t"))
+            triplets.append(Triplet(target, tuple(sources)))
+        return triplets
 
     def _neighbours(self, split: str, lines: Sequence[str], offsets: tuple[int, ...]) -> list[Triplet]:
         """The listed targets with the frames at the offsets.

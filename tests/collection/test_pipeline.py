@@ -3,10 +3,13 @@
 import errno
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import threading
+import time
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,6 +30,7 @@ from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
 from deux.collection.verification import Rejection, VerificationSettings
 from deux.contracts import Robot, SceneArea
+from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.io.calibration import read_pose
@@ -197,6 +201,46 @@ def test_a_killed_build_goes_on_where_it_was(tmp_path: Path) -> None:
     assert len(moved) >= 4
 
 
+def resume(root: Path, spec: DatasetSpec, calls: Counter[str]) -> int:
+    """Calls of the file system by which a build goes on that was killed just before it wrote the manifest."""
+    dataset = build(root, spec)
+    before = tree(dataset)
+    os.replace(dataset, root / f".{dataset.name}.partial")
+    (root / f".{dataset.name}.partial" / "manifest.json").unlink()
+    calls.clear()
+    build(root, spec)
+    made = calls.total()
+    assert tree(dataset) == before
+    return made
+
+
+def test_resuming_looks_at_folders_and_not_at_frames(tmp_path: Path, file_system_calls: Counter[str]) -> None:
+    scene = (ToyScene(),)
+    few = resume(tmp_path / "few", specification(scenes=scene, episodes=4), file_system_calls)
+    longer = resume(tmp_path / "longer", specification(scenes=scene, episodes=4, steps=24), file_system_calls)
+    more = resume(tmp_path / "more", specification(scenes=scene, episodes=12), file_system_calls)
+    assert longer == few
+    assert (more - few) / 8 <= 15  # for each further sequence
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_frames_resume_in_ten_seconds_and_open_in_one(tmp_path: Path) -> None:
+    def spec(episodes: int) -> DatasetSpec:
+        return specification(scenes=(ToyScene(),), episodes=episodes, steps=102)
+
+    thousand = spec(1000)
+    original = build(tmp_path / "one", spec(1)) / "data" / "room-00"
+    partial = tmp_path / f".{thousand.folder_name}.partial"
+    for episode in range(1000):
+        shutil.copytree(original, partial / "data" / f"room-{episode:02d}", copy_function=os.link)
+    start = time.process_time()
+    dataset = build(tmp_path, thousand)
+    assert time.process_time() - start < 10
+    start = time.process_time()
+    assert len(DatasetReader(dataset).triplets("train", (-1, -2))) > 90_000
+    assert time.process_time() - start < 1
+
+
 def test_two_builders_of_one_dataset_make_it_once(tmp_path: Path) -> None:
     made: list[ToySimulator] = []
 
@@ -264,7 +308,7 @@ def test_lists_name_the_accepted_frames_in_one_order(tmp_path: Path) -> None:
     for number in range(8):
         paths.file("image", f"{number:06d}").touch()
     verdict = dict.fromkeys(paths.frames()[2:]) | {"000004": Rejection.TOO_FEW_POINTS}
-    assert write_lists(tmp_path, "toy-123", "train", [paths], {"room": verdict}) == 5
+    assert write_lists(tmp_path, "toy-123", "train", {"room": paths.frames()}, {"room": verdict}) == 5
     lines = {path.stem.removeprefix("train_"): path.read_text().splitlines() for path in tmp_path.glob("*.txt")}
     accepted = ["000002", "000003", "000005", "000006", "000007"]
     assert lines["image"] == [f"toy-123/data/room/image/{name}.png" for name in accepted]

@@ -1,6 +1,8 @@
 """The layout of our own datasets and of the VOID release."""
 
+import cProfile
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from void_layout import dataset, walk, write
 from deux.contracts import FrameReference
 from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
+from deux.io.layout import list_file
 from deux.testing.readers import ReaderSuite, Recordings
 
 
@@ -218,3 +221,36 @@ def test_singular_intrinsics_are_named(tmp_path: Path) -> None:
     np.savetxt(root / "data/hall-00/K.txt", np.zeros((3, 3)))
     with pytest.raises(DeuxError, match=r"hall-00/K\.txt does not hold"):
         DatasetReader(root).intrinsics(FrameReference("hall-00", "000003"))
+
+
+def listed_frames(root: Path, sequences: int, frames: int = 100) -> DatasetReader:
+    """A dataset of list files alone."""
+    (root / "data").mkdir(parents=True)
+    images = [[f"ours/data/room-{s:02d}/image/{i:06d}.png" for i in range(frames)] for s in range(sequences)]
+    triplets = ["\t".join(one[i - back] for back in range(3)) for one in images for i in range(2, frames)]
+    list_file(root, "train", "triplets").write_text("\n".join(triplets))
+    return DatasetReader(root)
+
+
+def calls_to_open(reader: DatasetReader) -> int:
+    """The number of functions, Python's own included, that are called while a dataset is opened."""
+    profile = cProfile.Profile()
+    profile.runcall(reader.triplets, "train", (-1, -2))
+    return sum(entry.callcount for entry in profile.getstats())
+
+
+def test_opening_a_large_dataset_reads_its_list_and_looks_at_no_frame(
+    tmp_path: Path, file_system_calls: Counter[str]
+) -> None:
+    reader = listed_frames(tmp_path, sequences=1000)
+    file_system_calls.clear()
+    triplets = reader.triplets("train", (-1, -2))
+    assert len(triplets) == 98_000
+    assert triplets[-1].sources == (FrameReference("room-999", "000098"), FrameReference("room-999", "000097"))
+    assert file_system_calls.total() <= 3
+
+
+def test_twice_the_frames_take_twice_the_work_to_open(tmp_path: Path) -> None:
+    few = calls_to_open(listed_frames(tmp_path / "few", sequences=100))
+    many = calls_to_open(listed_frames(tmp_path / "many", sequences=200))
+    assert many == pytest.approx(2 * few, rel=0.01)

@@ -55,7 +55,7 @@ def build_dataset(
         return dataset
     partial = root / f".{spec.folder_name}.partial"
     make_folder(root)
-    with locked(root / f".{spec.folder_name}.lock"):
+    with locked(root / f".{spec.folder_name}.lock.json", f"collects {spec.folder_name}") as lock:
         if dataset.exists():
             return dataset
         make_folder(partial / "data")
@@ -77,6 +77,7 @@ def build_dataset(
             )
         clock.lap("exploration")
         _prepare(spec, partial, clock, progress)
+        lock.confirm()
         os.replace(partial, dataset)
     return dataset
 

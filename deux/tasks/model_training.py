@@ -204,7 +204,8 @@ class Training:
         }
         folder = self._outputs / kind / f"{recipe.model.name}-{short_hash(identity)}"
         # Processes that train together come here together; the leading one holds the lock for all.
-        with locked(folder.with_name(f".{folder.name}.lock")) if leads() else nullcontext():
+        lock = locked(folder.with_name(f".{folder.name}.lock.json"), f"trains {kind}/{folder.name}")
+        with lock if leads() else nullcontext():
             if decided_by_leader((folder / MODEL_FILE).exists):
                 say(f"  trained before: {folder}")
             else:

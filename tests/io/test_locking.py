@@ -119,7 +119,9 @@ def test_locks_of_different_files_nest(tmp_path):
 def test_a_killed_holder_is_followed_at_once(holding, path):
     process = holding()
     process.kill()
-    os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # it ended, and its parent has not asked for its exit code
+    os.waitid(
+        os.P_PID, process.pid, os.WEXITED | os.WNOWAIT
+    )  # it ended, and its parent has not asked for its exit code
     assert seconds_to_lock(path) < 1
     process = holding()
     process.kill()
@@ -197,7 +199,9 @@ def test_a_suspended_holder_loses_the_lock_and_is_told(holding, path):
         assert path.exists()
     assert process.stderr is not None
     told = process.stderr.read().splitlines()[-1]
-    assert told.startswith(f"deux.errors.DeuxError: The lock {path} was lost, {os.uname().nodename}:{os.getpid()}, which")
+    assert told.startswith(
+        f"deux.errors.DeuxError: The lock {path} was lost, {os.uname().nodename}:{os.getpid()}, which"
+    )
     assert told.endswith("follows holds it now: this process was suspended for 1 s or longer, or the file was deleted; "
                          "start the same command again, it goes on from here.")  # fmt: skip
 

@@ -6,6 +6,7 @@ import errno
 import importlib
 import logging
 import os
+import signal
 import sys
 import threading
 import traceback
@@ -58,6 +59,9 @@ class Jobs:
         self.started += 1
         try:
             run_task(cfg)
+        except KeyboardInterrupt as interrupt:
+            _stay_until_killed(interrupt)
+            raise
         except Exception as error:
             # At level INFO the log file gets the stack trace and the console does not.
             log.info("the run ended with an error", exc_info=True)
@@ -113,6 +117,19 @@ def run_task(cfg: DictConfig) -> None:
     """
     check_plugins(cfg)
     importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
+
+
+def _stay_until_killed(interrupt: KeyboardInterrupt) -> None:
+    """Let a sweep's job whose training Slurm has ended by SIGTERM wait for the SIGKILL that follows.
+
+    A job that is preempted with a time of grace is queued again only if it is still there when that time is over.
+    """
+    preempted = type(interrupt.__cause__).__name__ == "SIGTERMException"  # Lightning's, which need not be imported here
+    if not (preempted and in_sweep() and "SLURM_JOB_ID" in os.environ):
+        return
+    log.warning("Slurm ends this job; if it is queued again, it goes on from here.")
+    while True:
+        signal.pause()
 
 
 @contextmanager

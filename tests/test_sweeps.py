@@ -9,6 +9,10 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from hydra.errors import MissingConfigException
+
+from deux.composition_errors import composition_error
+from deux.configuration import _sweep_id
 
 LAUNCHERS = {"joblib": "hydra_joblib_launcher", "submitit_local": "hydra_submitit_launcher"}
 
@@ -17,7 +21,6 @@ SMALLEST = [
     "scenes.validation=0",
     "collect.steps=8",
     "seed_model.steps=2",
-    "training.steps=2",
     "evaluation.viewpoints=2",
     "trainer.accelerator=cpu",
     "model.image_filters=[4,8,8,8,8]",
@@ -39,30 +42,27 @@ def told(folder: Path) -> str:
     return "".join(path.read_text() for path in folder.glob("outputs/sweeps/*/*/deux.log"))
 
 
-def test_two_jobs_at_a_time_share_the_frames_and_the_seed_model(tmp_path):
-    overrides = ["explore=frontier", "seed=0", "training.learning_rate=1e-4,2e-4"]
-    result = sweep(tmp_path, "joblib", "hydra.launcher.n_jobs=2", *overrides)
-    assert result.returncode == 0, result.stderr
-    runs = list(tmp_path.glob("outputs/sweeps/*/kbnet-frontier-*"))
-    assert len(runs) == 2
-    assert all(json.loads((run / "results.json").read_text()) for run in runs)
-    collected = Counter(re.findall(r"collecting (\w+)-", told(tmp_path)))
-    assert collected == {"frontier": 1, "test": 1}
-    assert not list(tmp_path.glob("outputs/**/*.lock.json*"))
-    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("outputs/**/results.json")}
-    assert sweep(tmp_path, "joblib", "hydra.launcher.n_jobs=2", *overrides).returncode == 0
-    assert before == {path: path.stat().st_mtime_ns for path in tmp_path.glob("outputs/**/results.json")}
+def test_two_jobs_at_a_time_share_frames_and_seed_model_and_outlive_a_third_that_fails(tmp_path):
+    def run() -> list[str]:
+        steps = "training.steps=2,3,0"  # which the seed model does not depend on
+        result = sweep(tmp_path, "joblib", "hydra.launcher.n_jobs=2", "explore=deux", steps)
+        assert result.returncode == 1
+        assert "Traceback" not in result.stderr
+        return result.stderr.splitlines()[-2:]
 
-
-def test_a_job_that_fails_in_another_process_is_told_here_and_the_others_go_on(tmp_path):
-    overrides = ["explore=random", "task=collect", "camera.hfov=90,500"]
-    result = sweep(tmp_path, "joblib", "hydra.launcher.n_jobs=2", *overrides)
-    assert result.returncode == 1
-    sentence, last = result.stderr.splitlines()[-2:]
-    assert re.match(r"deux: \[.*camera\.hfov=500.*\] camera\.hfov", sentence)
+    sentence, last = run()
+    assert re.match(r"deux: \[.*training\.steps=0.*\] training\.steps", sentence)
     assert last.startswith("deux: a job of the sweep failed, perhaps not this one alone: ")
-    assert "Traceback" not in result.stderr
-    assert len(list(tmp_path.glob("outputs/datasets/random-*"))) == 1
+    runs = list(tmp_path.glob("outputs/sweeps/*/kbnet-deux-*/results.json"))
+    assert len(runs) == 2
+    assert all(json.loads(run.read_text()) for run in runs)
+    assert Counter(re.findall(r"collecting (\w+)-", told(tmp_path))) == {"random": 1, "deux": 1, "test": 1}
+    assert told(tmp_path).count(f"training {tmp_path}/outputs/seed_models/kbnet-") == 1
+    assert not list(tmp_path.glob("outputs/**/.*.json*"))  # no lock stays behind
+
+    before = {run: run.stat().st_mtime_ns for run in runs}
+    assert run()[0] == sentence
+    assert before == {run: run.stat().st_mtime_ns for run in runs}  # a finished run is taken as it is
 
 
 @pytest.mark.slow
@@ -72,11 +72,17 @@ def test_jobs_of_submitit_run_here_too(tmp_path):
     assert len(list(tmp_path.glob("outputs/datasets/random-*"))) == 2
 
 
-def test_a_launcher_that_is_not_installed_is_named_with_its_extra(tmp_path, monkeypatch):
-    from hydra.errors import MissingConfigException
+def test_a_sweep_has_one_folder_whatever_launches_its_jobs(monkeypatch):
+    def folder(*arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["deux", "-m", *arguments])
+        return _sweep_id()
 
-    from deux.composition_errors import composition_error
+    alone = folder("seed=0,1")
+    assert folder("hydra/launcher=ray", "+hydra.launcher.ray.init.address=local", "seed=0,1") == alone
+    assert folder("seed=0,2") != alone
 
+
+def test_a_launcher_that_is_not_installed_is_named_with_its_extra():
     for name, extra in {"joblib": "joblib", "submitit_slurm": "slurm"}.items():
         missing = MissingConfigException("no", f"hydra/launcher/{name}", ["basic"])
         expected = f"hydra/launcher={name} is not installed: pip install 'deux[{extra}]'."

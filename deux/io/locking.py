@@ -10,8 +10,9 @@ over. The waiter measures that with its own clock and compares times of the file
 the machines need not agree.
 
 A holder that was suspended for longer than the lease may find that another process took over. Its next refresh notices
-and interrupts it. What it writes until then does no harm: both processes make the same files, and each file appears
-whole, by a rename. Before a step that must happen once, ask `Lock.confirm`.
+and interrupts it. What it writes until then are the files that the other process makes as well, with the same content
+and each by a rename; at worst one of the two stops with a sentence. Before a step that must happen once, ask
+`Lock.confirm`.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ import errno
 import importlib
 import logging
 import os
+import signal
 import sys
 import threading
 import traceback
@@ -22,13 +23,17 @@ from omegaconf.errors import OmegaConfBaseException
 
 from deux.composition_errors import check_names, composition_error, quoted_digits
 from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
-from deux.errors import DeuxError
+from deux.errors import DeuxError, JobFailed
 from deux.io.atomic import write_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugins
 from deux.threads import let_waiting_threads_sleep
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
+
+LAUNCHERS = ("joblib", "submitit", "ray")
+"""The packages behind `hydra/launcher=...`. They raise errors of their own for jobs that end without a word, such as
+those that the system killed for their memory."""
 
 PLACE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
 """The system's errors that say that files cannot be written where they are to go."""
@@ -38,6 +43,8 @@ log = logging.getLogger("deux")
 
 class Jobs:
     """What Hydra calls once for a run and once for each job of a sweep.
+
+    A launcher such as `joblib` sends a copy to other processes, whose jobs are not counted here.
 
     Attributes:
         started: number of jobs begun in this process.
@@ -53,14 +60,17 @@ class Jobs:
         self.started += 1
         try:
             run_task(cfg)
+        except KeyboardInterrupt as interrupt:
+            _stay_until_killed(interrupt)
+            raise
         except Exception as error:
             # At level INFO the log file gets the stack trace and the console does not.
             log.info("the run ended with an error", exc_info=True)
-            _report(error)
+            sentence = _report(error)
             if not in_sweep():
                 raise SystemExit(1) from error
             self.failed += 1
-            raise
+            raise JobFailed(sentence) from error
 
 
 def main() -> int:
@@ -84,13 +94,19 @@ def main() -> int:
     except BrokenPipeError:  # the reader of the help page or configuration, such as `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more as it ends
         return 0
-    except Exception as error:
+    except JobFailed as error:
         if jobs.failed:
             return _complain(f"{jobs.failed} of the sweep's {jobs.started} jobs failed, as reported above.")
+        _complain(str(error))
+        return _complain("a job of the sweep failed, perhaps not this one alone: deux.log in each run's folder tells.")
+    except Exception as error:
         if mistake := _mistake(error):
             return _complain(str(mistake))
         if isinstance(error, COMPOSITION_ERRORS):
             return _complain(str(composition_error(error)))
+        if type(error).__module__.partition(".")[0] in LAUNCHERS:
+            told = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+            return _complain(f"the sweep's launcher stopped with {told} The same command goes on from here.")
         raise
     return 0
 
@@ -103,6 +119,19 @@ def run_task(cfg: DictConfig) -> None:
     """
     check_plugins(cfg)
     importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
+
+
+def _stay_until_killed(interrupt: KeyboardInterrupt) -> None:
+    """Let a sweep's job whose training Slurm has ended by SIGTERM wait for the SIGKILL that follows.
+
+    A job that is preempted with a time of grace is queued again only if it is still there when that time is over.
+    """
+    preempted = type(interrupt.__cause__).__name__ == "SIGTERMException"  # Lightning's, which need not be imported here
+    if not (preempted and in_sweep() and "SLURM_JOB_ID" in os.environ):
+        return
+    log.warning("Slurm ends this job; if it is queued again, it goes on from here.")
+    while True:
+        signal.pause()
 
 
 @contextmanager
@@ -124,14 +153,17 @@ def _quiet_log_writers() -> Iterator[None]:
         logging.raiseExceptions, threading.excepthook = raise_exceptions, excepthook
 
 
-def _report(error: Exception) -> None:
+def _report(error: Exception) -> str:
+    """Tell a job's error on stderr; return the sentence."""
     error = _first_failure(error)
     overrides = f"[{' '.join(HydraConfig.get().overrides.task)}] " if in_sweep() else ""
     if mistake := _mistake(error):
-        _complain(f"{overrides}{mistake}")
+        sentence = f"{overrides}{mistake}"
     else:
         traceback.print_exception(error)
-        _complain(f"{overrides}stopped by the error above, which is a fault of the program or of a plugin.")
+        sentence = f"{overrides}stopped by {type(error).__name__}, which is a fault of the program or of a plugin."
+    _complain(sentence)
+    return sentence
 
 
 def _first_failure(error: Exception) -> Exception:

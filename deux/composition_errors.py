@@ -47,6 +47,14 @@ _NOUNS = {
 _TEXT = ("paths.outputs", "hydra.run.dir", "hydra.sweep.dir", "training_data")
 """Options that are names of files, also where they read as numbers."""
 
+_LAUNCHER_EXTRAS = {
+    "joblib": "joblib",
+    "submitit_local": "slurm",
+    "submitit_slurm": "slurm",
+    "ray": "ray_launcher",
+}
+"""The extra that installs a launcher of sweeps, by the launcher's name; docs/sweeps.md."""
+
 _NO_OPTION = re.compile(r"Could not load '(?P<group>[^'/]+)/(?P<name>[^']+)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
 _KEY = re.compile(r"[+~]*(?P<key>[^=@]+)")
@@ -120,6 +128,8 @@ def composition_error(error: Exception) -> DeuxError:
 
 def _unknown_choice(missing: str, known: list[str]) -> DeuxError:
     group, _, name = missing.rpartition("/")
+    if group == "hydra/launcher" and name in _LAUNCHER_EXTRAS:
+        return DeuxError(f"{group}={name} is not installed: pip install 'deux[{_LAUNCHER_EXTRAS[name]}]'.")
     noun = _NOUNS.get(group, group or "configuration")
     return DeuxError(f"there is no {noun} called {name!r}: {near_matches(name, known)}")
 

@@ -10,6 +10,7 @@ import hashlib
 import importlib
 import json
 import logging
+import re
 import sys
 from collections.abc import Sequence
 from importlib import resources
@@ -198,7 +199,8 @@ def _hash(content: Any) -> str:
 
 def _sweep_id() -> str:
     overrides = (argument for argument in sys.argv[1:] if "=" in argument)
-    return _hash(sorted(override for override in overrides if not override.startswith("hydra.")))
+    # Whatever launches its jobs, it is the same sweep.
+    return _hash(sorted(override for override in overrides if not re.match(r"[+~]*hydra[./]", override)))
 
 
 def _run_id(_root_: DictConfig) -> str:

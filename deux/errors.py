@@ -1,4 +1,4 @@
-"""The one error that a user's mistake raises."""
+"""The one error that a user's mistake raises, and the one that says so of a sweep's job."""
 
 import difflib
 import math
@@ -9,6 +9,13 @@ class DeuxError(Exception):
     """A mistake of the user's: one sentence that says what is wrong, where, and what would be right.
 
     The command line prints the sentence without a stack trace and exits with code 1.
+    """
+
+
+class JobFailed(DeuxError):
+    """A job of a sweep failed, in this process or in another one, where the error itself was told.
+
+    Stands for errors of any kind, some of which cannot be sent from one process to another.
     """
 
 

@@ -1,6 +1,7 @@
 """The four stages in one: from a specification to a finished dataset, once."""
 
 import json
+import logging
 import os
 import time
 from collections import Counter
@@ -22,6 +23,8 @@ from deux.io.locking import locked
 from deux.io.progress import Progress, ignore_progress
 
 MANIFEST = "manifest.json"
+
+log = logging.getLogger(__name__)
 
 
 def build_dataset(
@@ -55,9 +58,10 @@ def build_dataset(
         return dataset
     partial = root / f".{spec.folder_name}.partial"
     make_folder(root)
-    with locked(root / f".{spec.folder_name}.lock"):
+    with locked(root / f".{spec.folder_name}.lock.json", f"collects {spec.folder_name}") as lock:
         if dataset.exists():
             return dataset
+        log.info("collecting %s", spec.folder_name)
         make_folder(partial / "data")
         clock = _Clock()
         if spec.explorer == VIEWPOINTS:
@@ -77,6 +81,7 @@ def build_dataset(
             )
         clock.lap("exploration")
         _prepare(spec, partial, clock, progress)
+        lock.confirm()
         os.replace(partial, dataset)
     return dataset
 

@@ -178,7 +178,7 @@ class RoundCollector:
         A killed run comes back here by training an epoch again, which on a GPU need not give the same weights to the
         last bit. What had been collected until then stays good.
         """
-        with locked(self.folder / ".lock"):
+        with locked(self.folder / ".lock.json", f"keeps the weights of {file.stem}"):
             if not file.exists():
                 save_model(file, request.model, self.recipe.model.name, self.recipe.model.settings)
         return file

@@ -1,5 +1,6 @@
 """The training stage: a newly made model on one dataset, laid on its foundation where it is built on one."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
@@ -34,6 +35,8 @@ from deux.training.ranks import decided_by_leader, leads, starts_the_command_aga
 
 _WITHOUT_EFFECT = ("num_workers", "validations", "checkpoint_minutes")
 """Options of `training` that the trained weights do not depend on."""
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -204,11 +207,13 @@ class Training:
         }
         folder = self._outputs / kind / f"{recipe.model.name}-{short_hash(identity)}"
         # Processes that train together come here together; the leading one holds the lock for all.
-        with locked(folder.with_name(f".{folder.name}.lock")) if leads() else nullcontext():
+        lock = locked(folder.with_name(f".{folder.name}.lock.json"), f"trains {kind}/{folder.name}")
+        with lock if leads() else nullcontext():
             if decided_by_leader((folder / MODEL_FILE).exists):
                 say(f"  trained before: {folder}")
             else:
                 with open_run_folder(folder, identity) as run:
+                    log.info("training %s", folder)
                     self.train(recipe, DatasetReader(dataset), run)
         return folder / MODEL_FILE
 

@@ -18,7 +18,7 @@ from deux.report.results import IDENTITY_FILE, RESULTS_FILE
 from deux.training.ranks import leads
 
 _SECONDS_FILE = "seconds.json"
-_LOCK_FILE = ".lock"
+_LOCK_FILE = ".lock.json"
 
 EPISODES = "episodes"
 """The folder of the episodes that a comparison has finished."""
@@ -96,7 +96,7 @@ def open_run_folder(path: Path, identity: Mapping[str, Any]) -> Iterator[RunFold
     taken = (
         f"another command is at work in {path}: wait until it has ended, or choose another one with hydra.run.dir=..."
     )
-    with locked_at_once(path / _LOCK_FILE, taken):
+    with locked_at_once(path / _LOCK_FILE, f"works in {path.name}", taken):
         _claim(path, json.loads(json.dumps(identity)))
         yield RunFolder(path)
 

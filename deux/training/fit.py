@@ -179,6 +179,7 @@ def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[st
     version = f"version_{len(list((folder / 'logs').glob('version_*')))}"
     return {
         "precision": default_precision(accelerator),
+        "default_root_dir": folder,  # of the checkpoint that Lightning saves and reads when Slurm requeues a job
         "logger": [logger(folder, "logs", version) for logger in (CSVLogger, TensorBoardLogger)],
         "plugins": [AtomicCheckpoints()],
         "enable_model_summary": False,

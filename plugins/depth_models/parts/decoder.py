@@ -11,15 +11,19 @@ from deux_plugins.depth_models.parts.convolution import Convolution
 Size = tuple[int, int]
 
 
-MERGE_PIXELS = 2048
-"""From this many pixels on, merging the enlargement into the kernel costs less than it saves."""
+MERGE_PIXELS = 128
+"""From this many pixels on, merging the enlargement into the kernel costs less than it saves, at batch 2 and above.
+
+Not a matter of the batch's size: a sample's result must not depend on the samples beside it.
+"""
 
 
 def doubling_kernel(weight: Tensor) -> Tensor:
     """The kernel that doubles the size and convolves in one go.
 
     A 3 x 3 convolution of an image doubled by nearest neighbours is a transposed convolution of stride 2 and padding
-    1 with the mirrored 3 x 3 kernel summed over 2 x 2 windows: 16 instead of 36 products a pixel.
+    1 with the mirrored 3 x 3 kernel summed over 2 x 2 windows: 16 instead of 36 products a pixel. The sums of all
+    kernels are one product with a 9 x 16 matrix, which takes half the time of adding shifted views.
 
     Args:
         weight: out x in x 3 x 3.
@@ -27,9 +31,11 @@ def doubling_kernel(weight: Tensor) -> Tensor:
     Returns:
         in x out x 4 x 4.
     """
-    padded = functional.pad(weight.transpose(0, 1).flip(2, 3), (1, 1, 1, 1))
-    rows = padded[:, :, :-1] + padded[:, :, 1:]
-    return rows[:, :, :, :-1] + rows[:, :, :, 1:]
+    unit_kernels = torch.eye(9, dtype=weight.dtype, device=weight.device).view(9, 3, 3)
+    padded = functional.pad(unit_kernels.flip(1, 2), (1, 1, 1, 1))
+    rows = padded[:, :-1] + padded[:, 1:]
+    sums = (rows[:, :, :-1] + rows[:, :, 1:]).flatten(1)
+    return (weight.transpose(0, 1).flatten(2) @ sums).unflatten(2, (4, 4))
 
 
 class UpConvolution(nn.Module):

@@ -25,7 +25,7 @@ def test_sliding_min_sees_points_only():
     assert nearest[0, 0] == 0.0
 
 
-@pytest.mark.parametrize("size", [(6, 10), (48, 50)])
+@pytest.mark.parametrize("size", [(6, 10), (12, 14), (48, 50)])
 def test_doubling_equals_enlarging_then_convolving(size):
     layer = UpConvolution(5, 4)
     x = torch.randn(2, 5, *size)

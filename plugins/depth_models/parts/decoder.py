@@ -112,5 +112,28 @@ class Decoder(nn.Module):
         x = latent
         for level, skip, size in zip(self.levels, skips, sizes, strict=True):
             x = self.get_submodule(f"deconv{level}")(x, skip, size)
+        output = self.get_submodule(f"output{self.levels[-1]}")
         with torch.autocast(x.device.type, enabled=False):
-            return self.get_submodule(f"output{self.levels[-1]}")(x.float())
+            if self.training and x.is_cpu:
+                return convolve_to_few_channels(x.float(), output.conv.weight)
+            return output(x.float())
+
+
+def convolve_to_few_channels(x: Tensor, weight: Tensor) -> Tensor:
+    """A 3 x 3 convolution of stride 1 with zero padding, for a few output channels on a CPU.
+
+    One matrix product gives each pixel's share in the nine pixels around it, and the shares are added up. With one
+    output channel oneDNN's convolution leaves most of its vector registers empty: forward and backward take 2 to 3
+    times as long at 64 channels, 1.1 to 1.6 times as long at 12 to 32.
+
+    Args:
+        x: N x in x H x W, channels last in memory.
+        weight: out x in x 3 x 3.
+
+    Returns:
+        N x out x H x W in the wider of both types.
+    """
+    dtype = torch.promote_types(x.dtype, weight.dtype)
+    shares = weight.to(dtype).flip(2, 3).transpose(0, 1).flatten(1)
+    columns = x.to(dtype).permute(0, 2, 3, 1).flatten(1, 2) @ shares
+    return functional.fold(columns.transpose(1, 2), x.shape[2:], kernel_size=3, padding=1)

@@ -115,7 +115,7 @@ class Decoder(nn.Module):
         output = self.get_submodule(f"output{self.levels[-1]}")
         with torch.autocast(x.device.type, enabled=False):
             if self.training and x.is_cpu:
-                return convolve_to_few_channels(x.float(), output.conv.weight)
+                return convolve_to_few_channels(x.float(), output.get_parameter("conv.weight"))
             return output(x.float())
 
 

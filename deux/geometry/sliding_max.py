@@ -1,4 +1,4 @@
-"""The maximum over large windows, fast on a CPU."""
+"""The maximum over large windows."""
 
 from torch import Tensor
 from torch.nn import functional
@@ -7,15 +7,27 @@ from torch.nn import functional
 def sliding_max(x: Tensor, window: int) -> Tensor:
     """Largest value in the window x window pixels around each pixel; what lies outside the image does not count.
 
-    Taken along the rows, then along the columns: the same values as over the square, in 2 k instead of k^2
-    comparisons. Pooling in one dimension is vectorised on the CPU where that in two is not: together 80 times faster
-    at 29 x 29 pixels.
+    On a CPU it is taken along the rows, then along the columns: the same values as over the square, in 2 k instead of
+    k^2 comparisons. Pooling in one dimension is vectorised there where that in two is not: together 80 times faster
+    at 29 x 29 pixels. Other devices pool the rows and the columns in two dimensions, which needs no transposed copies.
 
     Args:
         x: N x C x H x W.
         window: side of the window, odd.
     """
+    return (_by_rows if x.is_cpu else _by_rectangles)(x, window)
+
+
+def _by_rows(x: Tensor, window: int) -> Tensor:
+    """Pooling in one dimension, twice."""
     for _ in range(2):
         pooled = functional.max_pool1d(x.flatten(0, 2).unsqueeze(1), window, stride=1, padding=window // 2)
         x = pooled.view(x.shape).transpose(2, 3)
     return x
+
+
+def _by_rectangles(x: Tensor, window: int) -> Tensor:
+    """Pooling in two dimensions, over a row and over a column."""
+    margin = window // 2
+    rows = functional.max_pool2d(x, (1, window), stride=1, padding=(0, margin))
+    return functional.max_pool2d(rows, (window, 1), stride=1, padding=(margin, 0))

@@ -11,15 +11,19 @@ from deux_plugins.depth_models.parts.convolution import Convolution
 Size = tuple[int, int]
 
 
-MERGE_PIXELS = 2048
-"""From this many pixels on, merging the enlargement into the kernel costs less than it saves."""
+MERGE_PIXELS = 128
+"""From this many pixels on, merging the enlargement into the kernel costs less than it saves, at batch 2 and above.
+
+Not a matter of the batch's size: a sample's result must not depend on the samples beside it.
+"""
 
 
 def doubling_kernel(weight: Tensor) -> Tensor:
     """The kernel that doubles the size and convolves in one go.
 
     A 3 x 3 convolution of an image doubled by nearest neighbours is a transposed convolution of stride 2 and padding
-    1 with the mirrored 3 x 3 kernel summed over 2 x 2 windows: 16 instead of 36 products a pixel.
+    1 with the mirrored 3 x 3 kernel summed over 2 x 2 windows: 16 instead of 36 products a pixel. The sums of all
+    kernels are one product with a 9 x 16 matrix, which takes half the time of adding shifted views.
 
     Args:
         weight: out x in x 3 x 3.
@@ -27,9 +31,11 @@ def doubling_kernel(weight: Tensor) -> Tensor:
     Returns:
         in x out x 4 x 4.
     """
-    padded = functional.pad(weight.transpose(0, 1).flip(2, 3), (1, 1, 1, 1))
-    rows = padded[:, :, :-1] + padded[:, :, 1:]
-    return rows[:, :, :, :-1] + rows[:, :, :, 1:]
+    unit_kernels = torch.eye(9, dtype=weight.dtype, device=weight.device).view(9, 3, 3)
+    padded = functional.pad(unit_kernels.flip(1, 2), (1, 1, 1, 1))
+    rows = padded[:, :-1] + padded[:, 1:]
+    sums = (rows[:, :, :-1] + rows[:, :, 1:]).flatten(1)
+    return (weight.transpose(0, 1).flatten(2) @ sums).unflatten(2, (4, 4))
 
 
 class UpConvolution(nn.Module):
@@ -106,5 +112,28 @@ class Decoder(nn.Module):
         x = latent
         for level, skip, size in zip(self.levels, skips, sizes, strict=True):
             x = self.get_submodule(f"deconv{level}")(x, skip, size)
+        output = self.get_submodule(f"output{self.levels[-1]}")
         with torch.autocast(x.device.type, enabled=False):
-            return self.get_submodule(f"output{self.levels[-1]}")(x.float())
+            if self.training and x.is_cpu:
+                return convolve_to_few_channels(x.float(), output.get_parameter("conv.weight"))
+            return output(x.float())
+
+
+def convolve_to_few_channels(x: Tensor, weight: Tensor) -> Tensor:
+    """A 3 x 3 convolution of stride 1 with zero padding, for a few output channels on a CPU.
+
+    One matrix product gives each pixel's share in the nine pixels around it, and the shares are added up. With one
+    output channel oneDNN's convolution leaves most of its vector registers empty: forward and backward take 2 to 3
+    times as long at 64 channels, 1.1 to 1.6 times as long at 12 to 32.
+
+    Args:
+        x: N x in x H x W, channels last in memory.
+        weight: out x in x 3 x 3.
+
+    Returns:
+        N x out x H x W in the wider of both types.
+    """
+    dtype = torch.promote_types(x.dtype, weight.dtype)
+    shares = weight.to(dtype).flip(2, 3).transpose(0, 1).flatten(1)
+    columns = x.to(dtype).permute(0, 2, 3, 1).flatten(1, 2) @ shares
+    return functional.fold(columns.transpose(1, 2), x.shape[2:], kernel_size=3, padding=1)

@@ -41,5 +41,6 @@ def pose_matrix(pose: Tensor) -> Tensor:
         N x 4 x 4.
     """
     upper = torch.cat([rotation_matrix(pose[:, :3]), pose[:, 3:, None]], dim=-1)
-    lower = torch.tensor([[[0.0, 0.0, 0.0, 1.0]]], dtype=pose.dtype, device=pose.device)
+    # Made on the device: a list would be copied there, and the host would wait.
+    lower = torch.eye(4, dtype=pose.dtype, device=pose.device)[3:]
     return torch.cat([upper, lower.expand(len(pose), 1, 4)], dim=1)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from torch.nn import functional
 
 from deux_plugins.depth_models.parts.convolution import Convolution, ConvolutionBlock
-from deux_plugins.depth_models.parts.decoder import UpConvolution
+from deux_plugins.depth_models.parts.decoder import Decoder, UpConvolution, convolve_to_few_channels
 from deux_plugins.depth_models.parts.depth_range import depth_from_logits
 from deux_plugins.depth_models.parts.pooling import sliding_min_of_points
 from deux_plugins.depth_models.parts.pose_matrix import pose_matrix, rotation_matrix
@@ -25,7 +25,7 @@ def test_sliding_min_sees_points_only():
     assert nearest[0, 0] == 0.0
 
 
-@pytest.mark.parametrize("size", [(6, 10), (48, 50)])
+@pytest.mark.parametrize("size", [(6, 10), (12, 14), (48, 50)])
 def test_doubling_equals_enlarging_then_convolving(size):
     layer = UpConvolution(5, 4)
     x = torch.randn(2, 5, *size)
@@ -36,6 +36,28 @@ def test_doubling_equals_enlarging_then_convolving(size):
 
 def test_enlarging_to_an_odd_size():
     assert UpConvolution(5, 4)(torch.randn(1, 5, 48, 50), (95, 99)).shape == (1, 4, 95, 99)
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_a_convolution_to_few_channels_is_that_of_torch(channels):
+    """In values and in both gradients."""
+    torch.manual_seed(0)
+    x = torch.randn(2, 12, 7, 10, dtype=torch.float64).to(memory_format=torch.channels_last).requires_grad_()
+    weight = torch.randn(channels, 12, 3, 3, dtype=torch.float64, requires_grad=True)
+    above = torch.randn(2, channels, 7, 10, dtype=torch.float64)
+    outcomes = []
+    for result in (convolve_to_few_channels(x, weight), functional.conv2d(x, weight, padding=1)):
+        outcomes.append([result, *torch.autograd.grad(result, (x, weight), above)])
+    for ours, theirs in zip(*outcomes, strict=True):
+        torch.testing.assert_close(ours, theirs)
+
+
+def test_a_decoder_gives_the_same_in_training_and_in_evaluation():
+    torch.manual_seed(0)
+    decoder = Decoder(8, [0], [6], out_channels=2)
+    latent = torch.randn(1, 8, 5, 6)
+    trained, evaluated = (decoder.train(mode)(latent, [()], [(10, 12)]) for mode in (True, False))
+    torch.testing.assert_close(trained, evaluated)
 
 
 def test_last_convolution_of_a_block_has_the_stride():

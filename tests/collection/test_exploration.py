@@ -11,6 +11,7 @@ from toy_world import CAMERA, ROBOT, GuessingModel, ToyScene, ToySimulator, Wand
 
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
+from deux.collection.local_execution import LocalExecutor
 from deux.collection.perception import MODEL_NEEDS
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.contracts import COLOR, Action, Channel, Need
@@ -264,7 +265,7 @@ def test_frames_of_another_simulator_are_not_continued(tmp_path: Path) -> None:
 
 def test_the_frames_are_the_same_in_several_processes(tmp_path: Path) -> None:
     explore(plans(tmp_path / "one", 2), ToySimulator, Wanderer)
-    explore(plans(tmp_path / "two", 2), ToySimulator, Wanderer, processes=2)
+    explore(plans(tmp_path / "two", 2), ToySimulator, Wanderer, execute=LocalExecutor(2))
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
 
 

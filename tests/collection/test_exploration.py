@@ -11,7 +11,6 @@ from toy_world import CAMERA, ROBOT, GuessingModel, ToyScene, ToySimulator, Wand
 
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
-from deux.collection.local_execution import LocalExecutor
 from deux.collection.perception import MODEL_NEEDS
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.contracts import COLOR, Action, Channel, Need
@@ -261,12 +260,6 @@ def test_frames_of_another_simulator_are_not_continued(tmp_path: Path) -> None:
     other = EpisodePlan(tmp_path / "room-0", ToyScene(), seed=99, steps=STEPS)
     with pytest.raises(DeuxError, match=r"room-0 cannot be continued: .* step 0"):
         explore([other], crew.make_simulator, crew.make_explorer)
-
-
-def test_the_frames_are_the_same_in_several_processes(tmp_path: Path) -> None:
-    explore(plans(tmp_path / "one", 2), ToySimulator, Wanderer)
-    explore(plans(tmp_path / "two", 2), ToySimulator, Wanderer, execute=LocalExecutor(2))
-    assert tree(tmp_path / "one") == tree(tmp_path / "two")
 
 
 def test_progress_reaches_the_number_of_frames(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ from omegaconf.errors import OmegaConfBaseException
 from deux.callbacks import ACTIVE_COLLECTION, callback_names
 from deux.composition_errors import check_names, composition_error
 from deux.registry import registry
-from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins
+from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins, without_means
 
 CONFIG_NAME = "config"
 
@@ -59,6 +59,7 @@ OPEN_NODES = (
     "trainer",
     "callbacks",
     "collect.uncertainty_options",
+    "collect.executor_options",
     "explorer_training",
     "report",
 )
@@ -170,7 +171,7 @@ def run_id(cfg: DictConfig) -> str:
     it was.
     """
     task = TASKS.get(str(cfg.task))
-    content = {name: _plain(cfg[name]) for name in (task.sections if task else ())}
+    content = {name: without_means(name, _plain(cfg[name])) for name in (task.sections if task else ())}
     return f"{_run_name(cfg)}-{_hash({'task': cfg.task, **content})}"
 
 

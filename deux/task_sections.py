@@ -78,6 +78,15 @@ PLUGIN_SECTIONS = {
 }
 """The sections that choose a plugin, and of which kind."""
 
+MEANS = {"collect": ("processes", "executor", "executor_options")}
+"""Options of sections by which nothing that a task makes changes: a command with others goes on where one was."""
+
+
+def without_means(name: str, section: Any) -> Any:
+    """A section's plain content without the options of `MEANS`."""
+    means = MEANS.get(name)
+    return {key: value for key, value in section.items() if key not in means} if means else section
+
 
 class Sections:
     """The sections of a composed configuration that its task names.
@@ -127,8 +136,8 @@ class Sections:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """All that the task depends on, defaults of plugins included, as JSON values: what a run folder belongs to."""
-        content = {name: self.plain(name) for name in self.names}
+        """What the task's work depends on, plugins' defaults included, as JSON values: what a run folder belongs to."""
+        content = {name: without_means(name, self.plain(name)) for name in self.names}
         content |= {name: self.plugin(name).description for name in self.names if name in PLUGIN_SECTIONS}
         return {"task": self.task, **content}
 

@@ -172,6 +172,13 @@ def test_what_a_task_does_not_read_names_no_other_run_folder() -> None:
     )
 
 
+def test_how_jobs_are_handed_out_names_no_other_run_folder() -> None:
+    plain, other = compose(), compose(["collect.processes=3", "collect.executor=ray", "collect.executor_options.a=1"])
+    assert run_id(plain) == run_id(other) != run_id(compose(["collect.batch_size=3"]))
+    assert sections_of(plain).identity == sections_of(other).identity
+    assert other.collect.processes == 3
+
+
 @pytest.mark.parametrize("seed", [-1, 2**32, 1.5, "one", None])
 def test_the_seed_is_a_whole_number(seed: object) -> None:
     cfg = compose()

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from deux.collection.executors import make_executor
+from deux.collection.jobs import Executor
 from deux.errors import check_range
 from deux.registry import PluginChoice, registry
 
@@ -20,7 +22,10 @@ class CollectSettings:
         uncertainty: the measure by which the depth model's predictions are judged (Eq. 8).
         uncertainty_options: options of its constructor.
         batch_size: robots that explore in lock-step, sharing each call of the depth model.
-        processes: processes that collect, for explorers that need no depth model.
+        processes: processes of this machine that explore at the same time where `executor` is "local", each with a copy
+            of the depth model; other executors have an option of their own for it.
+        executor: what hands out the episodes: "local" for processes of this machine, or "ray".
+        executor_options: options of its constructor; the local one has none.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -31,6 +36,8 @@ class CollectSettings:
     uncertainty: str
     batch_size: int
     processes: int
+    executor: str = "local"
+    executor_options: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -47,3 +54,11 @@ class CollectSettings:
             DeuxError: there is no such measure, or an option that it does not have.
         """
         return registry().choose("uncertainties", {"name": self.uncertainty, **self.uncertainty_options})
+
+    def make_executor(self) -> Executor:
+        """What hands out the jobs of an exploration.
+
+        Raises:
+            DeuxError: there is no such executor, an option is wrong, or its libraries are missing.
+        """
+        return make_executor(self.executor, self.executor_options, self.processes)

@@ -1,15 +1,13 @@
-"""Stage 1: robots explore several scenes at the same time, in lock-step, and their frames are stored."""
+"""Stage 1: robots explore the scenes, and their frames are stored."""
 
 from collections.abc import Sequence
-from functools import partial
 
 from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
-from deux.collection.jobs import CountFrames, Executor, ExplorationJob, JobRunner, run_here
+from deux.collection.jobs import Executor, ExplorationJob, JobRunner, run_here
 from deux.collection.perception import MODEL_NEEDS, Perception
 from deux.collection.sparse import SparseSettings
 from deux.collection.walk import check_perception
 from deux.contracts import DepthPredictor, Uncertainty
-from deux.io.processes import in_processes
 from deux.io.progress import Progress, ignore_progress
 
 _STAGE = "exploration"
@@ -23,7 +21,7 @@ def explore(
     sparse: SparseSettings | None = None,
     uncertainty: Uncertainty | None = None,
     batch_size: int = 4,
-    processes: int = 1,
+    execute: Executor = run_here,
     progress: Progress = ignore_progress,
 ) -> None:
     """Collect episodes. What an earlier run has finished is neither rendered nor written again.
@@ -32,18 +30,20 @@ def explore(
         plans: the episodes.
         make_simulator: makes the simulator of a scene; one for each episode.
         make_explorer: makes an explorer; one for each episode.
-        predict_depth: the depth model, for explorers that need what it predicts; called for all robots at once, on its
-            `device` if it has one.
+        predict_depth: the depth model, for explorers that need what it predicts; called for all robots of a job at
+            once, on its `device` if it has one.
         sparse: how the depth model's sparse points are taken.
         uncertainty: how the depth model's prediction is judged (Eq. 8), for explorers that need the residual.
-        batch_size: number of episodes that run in lock-step, and so of frames that the depth model predicts at once
-            and of scenes in memory.
-        processes: number of processes that collect at the same time, for explorers that need no depth model; then
-            `make_simulator` and `make_explorer` must be picklable. The frames are the same for any number.
+        batch_size: number of episodes that run in lock-step where a depth model guides them, and so of frames that it
+            is given at once and of scenes in memory. Whoever runs them, the first `batch_size` plans are one job, and
+            so on.
+        execute: hands out the jobs. Where they run in other processes, all that is given must be picklable. The frames
+            are the same wherever they run.
         progress: told the number of frames.
 
     Raises:
-        DeuxError: the explorer needs a depth model or a measure of uncertainty and there is none, or the disk is full.
+        DeuxError: the explorer needs a depth model or a measure of uncertainty and there is none, the disk is full, or
+            a process that ran a job has died.
     """
     explorer = make_explorer()
     guided = bool(explorer.needs & MODEL_NEEDS)
@@ -54,9 +54,6 @@ def explore(
     unfinished = [job for job in jobs if not job.finished]
     total = sum(job.frames for job in jobs)
     count = _Count(progress, total - sum(job.frames for job in unfinished), total)
-    execute: Executor = run_here
-    if processes > 1 and not guided:
-        execute = partial(_in_processes, processes=processes)
     execute(JobRunner(make_simulator, make_explorer, perception), unfinished, count)
 
 
@@ -69,12 +66,3 @@ class _Count:
     def __call__(self, frames: int) -> None:
         self._done += frames
         self._progress(_STAGE, self._done, self._total)
-
-
-def _in_processes(run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames, processes: int) -> None:
-    """The executor of several local processes."""
-    in_processes(partial(_run_silently, run), jobs, processes, lambda job: count(job.frames))
-
-
-def _run_silently(run: JobRunner, job: ExplorationJob) -> None:
-    run(job, lambda frames: None)

@@ -7,6 +7,7 @@ from typing import Protocol
 from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator, begin_episode
 from deux.collection.perception import Perception
 from deux.collection.walk import run_walks
+from deux.inference.threads import one_thread
 from deux.io.frames import FrameWriter
 
 CountFrames = Callable[[int], None]
@@ -17,8 +18,8 @@ CountFrames = Callable[[int], None]
 class ExplorationJob:
     """Episodes that run in lock-step; what one job writes depends on no other.
 
-    Where a depth model guides the robots it predicts for all of a job at once, and the number of frames in a batch may
-    change the last bits of what it predicts: a job always runs as a whole. Otherwise a job is one episode.
+    Where a depth model guides the robots it predicts for all of a job at once, and on a card the number of frames in a
+    batch may change the last bits of what it predicts: a job always runs as a whole. Otherwise a job is one episode.
 
     Args:
         plans: the episodes.
@@ -41,6 +42,8 @@ class ExplorationJob:
 class JobRunner:
     """Runs jobs; it travels once to each process that collects, and takes the depth model along.
 
+    What PyTorch computes on the CPU for a job is computed on one thread: the frames would depend on their number.
+
     Args:
         make_simulator: makes the simulator of a scene; one for each episode.
         make_explorer: makes an explorer; one for each episode.
@@ -61,7 +64,7 @@ class JobRunner:
         Raises:
             DeuxError: a scene cannot be loaded, or a file cannot be written.
         """
-        with FrameWriter() as writer:
+        with one_thread(), FrameWriter() as writer:
             begun = (
                 begin_episode(plan, self.make_simulator(plan.scene), self.make_explorer(), writer) for plan in job.plans
             )

@@ -80,7 +80,12 @@ class Perception:
         self.uncertainty = uncertainty
         self._predict_depth = predict_depth
         self._sparse = sparse or SparseSettings()
-        self._device: torch.device = getattr(predict_depth, "device", torch.device("cpu"))
+
+    @property
+    def _device(self) -> torch.device:
+        """The depth model's; not kept, as it may be another one in the process to which this travels."""
+        device: torch.device = getattr(self._predict_depth, "device", torch.device("cpu"))
+        return device
 
     @torch.inference_mode()
     @tf32_convolutions(False)

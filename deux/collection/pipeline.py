@@ -11,6 +11,7 @@ from typing import Any
 
 from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator, count_floors
 from deux.collection.exploration import explore
+from deux.collection.jobs import Executor, run_here
 from deux.collection.sparse import sample_sequences
 from deux.collection.specification import VIEWPOINTS, DatasetSpec, place_name
 from deux.collection.verification import Rejection, verify_sequences
@@ -34,7 +35,7 @@ def build_dataset(
     make_explorer: MakeExplorer | None = None,
     predict_depth: DepthPredictor | None = None,
     progress: Progress = ignore_progress,
-    processes: int = 1,
+    execute: Executor = run_here,
 ) -> Path:
     """Return the folder `<root>/<name>-<hash>` of the dataset, making it first if it is not there.
 
@@ -48,7 +49,7 @@ def build_dataset(
         make_explorer: makes an explorer; needed unless the specification asks for viewpoints.
         predict_depth: the depth model, for explorers that need it.
         progress: told how far each stage is.
-        processes: number of processes that collect, for explorers that need no depth model.
+        execute: hands out the jobs of the exploration, as of `explore`.
 
     Raises:
         DeuxError: the dataset cannot be made, such as on a full disk, or no frame of it passes verification.
@@ -76,7 +77,7 @@ def build_dataset(
                 sparse=spec.sparse,
                 uncertainty=spec.uncertainty.create() if spec.uncertainty else None,
                 batch_size=spec.batch_size,
-                processes=processes,
+                execute=execute,
                 progress=progress,
             )
         clock.lap("exploration")

@@ -1,12 +1,18 @@
 """The arithmetic and the device that a machine is fastest with."""
 
+import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from deux.inference.prediction import CompletionNetwork
+from deux.inference.prediction import CompletionNetwork, eval_mode
+from deux.inference.threads import each_frame_apart
+
+AUTOCAST = {"bf16-mixed": torch.bfloat16, "16-mixed": torch.float16}
+"""The number format in which the network computes, by Lightning's name of the precision; float32 in all others."""
 
 
 def default_precision(accelerator: str = "auto") -> str:
@@ -53,20 +59,37 @@ def tf32_convolutions(allowed: bool) -> Iterator[None]:
 class FastPredictor:
     """`DepthModel.predict` on the fastest device and in the fastest precision, for a robot that waits for its depth.
 
+    On a CPU each frame of a batch is predicted by itself on one thread, so that its bits depend on nothing else. It can
+    be pickled: the weights travel, and go to the device of the process in which they arrive.
+
     Args:
         model: moved to the device.
         accelerator: Lightning's accelerator setting.
+        precision: Lightning's name of the precision; None for the fastest.
     """
 
     device: torch.device
     """Where the model is and its predictions stay."""
 
-    def __init__(self, model: CompletionNetwork, accelerator: str = "auto") -> None:
-        self.precision = default_precision(accelerator)
+    def __init__(self, model: CompletionNetwork, accelerator: str = "auto", precision: str | None = None) -> None:
+        self.precision = precision or default_precision(accelerator)
         self.device = default_device(accelerator)
+        self._accelerator = accelerator
         self._model: CompletionNetwork = model.to(self.device)
+        self._threads = torch.get_num_threads()
 
     def __call__(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
         """As `DepthModel.predict`."""
-        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.precision == "bf16-mixed"):
+        if self.device.type != "cpu" or len(image) == 1:
+            return self._predict(image, sparse_depth, intrinsics)
+        with eval_mode(self._model):  # the threads must not switch it to and fro
+            return each_frame_apart(self._predict, (image, sparse_depth, intrinsics), self._threads)
+
+    def _predict(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
+        dtype = AUTOCAST.get(self.precision)
+        with torch.autocast(self.device.type, dtype, enabled=dtype is not None):
             return self._model.predict(image, sparse_depth, intrinsics)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        on_cpu = self._model if self.device.type == "cpu" else copy.deepcopy(self._model).to(torch.device("cpu"))
+        return type(self), (on_cpu, self._accelerator, self.precision)

@@ -6,16 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
 
 from deux.collection.episodes import count_floors
+from deux.collection.local_execution import prepare_process
 from deux.collection.perception import MODEL_NEEDS, Perception
 from deux.collection.specification import episode_seed, place_name
 from deux.collection.walk import Walk, run_walks
 from deux.contracts import SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.poses import yaw_of
+from deux.inference.threads import one_thread
 from deux.io.atomic import make_folder, read_bytes, write_json
 from deux.io.processes import in_processes
 from deux.io.progress import Progress, ignore_progress
@@ -51,13 +53,14 @@ def compare_explorers(
         steps: actions in an episode.
         episodes: episodes of each explorer on each floor of each scene; a scene has one floor unless its `area` asks
             for all.
-        perception: the depth model, for the explorers that need one; they run in this process.
-        processes: that the other explorers run in, each scene in one of them.
+        perception: the depth model, for the explorers that need one; loaded once in a process.
+        processes: processes of this machine that explore at the same time, each scene in one of them. What they measure
+            is the same for any number, the time that an episode takes apart.
         progress: told the number of episodes.
 
     Raises:
-        DeuxError: a scene cannot be read, an explorer needs a model and there is none, the disk is full, or the file
-            of an episode is damaged.
+        DeuxError: a scene cannot be read, an explorer needs a model and there is none, the disk is full, a process has
+            died, or the file of an episode is damaged.
     """
     make_folder(folder)
     floors = {scene.name: count_floors(scene, simulation.make) for scene in scenes}
@@ -69,16 +72,18 @@ def compare_explorers(
         for floor, number in plan.numbers(scene)
     ]
 
-    def report(_: object = None) -> None:
+    def report(_: int = 0) -> None:
         progress("episodes", sum(record.exists() for record in records), len(records))
 
     report()
-    unguided = [choice for choice in explorers if not choice.create().needs & MODEL_NEEDS]
+    work = partial(_explore_scene, plan=plan, explorers=explorers, perception=perception)
+    unfinished = [scene for scene in scenes if plan.unfinished(scene, explorers)]
+    processes = min(processes, len(unfinished))
     if processes > 1:
-        unfinished = [scene for scene in scenes if plan.unfinished(scene, unguided)]
-        in_processes(partial(_explore_scene, plan=plan, explorers=unguided), unfinished, processes, report)
-    for scene in scenes:
-        _explore_scene(scene, plan, explorers, perception, report)
+        in_processes(work, unfinished, processes, report, attrgetter("name"), prepare_process(processes))
+    else:
+        for scene in unfinished:
+            work(scene, report)
     return [_read(record) for record in records]
 
 
@@ -117,20 +122,18 @@ class _Plan:
 
 def _explore_scene(
     scene: SceneReference,
+    count: Callable[[int], None],
     plan: _Plan,
     explorers: Sequence[PluginChoice],
-    perception: Perception | None = None,
-    report: Callable[[], Any] = lambda: None,
+    perception: Perception | None,
 ) -> None:
     """Run the unfinished episodes of some explorers in one scene, which is loaded once."""
-    unfinished = plan.unfinished(scene, explorers)
-    if not unfinished:
-        return
     simulator = plan.simulation.make(scene)
-    for choice, floor, number in unfinished:
-        episode = _explore(plan, choice, simulator.another(), scene, floor, number, perception)
+    for choice, floor, number in plan.unfinished(scene, explorers):
+        with one_thread():  # or the depth model's last bits would depend on the number of threads
+            episode = _explore(plan, choice, simulator.another(), scene, floor, number, perception)
         write_json(plan.record(choice, scene, floor, number), asdict(episode))
-        report()
+        count(1)
 
 
 def _explore(

@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from lightning import Callback
-from torch import Tensor
 
 from deux.callbacks import ACTIVE_COLLECTION, make_callback
 from deux.collection.collect_settings import FRAMES_OF_A_TRIPLET
@@ -19,6 +18,7 @@ from deux.deployment.model_files import MODEL_FILE, load_model, save_model
 from deux.errors import check_range
 from deux.figures.drawing import save_figure
 from deux.figures.training_curves import draw_rounds
+from deux.inference.precision import FastPredictor
 from deux.io.atomic import make_folder, write_json
 from deux.io.layout import sequences
 from deux.io.locking import locked
@@ -143,12 +143,8 @@ class RoundCollector:
         """Explore this process's scenes, and judge the model if this is the first process."""
         name = f"round{request.number:02d}"
         weights = self._kept(request, self.folder / f"{name}.safetensors")
-        model = load_model(weights).to(next(request.model.parameters()).device)
-
-        def predict(image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
-            with request.context():
-                return model.predict(image, sparse_depth, intrinsics)
-
+        device = next(request.model.parameters()).device
+        predict = FastPredictor(load_model(weights), device.type, request.precision)
         mae = self._validation_error(predict) if request.rank == 0 else None
         scenes = self._datasets.scenes.train[request.rank :: request.world_size]
         if not scenes:

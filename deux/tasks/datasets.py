@@ -79,6 +79,7 @@ class Datasets:
         self.collect = sections.read("collect", CollectSettings)
         self.sampling = sections.read("sampling", SparseSettings)
         self.verification = sections.read("verification", VerificationSettings)
+        self._execute = self.collect.make_executor()
         self._seed = sections.seed
         self._root = sections.outputs / "datasets"
 
@@ -182,7 +183,7 @@ class Datasets:
                 explorer.create if explorer else None,
                 predict_depth=predictor,
                 progress=report,
-                processes=self.collect.processes,
+                execute=self._execute,
             )
         manifest = read_manifest(dataset)
         rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items())

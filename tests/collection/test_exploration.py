@@ -262,12 +262,6 @@ def test_frames_of_another_simulator_are_not_continued(tmp_path: Path) -> None:
         explore([other], crew.make_simulator, crew.make_explorer)
 
 
-def test_the_frames_are_the_same_in_several_processes(tmp_path: Path) -> None:
-    explore(plans(tmp_path / "one", 2), ToySimulator, Wanderer)
-    explore(plans(tmp_path / "two", 2), ToySimulator, Wanderer, processes=2)
-    assert tree(tmp_path / "one") == tree(tmp_path / "two")
-
-
 def test_progress_reaches_the_number_of_frames(tmp_path: Path) -> None:
     crew = Crew(stops=(None, None, 2))
     told: list[tuple[int, int]] = []

@@ -1,3 +1,6 @@
+import pickle
+import time
+
 import pytest
 import torch
 
@@ -68,3 +71,42 @@ def test_the_fast_predictor_computes_in_the_fastest_precision_and_answers_in_flo
     assert model.product.dtype == dtype
     assert depth.dtype == torch.float32
     assert torch.allclose(depth, torch.full_like(depth, 1 / 3), atol=2e-3)
+
+
+FRAME = (torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8), torch.eye(3).expand(2, 3, 3))
+
+
+@pytest.mark.parametrize("precision", ["32-true", "bf16-mixed"])
+def test_a_pickled_predictor_predicts_the_same_in_the_same_precision(precision):
+    predictor = FastPredictor(Multiplied(), "cpu", precision)
+    arrived = pickle.loads(pickle.dumps(predictor))
+    assert arrived.precision == precision
+    assert torch.equal(arrived(*FRAME), predictor(*FRAME))
+
+
+def test_all_parts_stay_in_eval_mode_until_the_last_frame_is_done():
+    class Slow(Multiplied):
+        def forward(self, image, *inputs, **prepared):
+            assert not self.training
+            time.sleep(0.02 if image.mean() < 0.5 else 0.2)
+            assert not self.training
+            return super().forward(image, *inputs, **prepared)
+
+    model = Slow().train()
+    predictor = FastPredictor(model, "cpu")
+    predictor._threads = 2
+    predictor(torch.stack([torch.zeros(3, 8, 8), torch.ones(3, 8, 8)]), *FRAME[1:])
+    assert model.training
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_weights_leave_a_card_for_the_card_of_the_process_in_which_they_arrive(monkeypatch):
+    predictor = FastPredictor(Multiplied(), "gpu")
+    sent = pickle.dumps(predictor)
+    assert pickle.loads(sent).device.type == "cuda"
+    assert next(predictor._model.parameters()).is_cuda
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    arrived = pickle.loads(sent)
+    assert arrived.device == torch.device("cpu")
+    assert arrived(*FRAME).shape == (2, 1, 8, 8)

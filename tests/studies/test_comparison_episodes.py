@@ -97,11 +97,23 @@ def test_a_damaged_episode_is_named(compare, tmp_path):
 
 def test_processes_change_nothing(tmp_path):
     simulation = Simulation(Camera(32, 32), Robot(), registry().choose("simulators", {"name": "mesh"}))
-    scenes = registry().create("scenes", "apartments", {"test": 1}).splits().test
+    scenes = registry().create("scenes", "apartments", {"test": 2}).splits().test
+    explorers = [explorer("deux"), explorer("random")]
+    told = []
     alone, several = (
         compare_explorers(
-            tmp_path / str(processes), simulation, scenes, EXPLORERS[:1], {"novelty": {}}, 1, 4, processes=processes
+            tmp_path / str(processes),
+            simulation,
+            scenes,
+            explorers,
+            {"novelty": {}},
+            seed=1,
+            steps=5,
+            perception=Perception(FarModel(), uncertainty=measure("l1").create()),
+            processes=processes,
+            progress=lambda stage, done, total: told.append((done, total)),
         )
         for processes in (1, 2)
     )
     assert numbers(alone) == numbers(several)
+    assert told == [(done, 4) for done in range(5)] * 2

@@ -3,10 +3,12 @@
 import csv
 import json
 import math
+import pickle
 from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+import torch
 
 import deux as package
 from deux.collection.pipeline import read_manifest
@@ -136,6 +138,22 @@ def request(collector: RoundCollector, number: int, **changes) -> RoundRequest:
 def test_a_round_that_was_begun_is_finished_with_the_weights_of_its_beginning(collector):
     found = collector(request(collector, 1))  # other weights: a GPU need not come to the same ones again
     assert [found.dataset] == list(collector.folder.glob("round01-*"))
+
+
+def test_the_model_of_a_round_can_travel_to_other_processes(collector, monkeypatch):
+    given = []
+
+    def explored_in_round(explorer, predictor, *others):
+        given.append(predictor)
+        return next(collector.folder.glob("round01-*"))
+
+    monkeypatch.setattr(collector._datasets, "explored_in_round", explored_in_round)
+    collector(request(collector, 1))
+    (predictor,) = given
+    assert predictor.precision == "32-true"
+    frame = torch.rand(1, 3, 48, 48), torch.rand(1, 1, 48, 48), torch.eye(3)[None]
+    assert torch.equal(pickle.loads(pickle.dumps(predictor))(*frame), predictor(*frame))
+    assert torch.equal(package.load(collector.folder / "round01.safetensors").predict(*frame), predictor(*frame))
 
 
 def test_a_process_without_a_scene_collects_nothing(collector):

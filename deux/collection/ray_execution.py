@@ -3,34 +3,25 @@
 import logging
 import os
 import shutil
-import signal
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
-from unittest.mock import patch
 
 from deux.collection.job_worker import JobPart, JobWorker, package_versions
 from deux.collection.jobs import CountFrames, ExplorationJob, JobRunner
+from deux.collection.ray_cluster import connected, ray, room
+from deux.collection.ray_scenes import SceneSender
 from deux.errors import DeuxError, check_range
 from deux.io.atomic import make_folder, write_atomically
-
-try:
-    import ray
-    from ray.exceptions import RayError, RayTaskError
-except ImportError as error:
-    raise DeuxError(f"collect.executor=ray cannot import Ray ({error}): pip install 'deux[ray]'.") from error
-
-from deux.collection.ray_scenes import SceneSender
 
 log = logging.getLogger(__name__)
 
 _PARTS_AHEAD = 8
 """Parts of its results that a worker may be ahead of this process."""
 
-_PATIENCE = 15.0
+_PATIENCE = 30.0
 """Seconds without any worker after which the log says what is being waited for."""
 
 _VISIBLE_AFTER = 60.0
@@ -86,23 +77,12 @@ class RayExecutor:
         """
         if not jobs:
             return
-        with _connected(self.address):
+        with connected(self.address):
             collection = _Collection(self, run, jobs, count)
             try:
                 collection.run()
             finally:
                 collection.close()
-
-    def room(self) -> int:
-        """The number of workers that the machines of the connected cluster hold, whatever else runs there."""
-        return sum(
-            min(
-                int(node["Resources"].get("CPU", 0.0) // self.cpus),
-                int(node["Resources"].get("GPU", 0.0) / self.gpus + 1e-6) if self.gpus else 2**31,
-            )
-            for node in ray.nodes()
-            if node["Alive"]
-        )
 
 
 @dataclass(eq=False)
@@ -154,13 +134,15 @@ class _Worker:
 
     Args:
         actor: made of `JobWorker`.
-        check: the reference to its machine's name.
-        machine: that name, once it has started.
+        checked: the reference to its machine's name.
+        awaited: that it has loaded the model, then the next part of its job; None if it has nothing to do.
+        machine: the name of its machine, once it has started.
         task: what it is at.
     """
 
     actor: Any
-    check: Any
+    checked: Any
+    awaited: Any
     machine: str | None = None
     task: _Task | None = None
 
@@ -168,89 +150,98 @@ class _Worker:
 class _Collection:
     """Hands out jobs until all are done; arguments as of `RayExecutor`."""
 
-    def __init__(self, settings: RayExecutor, run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames):
+    def __init__(
+        self, settings: RayExecutor, run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames
+    ) -> None:
         self._settings, self._count = settings, count
         self._streamed = settings.results == "streamed"
-        room = settings.room()
-        if not room and settings.workers is None:
+        there = room(settings.cpus, settings.gpus)
+        if not there and settings.workers is None:
             raise DeuxError(
                 f"The Ray cluster has no machine with {settings.cpus} CPUs and {settings.gpus:g} graphics cards, which "
                 "collect.executor_options asks for each worker."
             )
-        self._most = min(settings.workers or room, len(jobs))
+        self._most = min(settings.workers or there, len(jobs))
         self._run = ray.put(run)
         self._versions = package_versions()
         self._scenes = SceneSender([plan.scene for job in jobs for plan in job.plans])
         self._tasks = deque(_Task(job) for job in jobs)
-        self._workers: dict[Any, _Worker] = {}
-        """By what is awaited of each: that it has loaded the model, or the next part of its job."""
+        self._workers: list[_Worker] = []
         self._never_started = 0
         self._heard = time.monotonic()
 
     def run(self) -> None:
         """Until all jobs are done."""
-        while self._tasks or any(worker.task for worker in self._workers.values()):
+        while self._tasks or self._at_work:
             self._start_workers()
-            ready, _ = ray.wait(list(self._workers), timeout=1.0)
-            for awaited in ready:
-                worker = self._workers.pop(awaited)
+            awaited = {worker.awaited: worker for worker in self._workers if worker.awaited is not None}
+            ready, _ = ray.wait(list(awaited), timeout=1.0)
+            for reference in ready:
+                worker = awaited[reference]
                 try:
-                    self._hear(worker, awaited)
-                except RayTaskError as error:
+                    self._hear(worker)
+                except ray.exceptions.RayTaskError as error:
                     if isinstance(error.cause, DeuxError):
                         raise DeuxError(str(error.cause)) from None
-                    if not isinstance(error.cause, RayError):
+                    if not isinstance(error.cause, ray.exceptions.RayError):
                         raise
                     self._lose(worker, error.cause)
-                except RayError as error:
+                except ray.exceptions.RayError as error:
                     self._lose(worker, error)
             self._watch(bool(ready))
 
     def close(self) -> None:
         """End all workers."""
-        for worker in self._workers.values():
+        for worker in self._workers:
             ray.kill(worker.actor)
         self._scenes.close()
 
+    @property
+    def _at_work(self) -> int:
+        return sum(worker.task is not None for worker in self._workers)
+
     def _start_workers(self) -> None:
-        working = sum(worker.task is not None for worker in self._workers.values())
-        for _ in range(min(self._most, working + len(self._tasks)) - len(self._workers)):
+        """Start workers for the jobs that wait, if there are none with nothing to do."""
+        for worker in self._workers:
+            if self._tasks and worker.awaited is None:
+                self._next_task(worker)
+        for _ in range(min(self._most, self._at_work + len(self._tasks)) - len(self._workers)):
             settings = self._settings
             kind = ray.remote(JobWorker).options(num_cpus=settings.cpus, num_gpus=settings.gpus, max_restarts=0)
             actor: Any = kind.remote(settings.cpus, settings.gpus > 0)
-            worker = _Worker(actor, actor.check.remote(self._versions))
-            self._workers[actor.load.remote(self._run)] = worker
+            checked = actor.check.remote(self._versions)
+            self._workers.append(_Worker(actor, checked, actor.load.remote(self._run)))
 
-    def _hear(self, worker: _Worker, awaited: Any) -> None:
+    def _hear(self, worker: _Worker) -> None:
         """Take what a worker has to say, and tell it what to do next.
 
         Raises:
             RayError: it has failed or died.
         """
         if worker.task is None:
-            worker.machine = ray.get(worker.check)
-            ray.get(awaited)
+            worker.machine = ray.get(worker.checked)
+            ray.get(worker.awaited)
             self._never_started = 0
             self._next_task(worker)
             return
         try:
-            part: JobPart = ray.get(next(awaited))
+            part: JobPart = ray.get(next(worker.awaited))
         except StopIteration:
             self._finish(worker.task)
             self._next_task(worker)
-            return
-        self._workers[awaited] = worker
-        self._count(worker.task.add(part))
+        else:
+            self._count(worker.task.add(part))
 
     def _next_task(self, worker: _Worker) -> None:
+        """Give a worker the next job; where there is none it is kept, as another worker may still die."""
         if not self._tasks:
-            ray.kill(worker.actor)
+            worker.task = worker.awaited = None
             return
         worker.task = self._tasks.popleft()
         worker.task.begin(self._streamed)
         plans = (replace(plan, scene=self._scenes.sent(plan.scene)) for plan in worker.task.job.plans)
         streaming = worker.actor.run.options(num_returns="streaming", _generator_backpressure_num_objects=_PARTS_AHEAD)
-        self._workers[streaming.remote(ExplorationJob(tuple(plans)), self._streamed)] = worker
+        worker.awaited = streaming.remote(ExplorationJob(tuple(plans)), self._streamed)
 
     def _finish(self, task: _Task) -> None:
         until = time.monotonic() + _VISIBLE_AFTER
@@ -266,15 +257,16 @@ class _Collection:
         for plan in task.job.plans:
             self._scenes.done(plan.scene)
 
-    def _lose(self, worker: _Worker, error: RayError) -> None:
+    def _lose(self, worker: _Worker, error: ray.exceptions.RayError) -> None:
         """A worker is gone: its job goes to another one, if it has not cost too many already."""
+        self._workers.remove(worker)
         ray.kill(worker.actor)  # it may be cut off and still running
-        reason = str(error).splitlines()[0].rstrip(".")
         task = worker.task
         if task is None:
             self._never_started += 1
             log.info("A worker has died before it was ready: %s", error)
             if self._never_started >= self._settings.attempts:
+                reason = str(error).splitlines()[0].rstrip(".")
                 raise DeuxError(f"No worker starts on the Ray cluster: {reason}.")
             return
         if task.attempts >= self._settings.attempts:
@@ -282,50 +274,15 @@ class _Collection:
                 f"{task} has cost {task.attempts} workers, the last one on {worker.machine}: if memory ran out, let "
                 "fewer run on a machine with more collect.executor_options.cpus for each; what is finished is kept."
             )
-        log.warning("The worker on %s is lost (%s); %s is done again.", worker.machine, reason, task)
+        log.warning("The worker on %s is lost; %s is done again.", worker.machine, task)
+        log.info("The worker on %s is lost: %s", worker.machine, error)
         self._tasks.appendleft(task)
 
     def _watch(self, heard: bool) -> None:
         """Say after a while that no worker has been heard of."""
-        if heard or any(worker.task for worker in self._workers.values()):
+        if heard or self._at_work:
             self._heard = time.monotonic()
         elif time.monotonic() - self._heard > _PATIENCE:
-            room = self._settings.room()
-            log.warning("No worker has started yet: the Ray cluster has room for %d, if nothing else runs there.", room)
+            there = room(self._settings.cpus, self._settings.gpus)
+            log.warning("No worker is ready yet: the Ray cluster has room for %d if nothing else runs there.", there)
             self._heard = time.monotonic() + 20 * _PATIENCE
-
-
-@contextmanager
-def _connected(address: str | None) -> Iterator[None]:
-    """Connect to a Ray cluster, in silence, unless this process is part of one.
-
-    Raises:
-        DeuxError: there is none at the address.
-    """
-    if ray.is_initialized():
-        yield
-        return
-    terminate = signal.getsignal(signal.SIGTERM)
-    if address is None:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    settings: dict[str, Any] = {} if address else {"include_dashboard": False}
-    # Where a machine is lost, Ray prints the end of its log to the console.
-    with patch("ray._private.worker.print_to_stdstream", _to_log):
-        try:
-            ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **settings)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            raise DeuxError(
-                f"collect.executor_options.address={address or 'null'}: Ray cannot be reached or started there "
-                f"({str(error).splitlines()[0].rstrip('.')}); `ray start --head` starts a cluster."
-            ) from error
-        if callable(terminate) or terminate in (signal.SIG_DFL, signal.SIG_IGN):
-            signal.signal(signal.SIGTERM, terminate)
-        try:
-            yield
-        finally:
-            ray.shutdown()
-
-
-def _to_log(data: dict[str, Any], ignore_prefix: bool) -> None:
-    """In place of Ray's function that prints what its processes say."""
-    log.info("Ray: %s", "\n".join(data["lines"]))

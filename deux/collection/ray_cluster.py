@@ -1,0 +1,71 @@
+"""The connection to a Ray cluster (https://docs.ray.io)."""
+
+import logging
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from unittest.mock import patch
+
+from deux.errors import DeuxError
+
+try:
+    import ray
+except ImportError as error:
+    raise DeuxError(f"collect.executor=ray cannot import Ray ({error}): pip install 'deux[ray]'.") from error
+
+log = logging.getLogger(__name__)
+
+
+@contextmanager
+def connected(address: str | None) -> Iterator[None]:
+    """Connect to a Ray cluster, in silence, unless this process is part of one.
+
+    Raises:
+        DeuxError: there is none at the address.
+    """
+    if ray.is_initialized():
+        yield
+        return
+    terminate = signal.getsignal(signal.SIGTERM)
+    if address is None:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    settings: dict[str, Any] = {} if address else {"include_dashboard": False}
+    # Where a machine is lost, Ray prints the end of its log to the console.
+    with patch("ray._private.worker.print_to_stdstream", _to_log):
+        try:
+            ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **settings)
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            raise DeuxError(
+                f"collect.executor_options.address={address or 'null'}: Ray cannot be reached or started there "
+                f"({str(error).splitlines()[0].rstrip('.')}); `ray start --head` starts a cluster."
+            ) from error
+        if callable(terminate) or terminate in (signal.SIG_DFL, signal.SIG_IGN):
+            signal.signal(signal.SIGTERM, terminate)
+        try:
+            yield
+        finally:
+            ray.shutdown()
+
+
+def room(cpus: int, gpus: float) -> int:
+    """The number of workers that the machines of the cluster hold, whatever else runs there.
+
+    Args:
+        cpus: cores that each worker takes.
+        gpus: share of a graphics card that each worker takes.
+    """
+    return sum(
+        min(
+            int(node["Resources"].get("CPU", 0.0) // cpus),
+            int(node["Resources"].get("GPU", 0.0) / gpus + 1e-6) if gpus else 2**31,
+        )
+        for node in ray.nodes()
+        if node["Alive"]
+    )
+
+
+def _to_log(data: dict[str, Any], ignore_prefix: bool) -> None:
+    """In place of Ray's function that prints what its processes say."""
+    log.debug("Ray: %s", "\n".join(data["lines"]))

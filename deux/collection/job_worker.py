@@ -13,10 +13,9 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import NamedTuple
 
-import torch
-
 from deux.collection.jobs import ExplorationJob, JobRunner
 from deux.errors import DeuxError
+from deux.inference.threads import limit_threads
 
 _SECONDS = 0.5
 """Between two parts of a job's results."""
@@ -68,8 +67,9 @@ class JobWorker:
     def __init__(self, threads: int = 1, card: bool = False) -> None:
         if not card:
             os.environ["CUDA_VISIBLE_DEVICES"] = ""
+        limit_threads(threads)
         # Jobs run on one thread of their own, as an OpenGL context belongs to the thread that made it.
-        self._thread = ThreadPoolExecutor(1, initializer=_limit_threads, initargs=(threads,))
+        self._thread = ThreadPoolExecutor(1, initializer=limit_threads, initargs=(threads,))
         self._run: JobRunner | None = None
 
     def check(self, expected: dict[str, str]) -> str:
@@ -172,7 +172,3 @@ def _sum(frames: "SimpleQueue[int]") -> int:
             total += frames.get_nowait()
         except Empty:
             return total
-
-
-def _limit_threads(threads: int) -> None:
-    torch.set_num_threads(threads)

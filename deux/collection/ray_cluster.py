@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -17,6 +18,9 @@ except ImportError as error:
 
 log = logging.getLogger(__name__)
 
+_ATTEMPTS = 3
+"""Of starting Ray on this machine: with a busy neighbour it may take longer than Ray waits."""
+
 
 @contextmanager
 def connected(address: str | None) -> Iterator[None]:
@@ -28,25 +32,34 @@ def connected(address: str | None) -> Iterator[None]:
     if ray.is_initialized():
         yield
         return
-    terminate = signal.getsignal(signal.SIGTERM)
-    if address is None:
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-    settings: dict[str, Any] = {} if address else {"include_dashboard": False}
     # Where a machine is lost, Ray prints the end of its log to the console.
     with patch("ray._private.worker.print_to_stdstream", _to_log):
-        try:
-            ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **settings)
-        except (ConnectionError, RuntimeError, ValueError) as error:
-            raise DeuxError(
-                f"collect.executor_options.address={address or 'null'}: Ray cannot be reached or started there "
-                f"({str(error).splitlines()[0].rstrip('.')}); `ray start --head` starts a cluster."
-            ) from error
-        if callable(terminate) or terminate in (signal.SIG_DFL, signal.SIG_IGN):
-            signal.signal(signal.SIGTERM, terminate)
+        _connect(address)
         try:
             yield
         finally:
             ray.shutdown()
+
+
+def _connect(address: str | None) -> None:
+    terminate = signal.getsignal(signal.SIGTERM)
+    if address is None:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    settings: dict[str, Any] = {} if address else {"include_dashboard": False}
+    for attempt in range(_ATTEMPTS):
+        try:
+            ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **settings)
+            break
+        except Exception as error:  # Ray raises Exception itself where its processes do not come up in 30 s
+            ray.shutdown()
+            reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
+            if address is None and attempt < _ATTEMPTS - 1:
+                log.info("Ray does not start: %s", error)
+                continue
+            what = f"collect.executor_options.address={address} cannot be reached" if address else "Ray does not start"
+            raise DeuxError(f"{what}: {reason}; a cluster is started by `ray start --head`.") from error
+    if terminate is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, terminate)  # Ray's own outlives the connection
 
 
 def room(cpus: int, gpus: float) -> int:

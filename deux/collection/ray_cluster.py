@@ -3,6 +3,7 @@
 import logging
 import os
 import signal
+import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -42,6 +43,8 @@ def connected(address: str | None) -> Iterator[None]:
 
 
 def _connect(address: str | None) -> None:
+    if address not in (None, "auto"):
+        _check_answers(address)
     terminate = signal.getsignal(signal.SIGTERM)
     if address is None:
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
@@ -60,6 +63,18 @@ def _connect(address: str | None) -> None:
             raise DeuxError(f"{what}: {reason}; a cluster is started by `ray start --head`.") from error
     if terminate is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, terminate)  # Ray's own outlives the connection
+
+
+def _check_answers(address: str) -> None:
+    """Raise DeuxError unless something listens at host:port: Ray itself tries for minutes."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=10.0).close()
+    except (OSError, ValueError) as error:
+        raise DeuxError(
+            f"collect.executor_options.address is {address!r}, but no Ray cluster answers there ({error}): it must be "
+            "the host:port that `ray start --head` has told."
+        ) from error
 
 
 def room(cpus: int, gpus: float) -> int:

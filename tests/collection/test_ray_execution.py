@@ -144,5 +144,7 @@ def test_no_room_and_no_cluster_are_told(tmp_path: Path, cluster: Any) -> None:
         RayExecutor(cluster.address, cpus=64)(run, jobs, lambda frames: None)
     with pytest.raises(DeuxError, match=r"no machine with 1 CPUs and 0\.5 graphics cards"):
         RayExecutor(cluster.address, gpus=0.5)(run, jobs, lambda frames: None)
+    with pytest.raises(DeuxError, match=r"address is '127\.0\.0\.1:9', but no Ray cluster answers there"):
+        RayExecutor("127.0.0.1:9")(run, jobs, lambda frames: None)
     with pytest.raises(DeuxError, match=r"address is 'ray://head:10001': it must be null, auto or the host:port"):
         RayExecutor("ray://head:10001")

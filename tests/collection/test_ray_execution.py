@@ -1,6 +1,7 @@
 """Jobs on a Ray cluster: two machines, each a raylet of its own, of which one is killed now and then."""
 
 import os
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -121,6 +122,20 @@ def test_scenes_in_files_are_loaded_once_where_the_files_are(tmp_path: Path, clu
     missing = replace(scenes[0], path=tmp_path / "gone.obj")
     with pytest.raises(DeuxError, match=r"^there is no scene file .*/gone\.obj\.$"):
         RayExecutor(cluster.address)(run, make_jobs(tmp_path / "none", [missing]), lambda frames: None)
+
+
+def test_a_killed_run_goes_on_and_keeps_the_episodes_that_were_finished(tmp_path: Path, cluster: Any) -> None:
+    run = JobRunner(ToySimulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
+    run_here(run, make_jobs(tmp_path / "one", toy_scenes(2), size=2, steps=6), lambda frames: None)
+    shutil.copytree(tmp_path / "one", tmp_path / "there")
+    (tmp_path / "there/room-1/episode.json").unlink()  # as if it had been killed there: room-0 is finished
+    (tmp_path / "there/room-1/absolute_pose/000005.txt").unlink()
+    (tmp_path / "there/room-1/image/000009.png").write_bytes(b"of a longer walk")
+    finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "there/room-0").rglob("*.*")}
+    jobs = make_jobs(tmp_path / "there", toy_scenes(2), size=2, steps=6)
+    RayExecutor(cluster.address, workers=1)(run, jobs, lambda frames: None)
+    assert tree(tmp_path / "there") == tree(tmp_path / "one")
+    assert {path: path.stat().st_mtime_ns for path in finished} == finished
 
 
 def test_a_mistake_that_a_worker_finds_is_told_in_its_own_sentence(tmp_path: Path, cluster: Any) -> None:

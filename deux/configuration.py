@@ -60,6 +60,7 @@ OPEN_NODES = (
     "callbacks",
     "collect.uncertainty_options",
     "collect.executor_options",
+    "collect.executor_options",
     "explorer_training",
     "report",
 )

@@ -6,7 +6,7 @@ import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -93,22 +93,27 @@ def _open(place: Path) -> Scene:
     pyramids = None
     if (place / "pyramids_texels.npy").is_file():
         pyramids = TexturePyramids(*(_mapped(place / f"pyramids_{name}.npy") for name in TexturePyramids._fields))
-    materials = [Material(entry["name"], tuple(entry["color"])) for entry in description["materials"]]
+    materials = tuple(Material(entry["name"], tuple(entry["color"])) for entry in description["materials"])
     if pyramids is not None:
-        shown = [pyramids.texture(k) for k in range(len(pyramids.sizes))]
-        pairs = zip(materials, pyramids.material_texture.tolist(), strict=True)
-        materials = [material if k < 0 else replace(material, texture=shown[k]) for material, k in pairs]
+        materials = pyramid_textures(materials, pyramids)
     arrays = {name: _mapped(place / f"{name}.npy") for name in _ARRAYS if (place / f"{name}.npy").is_file()}
     x, y, z = description["origin"]
     mesh = SceneMesh(
         **arrays,
-        materials=tuple(materials),
+        materials=materials,
         label_names=tuple(description["label_names"]),
         origin=(x, y, z),
         pyramids=pyramids,
     )
     floors = tuple(Floor(**floor) for floor in description["floors"])
     return Scene(description["name"], mesh, floors, description["identity"])
+
+
+def pyramid_textures(materials: Sequence[Material], pyramids: TexturePyramids) -> tuple[Material, ...]:
+    """The materials with the textures that the mip pyramids hold, not copied."""
+    shown = [pyramids.texture(k) for k in range(len(pyramids.sizes))]
+    pairs = zip(materials, pyramids.material_texture.tolist(), strict=True)
+    return tuple(material if k < 0 else replace(material, texture=shown[k]) for material, k in pairs)
 
 
 def _mapped(path: Path) -> np.ndarray:

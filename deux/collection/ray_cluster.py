@@ -1,0 +1,99 @@
+"""The connection to a Ray cluster (https://docs.ray.io)."""
+
+import logging
+import os
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+from unittest.mock import patch
+
+from deux.errors import DeuxError
+
+try:
+    import ray
+except ImportError as error:
+    raise DeuxError(f"collect.executor=ray cannot import Ray ({error}): pip install 'deux[ray]'.") from error
+
+log = logging.getLogger(__name__)
+
+_ATTEMPTS = 3
+"""Of starting Ray on this machine: with a busy neighbour it may take longer than Ray waits."""
+
+
+@contextmanager
+def connected(address: str | None) -> Iterator[None]:
+    """Connect to a Ray cluster, in silence, unless this process is part of one.
+
+    Raises:
+        DeuxError: there is none at the address.
+    """
+    if ray.is_initialized():
+        yield
+        return
+    # Where a machine is lost, Ray prints the end of its log to the console.
+    with patch("ray._private.worker.print_to_stdstream", _to_log):
+        _connect(address)
+        try:
+            yield
+        finally:
+            ray.shutdown()
+
+
+def _connect(address: str | None) -> None:
+    if address not in (None, "auto"):
+        _check_answers(address)
+    terminate = signal.getsignal(signal.SIGTERM)
+    if address is None:
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    settings: dict[str, Any] = {} if address else {"include_dashboard": False}
+    for attempt in range(_ATTEMPTS):
+        try:
+            ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **settings)
+            break
+        except Exception as error:  # Ray raises Exception itself where its processes do not come up in 30 s
+            ray.shutdown()
+            reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
+            if address is None and attempt < _ATTEMPTS - 1:
+                log.info("Ray does not start: %s", error)
+                continue
+            what = f"collect.executor_options.address={address} cannot be reached" if address else "Ray does not start"
+            raise DeuxError(f"{what}: {reason}; a cluster is started by `ray start --head`.") from error
+    if terminate is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, terminate)  # Ray's own outlives the connection
+
+
+def _check_answers(address: str) -> None:
+    """Raise DeuxError unless something listens at host:port: Ray itself tries for minutes."""
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=10.0).close()
+    except (OSError, ValueError) as error:
+        raise DeuxError(
+            f"collect.executor_options.address is {address!r}, but no Ray cluster answers there ({error}): it must be "
+            "the host:port that `ray start --head` has told."
+        ) from error
+
+
+def room(cpus: int, gpus: float) -> int:
+    """The number of workers that the machines of the cluster hold, whatever else runs there.
+
+    Args:
+        cpus: cores that each worker takes.
+        gpus: share of a graphics card that each worker takes.
+    """
+    return sum(
+        min(
+            int(node["Resources"].get("CPU", 0.0) // cpus),
+            int(node["Resources"].get("GPU", 0.0) / gpus + 1e-6) if gpus else 2**31,
+        )
+        for node in ray.nodes()
+        if node["Alive"]
+    )
+
+
+def _to_log(data: dict[str, Any], ignore_prefix: bool) -> None:
+    """In place of Ray's function that prints what its processes say."""
+    log.debug("Ray: %s", "\n".join(data["lines"]))

@@ -1,0 +1,288 @@
+"""`collect.executor=ray`: exploration jobs on a Ray cluster (https://docs.ray.io)."""
+
+import logging
+import os
+import shutil
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from deux.collection.job_worker import JobPart, JobWorker, package_versions
+from deux.collection.jobs import CountFrames, ExplorationJob, JobRunner
+from deux.collection.ray_cluster import connected, ray, room
+from deux.collection.ray_scenes import SceneSender
+from deux.errors import DeuxError, check_range
+from deux.io.atomic import make_folder, write_atomically
+
+log = logging.getLogger(__name__)
+
+_PARTS_AHEAD = 8
+"""Parts of its results that a worker may be ahead of this process."""
+
+_PATIENCE = 30.0
+"""Seconds without any worker after which the log says what is being waited for."""
+
+_VISIBLE_AFTER = 60.0
+"""Seconds that a shared folder has for showing here what another machine has written."""
+
+
+class RayExecutor:
+    """Runs jobs on a Ray cluster: each worker is a process that loads the depth model once and takes job after job.
+
+    A worker that dies, or whose machine does, is replaced and its job is done again. The frames are the same as those
+    of one process. Machines of the cluster need the same packages as this one; scenes that lie in files here are sent
+    to them, once to each machine, but simulators that read files themselves (habitat) need shared storage.
+
+    Args:
+        address: the cluster: null starts one of this machine alone, for as long as it is needed; "auto" takes the one
+            that `ray start` has made this machine a part of; or the host:port of its head.
+        workers: number of processes; null takes as many as the cluster has room for.
+        cpus: CPU cores that each worker reserves, and the threads that it computes with.
+        gpus: share of a graphics card that each worker reserves: 0.25 puts four workers on a card.
+        results: "streamed" sends the frames back here as they come, and this process writes them; "shared" lets the
+            workers write to the dataset's folder, which all machines must see under the same path.
+        attempts: how many workers a job may cost until collection ends with an error.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    def __init__(
+        self,
+        address: str | None = None,
+        workers: int | None = None,
+        cpus: int = 1,
+        gpus: float = 0.0,
+        results: Literal["streamed", "shared"] = "streamed",
+        attempts: int = 3,
+    ) -> None:
+        where = "collect.executor_options"
+        if address is not None and "://" in address:
+            raise DeuxError(f"{where}.address is {address!r}: it must be null, auto or the host:port of the head node.")
+        if workers is not None:
+            check_range(f"{where}.workers", workers, 1)
+        check_range(f"{where}.cpus", cpus, 1)
+        check_range(f"{where}.gpus", gpus, 0.0)
+        check_range(f"{where}.attempts", attempts, 1)
+        self.address, self.workers, self.cpus, self.gpus = address, workers, cpus, gpus
+        self.results, self.attempts = results, attempts
+
+    def __call__(self, run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames) -> None:
+        """Run all jobs; as `deux.collection.jobs.Executor`.
+
+        Raises:
+            DeuxError: there is no such cluster or no room on it, a job failed, or it has cost too many workers.
+        """
+        if not jobs:
+            return
+        with connected(self.address):
+            collection = _Collection(self, run, jobs, count)
+            try:
+                collection.run()
+            finally:
+                collection.close()
+
+
+@dataclass(eq=False)
+class _Task:
+    """A job, and how far it is.
+
+    Args:
+        job: its episodes.
+        attempts: number of workers that have begun it.
+        done: frames of the attempt that is under way.
+        counted: frames that were counted: those of the attempt that came farthest.
+        known: for each episode, whether it was finished before the attempt began.
+    """
+
+    job: ExplorationJob
+    attempts: int = 0
+    done: int = 0
+    counted: int = 0
+    known: tuple[bool, ...] = ()
+
+    def __str__(self) -> str:
+        return " and ".join(plan.folder.name for plan in self.job.plans)
+
+    def begin(self, streamed: bool) -> None:
+        """Note a new attempt, which begins unfinished episodes anew if the worker cannot see what there is of them."""
+        self.attempts += 1
+        self.done = 0
+        self.known = tuple(plan.record.exists() for plan in self.job.plans)
+        for plan, known in zip(self.job.plans, self.known, strict=True):
+            if streamed and not known:  # another kind of CPU may lead the robot elsewhere: frames must not mix
+                shutil.rmtree(plan.folder, ignore_errors=True)
+
+    def add(self, part: JobPart) -> int:
+        """Write a part's files; return the number of frames that no attempt before has reached."""
+        for episode, name, content in part.files:
+            if not self.known[episode]:
+                path = self.job.plans[episode].folder / name
+                make_folder(path.parent)
+                write_atomically(path, content)
+        self.done += part.frames
+        new = max(0, self.done - self.counted)
+        self.counted += new
+        return new
+
+
+@dataclass(eq=False)
+class _Worker:
+    """A worker as this process sees it.
+
+    Args:
+        actor: made of `JobWorker`.
+        checked: the reference to its machine's name.
+        awaited: that it has loaded the model, then the next part of its job; None if it has nothing to do.
+        machine: the name of its machine, once it has started.
+        task: what it is at.
+    """
+
+    actor: Any
+    checked: Any
+    awaited: Any
+    machine: str | None = None
+    task: _Task | None = None
+
+
+class _Collection:
+    """Hands out jobs until all are done; arguments as of `RayExecutor`."""
+
+    def __init__(
+        self, settings: RayExecutor, run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames
+    ) -> None:
+        self._settings, self._count = settings, count
+        self._streamed = settings.results == "streamed"
+        there = room(settings.cpus, settings.gpus)
+        if not there and settings.workers is None:
+            raise DeuxError(
+                f"The Ray cluster has no machine with {settings.cpus} CPUs and {settings.gpus:g} graphics cards, which "
+                "collect.executor_options asks for each worker."
+            )
+        self._most = min(settings.workers or there, len(jobs))
+        self._run = ray.put(run)
+        self._versions = package_versions()
+        self._scenes = SceneSender([plan.scene for job in jobs for plan in job.plans])
+        self._tasks = deque(_Task(job) for job in jobs)
+        self._workers: list[_Worker] = []
+        self._never_started = 0
+        self._heard = time.monotonic()
+
+    def run(self) -> None:
+        """Until all jobs are done."""
+        while self._tasks or self._at_work:
+            self._start_workers()
+            awaited = {worker.awaited: worker for worker in self._workers if worker.awaited is not None}
+            ready, _ = ray.wait(list(awaited), timeout=1.0)
+            for reference in ready:
+                worker = awaited[reference]
+                try:
+                    self._hear(worker)
+                except ray.exceptions.RayTaskError as error:
+                    if isinstance(error.cause, DeuxError):
+                        raise DeuxError(str(error.cause)) from None
+                    if not isinstance(error.cause, ray.exceptions.RayError):
+                        raise
+                    self._lose(worker, error.cause)
+                except ray.exceptions.RayError as error:
+                    self._lose(worker, error)
+            self._watch(bool(ready))
+
+    def close(self) -> None:
+        """End all workers."""
+        for worker in self._workers:
+            ray.kill(worker.actor)
+        self._scenes.close()
+
+    @property
+    def _at_work(self) -> int:
+        return sum(worker.task is not None for worker in self._workers)
+
+    def _start_workers(self) -> None:
+        """Start workers for the jobs that wait, if there are none with nothing to do."""
+        for worker in self._workers:
+            if self._tasks and worker.awaited is None:
+                self._next_task(worker)
+        for _ in range(min(self._most, self._at_work + len(self._tasks)) - len(self._workers)):
+            settings = self._settings
+            kind = ray.remote(JobWorker).options(num_cpus=settings.cpus, num_gpus=settings.gpus, max_restarts=0)
+            actor: Any = kind.remote(settings.cpus, settings.gpus > 0)
+            checked = actor.check.remote(self._versions)
+            self._workers.append(_Worker(actor, checked, actor.load.remote(self._run)))
+
+    def _hear(self, worker: _Worker) -> None:
+        """Take what a worker has to say, and tell it what to do next.
+
+        Raises:
+            RayError: it has failed or died.
+        """
+        if worker.task is None:
+            worker.machine = ray.get(worker.checked)
+            ray.get(worker.awaited)
+            self._never_started = 0
+            self._next_task(worker)
+            return
+        try:
+            part: JobPart = ray.get(next(worker.awaited))
+        except StopIteration:
+            self._finish(worker.task)
+            self._next_task(worker)
+        else:
+            self._count(worker.task.add(part))
+
+    def _next_task(self, worker: _Worker) -> None:
+        """Give a worker the next job; where there is none it is kept, as another worker may still die."""
+        if not self._tasks:
+            worker.task = worker.awaited = None
+            return
+        worker.task = self._tasks.popleft()
+        worker.task.begin(self._streamed)
+        plans = (replace(plan, scene=self._scenes.sent(plan.scene)) for plan in worker.task.job.plans)
+        streaming = worker.actor.run.options(num_returns="streaming", _generator_backpressure_num_objects=_PARTS_AHEAD)
+        worker.awaited = streaming.remote(ExplorationJob(tuple(plans)), self._streamed)
+
+    def _finish(self, task: _Task) -> None:
+        until = time.monotonic() + _VISIBLE_AFTER
+        while not task.job.finished:
+            if time.monotonic() > until:
+                raise DeuxError(
+                    f"A worker has finished {task}, but nothing of it has appeared in {task.job.plans[0].folder}: that "
+                    "is no storage that the machines share, so set collect.executor_options.results=streamed."
+                )
+            for plan in task.job.plans:  # listing a folder makes NFS look for new files
+                os.listdir(plan.folder.parent)
+            time.sleep(0.5)
+        for plan in task.job.plans:
+            self._scenes.done(plan.scene)
+
+    def _lose(self, worker: _Worker, error: ray.exceptions.RayError) -> None:
+        """A worker is gone: its job goes to another one, if it has not cost too many already."""
+        self._workers.remove(worker)
+        ray.kill(worker.actor)  # it may be cut off and still running
+        task = worker.task
+        if task is None:
+            self._never_started += 1
+            log.info("A worker has died before it was ready: %s", error)
+            if self._never_started >= self._settings.attempts:
+                reason = str(error).splitlines()[0].rstrip(".")
+                raise DeuxError(f"No worker starts on the Ray cluster: {reason}.")
+            return
+        if task.attempts >= self._settings.attempts:
+            raise DeuxError(
+                f"{task} has cost {task.attempts} workers, the last one on {worker.machine}: if memory ran out, let "
+                "fewer run on a machine with more collect.executor_options.cpus for each; what is finished is kept."
+            )
+        log.warning("The worker on %s is lost; %s is done again.", worker.machine, task)
+        log.info("The worker on %s is lost: %s", worker.machine, error)
+        self._tasks.appendleft(task)
+
+    def _watch(self, heard: bool) -> None:
+        """Say after a while that no worker has been heard of."""
+        if heard or self._at_work:
+            self._heard = time.monotonic()
+        elif time.monotonic() - self._heard > _PATIENCE:
+            there = room(self._settings.cpus, self._settings.gpus)
+            log.warning("No worker is ready yet: the Ray cluster has room for %d if nothing else runs there.", there)
+            self._heard = time.monotonic() + 20 * _PATIENCE

@@ -1,0 +1,165 @@
+"""Jobs on a Ray cluster: two machines, each a raylet of its own, of which one is killed now and then."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mesh_world import Deadly, Mistaken, mesh_room, slow_toy, write_room
+from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer, tree
+
+from deux.collection.episodes import EpisodePlan
+from deux.collection.jobs import ExplorationJob, JobRunner, run_here
+from deux.collection.perception import Perception
+from deux.contracts import SceneReference
+from deux.errors import DeuxError
+from deux_plugins.uncertainties.photometric import L1Residual
+
+ray = pytest.importorskip("ray", reason="Ray is not installed: pip install -e '.[ray]'")
+
+from ray.cluster_utils import Cluster  # noqa: E402
+
+from deux.collection.ray_execution import RayExecutor  # noqa: E402
+
+pytestmark = pytest.mark.timeout(240)
+STEPS = 24
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Two machines with room for one worker each."""
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = str(Path(__file__).parent)  # where workers find what the tests are made of
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    try:
+        made.add_node(num_cpus=1)
+        yield made
+    finally:
+        made.shutdown()
+        os.environ.pop("PYTHONPATH")
+        if before is not None:
+            os.environ["PYTHONPATH"] = before
+
+
+def make_jobs(
+    folder: Path, scenes: Sequence[SceneReference], size: int = 1, steps: int = STEPS
+) -> list[ExplorationJob]:
+    plans = [EpisodePlan(folder / f"room-{i}", scene, seed=i, steps=steps) for i, scene in enumerate(scenes)]
+    return [ExplorationJob(tuple(plans[k : k + size])) for k in range(0, len(plans), size)]
+
+
+def toy_scenes(count: int) -> list[SceneReference]:
+    return [ToyScene(f"room{i}", "x" * i) for i in range(count)]
+
+
+class KillsAMachine:
+    """Counts frames; kills the cluster's second machine as soon as two workers are in the middle of a job."""
+
+    def __init__(self, cluster: Any, jobs: Sequence[ExplorationJob]) -> None:
+        self.counted: list[int] = []
+        self.killed = False
+        self._cluster, self._jobs = cluster, jobs
+        (self._machine,) = list(cluster.worker_nodes) or [cluster.add_node(num_cpus=1)]
+
+    def __call__(self, frames: int) -> None:
+        self.counted.append(frames)
+        at_work = [job for job in self._jobs if not job.finished and job.plans[0].paths.intrinsics.exists()]
+        if len(at_work) == 2 and not self.killed:
+            self._cluster.remove_node(self._machine, allow_graceful=False)
+            self.killed = True
+
+
+def assert_that_of_one_process(
+    run: JobRunner,
+    jobs_in: Callable[[Path], list[ExplorationJob]],
+    folder: Path,
+    cluster: Any,
+    results: str,
+) -> None:
+    run_here(run, jobs_in(folder / "one"), lambda frames: None)
+    jobs = jobs_in(folder / "there")
+    count = KillsAMachine(cluster, jobs)
+    RayExecutor(cluster.address, results=results)(run, jobs, count)
+    assert count.killed
+    assert tree(folder / "there") == tree(folder / "one")
+    assert sum(count.counted) == sum(job.frames for job in jobs)
+    assert min(count.counted) >= 0
+    assert len(count.counted) > 2 * len(jobs)  # frames are counted as they come
+
+
+def test_a_dataset_is_that_of_one_process_though_a_machine_dies_meanwhile(
+    tmp_path: Path, cluster: Any, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    def jobs_in(folder: Path) -> list[ExplorationJob]:
+        return make_jobs(folder, toy_scenes(4))
+
+    assert_that_of_one_process(JobRunner(slow_toy, Wanderer), jobs_in, tmp_path, cluster, "streamed")
+    assert "is done again" in caplog.text
+    assert capfd.readouterr().err == ""
+
+
+def test_so_is_one_that_a_model_guides(tmp_path: Path, cluster: Any) -> None:
+    def jobs_in(folder: Path) -> list[ExplorationJob]:
+        return make_jobs(folder, toy_scenes(6), size=2)
+
+    run = JobRunner(slow_toy, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
+    assert_that_of_one_process(run, jobs_in, tmp_path, cluster, "shared")
+
+
+def test_scenes_in_files_are_loaded_once_where_the_files_are(tmp_path: Path, cluster: Any) -> None:
+    scenes = [write_room(tmp_path, name, seed) for seed, name in enumerate(("kitchen", "hall"))]
+    run = JobRunner(mesh_room, Wanderer)
+    run_here(run, make_jobs(tmp_path / "one", [*scenes, *scenes], steps=4), lambda frames: None)
+    (tmp_path / "loads.txt").unlink()
+    RayExecutor(cluster.address)(run, make_jobs(tmp_path / "there", [*scenes, *scenes], steps=4), lambda frames: None)
+    assert tree(tmp_path / "there") == tree(tmp_path / "one")
+    loads = [line.split() for line in (tmp_path / "loads.txt").read_text().splitlines()]
+    assert sorted(name for name, _ in loads) == ["hall", "kitchen"]
+    assert len({process for _, process in loads}) == 1  # of the process that is there for it
+    missing = replace(scenes[0], path=tmp_path / "gone.obj")
+    with pytest.raises(DeuxError, match=r"^there is no scene file .*/gone\.obj\.$"):
+        RayExecutor(cluster.address)(run, make_jobs(tmp_path / "none", [missing]), lambda frames: None)
+
+
+def test_a_killed_run_goes_on_and_keeps_the_episodes_that_were_finished(tmp_path: Path, cluster: Any) -> None:
+    run = JobRunner(ToySimulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
+    run_here(run, make_jobs(tmp_path / "one", toy_scenes(2), size=2, steps=6), lambda frames: None)
+    shutil.copytree(tmp_path / "one", tmp_path / "there")
+    (tmp_path / "there/room-1/episode.json").unlink()  # as if it had been killed there: room-0 is finished
+    (tmp_path / "there/room-1/absolute_pose/000005.txt").unlink()
+    (tmp_path / "there/room-1/image/000009.png").write_bytes(b"of a longer walk")
+    finished = {path: path.stat().st_mtime_ns for path in (tmp_path / "there/room-0").rglob("*.*")}
+    jobs = make_jobs(tmp_path / "there", toy_scenes(2), size=2, steps=6)
+    RayExecutor(cluster.address, workers=1)(run, jobs, lambda frames: None)
+    assert tree(tmp_path / "there") == tree(tmp_path / "one")
+    assert {path: path.stat().st_mtime_ns for path in finished} == finished
+
+
+def test_a_mistake_that_a_worker_finds_is_told_in_its_own_sentence(tmp_path: Path, cluster: Any) -> None:
+    with pytest.raises(DeuxError, match=r"^the robot has no battery: charge it\.$"):
+        RayExecutor(cluster.address, workers=1)(
+            JobRunner(ToySimulator, Mistaken), make_jobs(tmp_path, toy_scenes(2)), lambda frames: None
+        )
+    assert not ray.is_initialized()
+
+
+def test_a_job_that_ends_its_worker_again_and_again_is_given_up(tmp_path: Path, cluster: Any) -> None:
+    with pytest.raises(DeuxError, match=r"^room-0 has cost 2 workers, the last one on .* memory ran out"):
+        RayExecutor(cluster.address, workers=1, attempts=2)(
+            JobRunner(ToySimulator, Deadly), make_jobs(tmp_path, toy_scenes(1)), lambda frames: None
+        )
+
+
+def test_no_room_and_no_cluster_are_told(tmp_path: Path, cluster: Any) -> None:
+    run, jobs = JobRunner(ToySimulator, Wanderer), make_jobs(tmp_path, toy_scenes(1))
+    with pytest.raises(DeuxError, match="no machine with 64 CPUs and 0 graphics cards"):
+        RayExecutor(cluster.address, cpus=64)(run, jobs, lambda frames: None)
+    with pytest.raises(DeuxError, match=r"no machine with 1 CPUs and 0\.5 graphics cards"):
+        RayExecutor(cluster.address, gpus=0.5)(run, jobs, lambda frames: None)
+    with pytest.raises(DeuxError, match=r"address is '127\.0\.0\.1:9', but no Ray cluster answers there"):
+        RayExecutor("127.0.0.1:9")(run, jobs, lambda frames: None)
+    with pytest.raises(DeuxError, match=r"address is 'ray://head:10001': it must be null, auto or the host:port"):
+        RayExecutor("ray://head:10001")

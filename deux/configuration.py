@@ -32,7 +32,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from deux.callbacks import ACTIVE_COLLECTION, callback_names
 from deux.composition_errors import check_names, composition_error
-from deux.registry import registry
+from deux.registry import KINDS, registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins
 
 CONFIG_NAME = "config"
@@ -170,6 +170,8 @@ def run_id(cfg: DictConfig) -> str:
     """
     task = TASKS.get(str(cfg.task))
     content = {name: _plain(cfg[name]) for name in (task.sections if task else ())}
+    for name in content.keys() & PLUGIN_SECTIONS.keys():
+        content[name] = {k: v for k, v in content[name].items() if k not in KINDS[PLUGIN_SECTIONS[name]].reserved}
     return f"{_run_name(cfg)}-{_hash({'task': cfg.task, **content})}"
 
 

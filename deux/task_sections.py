@@ -114,6 +114,14 @@ class Sections:
         return plain(self._node(name), name)
 
     @property
+    def data_cache(self) -> Any:
+        """`data.cache`, which says where frames are kept while a model trains.
+
+        No result depends on it: it belongs to no run's identity, and tasks that train read it without naming `data`.
+        """
+        return self._cfg.data.get("cache", "auto")
+
+    @property
     def seed(self) -> int:
         """The random seed.
 

@@ -3,11 +3,12 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import torch
 
 from deux.contracts import DepthModel
+from deux.errors import DeuxError, near_matches
 
 CacheChoice = Literal["auto", "device", "memory", "none"]
 """`data.cache`: keep the frames on the device that trains, in memory, or read them each time; "auto" goes by size."""
@@ -20,6 +21,18 @@ UNKNOWN_MEMORY = 4 * 1024**3
 
 _CONTROL_GROUP = Path("/sys/fs/cgroup")
 _MEMORY = Path("/proc/meminfo")
+
+
+def cache_choice(value: object) -> CacheChoice:
+    """The value of `data.cache`.
+
+    Raises:
+        DeuxError: it is none of the choices.
+    """
+    for choice in get_args(CacheChoice):
+        if value == choice:
+            return choice
+    raise DeuxError(f"data.cache is {value!r}: {near_matches(str(value), get_args(CacheChoice))}")
 
 
 class Placement(NamedTuple):

@@ -89,8 +89,8 @@ def augment_tensors(
     """Apply a model's augmentation to a sample.
 
     Args:
-        sample: the tensors of a sample by name, without "input_sparse_depth"; the transforms may change them. The camera
-            and the poses are on the CPU, and the others on one device.
+        sample: the tensors of a sample by name, without "input_sparse_depth"; the transforms may change them.
+            Intrinsics and poses are on the CPU, the others on one device.
         augmentation: the transforms, in order.
         seed: of all that the transforms draw from torch's default generator on the CPU.
         points: number of points in the sparse depth, see `InputSparseDepth`.

@@ -70,11 +70,12 @@ def place(
         agree: makes one decision of those of all processes that train together.
 
     Returns:
-        For "auto", the device if the frames fit there, else memory. By default no worker processes where everything is
-        at hand on the device that trains; else as many as this process has cores for, no more than eight.
+        For "auto", a card if the frames fit there, else memory, which for training on the CPU is as fast as the device
+        cache. By default no worker processes where everything is at hand on the device that trains; else as many as
+        this process has cores for beside its own, no more than eight.
     """
     fits_device, fits_memory = agree(size <= room_on_device), agree(size <= room_in_memory)
-    if choice == "device" or (choice == "auto" and fits_device):
+    if choice == "device" or (choice == "auto" and device.type != "cpu" and fits_device):
         return Placement("device", 0)
     cache: Literal["memory", "none"] = "none" if choice == "none" else "memory"
     at_hand = cache == "memory" and fits_memory and device.type == "cpu"

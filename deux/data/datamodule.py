@@ -19,7 +19,7 @@ from deux.data.cache_choice import (
     prepares_on_host,
 )
 from deux.data.device_cache import DeviceCache
-from deux.data.frame_cache import FrameCache, MemoryCache, stored_bytes
+from deux.data.frame_cache import FrameCache, Kind, MemoryCache, stored_bytes
 from deux.data.triplets import SampleSettings, ShuffledDraws, SourceFrames, TripletDataset, collate
 from deux.errors import DeuxError
 
@@ -109,6 +109,7 @@ class TripletDataModule(LightningDataModule):
         self._poses = poses
         self._choice, self._cache_bytes = cache, cache_bytes
         self._caches: dict[str, FrameCache] = {}
+        self._array_bytes: dict[tuple[Reader, Kind], int] = {}
         self._told: set[str] = set()
         self._loaders: dict[str, tuple[Hashable, TripletLoader]] = {}
 
@@ -171,8 +172,9 @@ class TripletDataModule(LightningDataModule):
         if split == "test":
             return Placement("none", self.num_workers or 0)
         device, keys, cache = self._device, dataset.keys, self._caches.get(split, FrameCache())
-        missing = stored_bytes(key for key in keys if not cache.holds(key))
-        held = stored_bytes(keys) - missing
+        wanted = [] if self._choice == "none" else keys
+        missing = stored_bytes((key for key in wanted if not cache.holds(key)), self._array_bytes)
+        held = stored_bytes(wanted, self._array_bytes) - missing
         room_on_device = self._room(free_on_device(device), held if isinstance(cache, DeviceCache) else 0)
         room_in_memory = self._room(free_memory() // self._local_processes, held)
         choice = self._choice

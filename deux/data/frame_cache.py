@@ -174,14 +174,18 @@ class _Segment:
             self._used[0] = end
 
 
-def stored_bytes(keys: Iterable[FrameKey]) -> int:
-    """About how many bytes these arrays take in a cache, judged by the first of each reader and kind."""
-    sizes: dict[tuple[Reader, str], int] = {}
+def stored_bytes(keys: Iterable[FrameKey], known: dict[tuple[Reader, Kind], int]) -> int:
+    """About how many bytes these arrays take in a cache, judged by the first of each reader and kind.
+
+    Args:
+        keys: the arrays.
+        known: bytes of one array of each reader and kind; what is not known yet is read and added.
+    """
     total = 0
     for key in keys:
         group = key.reader, key.kind
-        if group not in sizes:
+        if group not in known:
             first = read_frame(key)
-            sizes[group] = 0 if first is None else compact(first).nbytes
-        total += sizes[group]
+            known[group] = 0 if first is None else compact(first).nbytes
+        total += known[group]
     return total

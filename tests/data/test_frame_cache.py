@@ -11,7 +11,7 @@ import torch
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.device_cache import DeviceCache
-from deux.data.frame_cache import FrameCache, FrameKey, MemoryCache, compact, metres, stored_bytes
+from deux.data.frame_cache import FrameCache, FrameKey, Kind, MemoryCache, compact, metres, stored_bytes
 
 SHAPE = (6, 10)
 IMAGE = 3 * 6 * 10
@@ -73,7 +73,7 @@ def test_depth_that_16_bits_do_not_hold_is_kept_as_it_is(value: float) -> None:
 def test_a_cache_reads_everything_once(cache: FrameCache, scale: float) -> None:
     reader = CountingReader(scale=scale)
     wanted = [*keys(reader), *keys(reader, "sparse_depth")]
-    cache.reserve(wanted, stored_bytes(wanted))
+    cache.reserve(wanted, stored_bytes(wanted, {}))
     CountingReader.reads.clear()
     for _ in range(3):
         for key in wanted:
@@ -101,7 +101,7 @@ def test_new_frames_are_added_and_those_out_of_use_make_room(kind: type[MemoryCa
     cache = kind(12 * IMAGE)
     for readers in ([first], [first, second], [third]):
         wanted = [key for reader in readers for key in keys(reader)]
-        cache.reserve(wanted, stored_bytes(key for key in wanted if not cache.holds(key)))
+        cache.reserve(wanted, stored_bytes((key for key in wanted if not cache.holds(key)), {}))
         CountingReader.reads.clear()
         for _ in range(2):
             for key in wanted:
@@ -109,6 +109,16 @@ def test_new_frames_are_added_and_those_out_of_use_make_room(kind: type[MemoryCa
         # Of the second time, the frames of the first reader are there.
         assert set(CountingReader.reads.values()) == {1}
         assert not any(cache.holds(key) for reader in (first, second) if reader not in readers for key in keys(reader))
+
+
+def test_sizes_are_judged_by_one_frame_of_each_reader_and_kind() -> None:
+    reader, millimetres = CountingReader(), CountingReader(scale=1000.0)
+    known: dict[tuple[Reader, Kind], int] = {}
+    depth = [*keys(reader, "sparse_depth"), *keys(millimetres, "sparse_depth")]
+    assert stored_bytes([*keys(reader), *depth], known) == 4 * (IMAGE + 2 * 60 + 4 * 60)
+    assert CountingReader.reads.total() == 3
+    assert stored_bytes(keys(reader), known) == 4 * IMAGE
+    assert CountingReader.reads.total() == 3
 
 
 def _read_all(cache: MemoryCache, wanted: list[FrameKey], answers: "multiprocessing.Queue[int]") -> None:

@@ -109,6 +109,7 @@ class TripletDataModule(LightningDataModule):
         self._poses = poses
         self._choice, self._cache_bytes = cache, cache_bytes
         self._caches: dict[str, FrameCache] = {}
+        self._promised: dict[str, int] = {}
         self._array_bytes: dict[tuple[Reader, Kind], int] = {}
         self._told: set[str] = set()
         self._loaders: dict[str, tuple[Hashable, TripletLoader]] = {}
@@ -173,21 +174,13 @@ class TripletDataModule(LightningDataModule):
             return Placement("none", self.num_workers or 0)
         device, keys, cache = self._device, dataset.keys, self._caches.get(split, FrameCache())
         wanted = [] if self._choice == "none" else keys
+        size = stored_bytes(wanted, self._array_bytes)
         missing = stored_bytes((key for key in wanted if not cache.holds(key)), self._array_bytes)
-        held = stored_bytes(wanted, self._array_bytes) - missing
-        room_on_device = self._room(free_on_device(device), held if isinstance(cache, DeviceCache) else 0)
-        room_in_memory = self._room(free_memory() // self._local_processes, held)
-        choice = self._choice
-        if choice in ("auto", "device") and prepares_on_host(self._model):
-            if device.type != "cpu" or choice == "device":
-                self._say(
-                    f"{type(self._model).__name__} computes inputs on the CPU (prepare): its frames are kept in memory "
-                    "and not on the device."
-                )
-            choice = "memory"
+        room_on_device = self._room(split, DeviceCache, free_on_device(device))
+        room_in_memory = self._room(split, MemoryCache, free_memory() // self._local_processes)
         placement = place(
-            choice,
-            held + missing,
+            self._possible_choice(device),
+            size,
             device,
             room_on_device,
             room_in_memory,
@@ -195,19 +188,41 @@ class TripletDataModule(LightningDataModule):
             self._local_processes,
             self._agreed,
         )
-        if placement.cache == "device" and not isinstance(cache, DeviceCache):
-            cache = DeviceCache(device, room_on_device)
-        elif placement.cache == "memory" and not isinstance(cache, MemoryCache):
-            cache = MemoryCache(room_in_memory)
-        elif placement.cache == "none":
+        if placement.cache == "none":
             cache = FrameCache()
+        elif placement.cache == "device":
+            cache = cache if isinstance(cache, DeviceCache) else DeviceCache(device, room_on_device)
+            cache.capacity = room_on_device
+        else:
+            cache = cache if isinstance(cache, MemoryCache) else MemoryCache(room_in_memory)
+            cache.capacity = room_in_memory
         cache.reserve(keys, missing)
         self._caches[split] = dataset.cache = cache
+        self._promised[split] = size
         return placement
 
-    def _room(self, free: int, held: int) -> int:
-        """Bytes that a cache may take, what it holds included."""
-        return held + int(SHARE * free) if self._cache_bytes is None else self._cache_bytes
+    def _possible_choice(self, device: torch.device) -> CacheChoice:
+        """What the user asks for, but not the device where the model's further inputs are computed on the CPU."""
+        if self._choice in ("memory", "none") or not prepares_on_host(self._model):
+            return self._choice
+        if device.type != "cpu" or self._choice == "device":
+            self._say(
+                f"{type(self._model).__name__} computes inputs on the CPU (prepare): its frames are kept in memory and "
+                "not on the device."
+            )
+        return "memory"
+
+    def _room(self, split: str, kind: type[FrameCache], free: int) -> int:
+        """Bytes that a split's cache of some kind may take: its part of what is free and what caches have taken there.
+
+        What the caches of other splits have been promised is theirs, also before they have filled it.
+        """
+        there = {name: cache for name, cache in self._caches.items() if isinstance(cache, kind)}
+        if self._cache_bytes is not None:
+            total = self._cache_bytes
+        else:
+            total = int(SHARE * (free + sum(cache.size for cache in there.values())))
+        return max(0, total - sum(self._promised[name] for name in there if name != split))
 
     @property
     def _device(self) -> torch.device:

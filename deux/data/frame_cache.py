@@ -87,6 +87,11 @@ class FrameCache:
         """Whether the array, once read, is or will be kept."""
         return False
 
+    @property
+    def size(self) -> int:
+        """Bytes that are kept by now."""
+        return 0
+
 
 class MemoryCache(FrameCache):
     """Keeps arrays in memory that this process shares with those that it forks: each is decoded once by any of them.
@@ -122,7 +127,7 @@ class MemoryCache(FrameCache):
     def reserve(self, keys: Collection[FrameKey], size: int) -> None:
         """Make places for the arrays that have none; the processes that read them are to be forked after this."""
         self._places = {key: self._places[key] for key in keys if key in self._places}
-        taken = sum(segment.size for segment in {id(one): one for one, _ in self._places.values()}.values())
+        taken = sum(segment.size for segment in self._segments)
         size = min(size + _ALIGNMENT * len(keys), self.capacity - taken)
         new = [key for key in keys if key not in self._places]
         if new and size > 0:
@@ -132,6 +137,15 @@ class MemoryCache(FrameCache):
     def holds(self, key: FrameKey) -> bool:
         """Whether there is a place for the array; it may turn out too small."""
         return key in self._places
+
+    @property
+    def size(self) -> int:
+        """Bytes that are kept by now, by all processes."""
+        return sum(segment.used for segment in self._segments)
+
+    @property
+    def _segments(self) -> list[_Segment]:
+        return list({id(segment): segment for segment, _ in self._places.values()}.values())
 
 
 class _Segment:
@@ -147,7 +161,12 @@ class _Segment:
         self._lock = multiprocessing.get_context("fork").Lock()
         self._data = np.frombuffer(mmap.mmap(-1, size), np.uint8)
         table = np.frombuffer(mmap.mmap(-1, 8 * (1 + 5 * rows)), np.int64)
-        self._used, self._table = table[:1], table[1:].reshape(rows, 5)  # end, type + 1, and up to three sides
+        self._end, self._table = table[:1], table[1:].reshape(rows, 5)  # end, type + 1, and up to three sides
+
+    @property
+    def used(self) -> int:
+        """Bytes of the arrays that are there."""
+        return int(self._end[0])
 
     def get(self, row: int) -> np.ndarray | None:
         """The array of a row, not to be written to; None if it has not been put there."""
@@ -164,14 +183,14 @@ class _Segment:
     def put(self, row: int, array: np.ndarray) -> None:
         """Keep an array if there is room for it."""
         with self._lock:
-            begin = -(-int(self._used[0]) // _ALIGNMENT) * _ALIGNMENT
+            begin = -(-self.used // _ALIGNMENT) * _ALIGNMENT
             end = begin + array.nbytes
             if self._table[row, 1] or end > self.size or 0 in array.shape:
                 return
             self._data[begin:end] = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
             sides = [0] * (3 - array.ndim) + [*array.shape]
             self._table[row] = end, _TYPES.index(array.dtype) + 1, *sides
-            self._used[0] = end
+            self._end[0] = end
 
 
 def stored_bytes(keys: Iterable[FrameKey], known: dict[tuple[Reader, Kind], int]) -> int:

@@ -381,6 +381,19 @@ def test_only_part_of_the_frames_fits(recorded: Path) -> None:
         assert_same(batches_of(data), expected)
 
 
+def test_the_splits_share_what_is_free(recorded: Path, tmp_path: Path) -> None:
+    held_out = DatasetReader(dataset(tmp_path / "v", split="validation"))
+    sizes = {"train": 16 * 40 * 48 * 3 + 12 * 40 * 48 * 2, "validation": 16 * 40 * 48 * 3 + 12 * 40 * 48 * 4}
+    data = module([recorded], LeanModel(), cache="device", cache_bytes=sizes["train"] + 1000)
+    data.validation = [held_out]
+    train, validation = data.train_dataloader(), data.val_dataloader()
+    assert train.dataset.cache.capacity == sizes["train"] + 1000  # type: ignore[attr-defined]
+    assert validation.dataset.cache.capacity == 1000  # type: ignore[attr-defined]
+    list(train), list(validation)
+    assert train.dataset.cache.size == sizes["train"]  # type: ignore[attr-defined]
+    assert validation.dataset.cache.size == 0  # type: ignore[attr-defined]
+
+
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
 def test_a_card_keeps_frames_that_fit(recorded: Path) -> None:

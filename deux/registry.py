@@ -19,7 +19,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from deux.errors import DeuxError, near_matches
-from deux.options import construct, full_settings, plain
+from deux.options import construct, full_settings, options, plain
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class Kind:
         contract: the class in `deux.contracts` that a plugin derives from.
         settings: where the options of the plugin called {name} stand in the configuration.
         given: the constructor's parameters that the framework fills in; the others are options.
+        reserved: options of the framework among the plugin's in the configuration; no plugin has their names.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Kind:
     contract: str
     settings: str
     given: tuple[str, ...] = ()
+    reserved: tuple[str, ...] = ()
 
     @property
     def group(self) -> str:
@@ -56,7 +58,7 @@ KINDS = {
         Kind("uncertainties", "measure of uncertainty", "Uncertainty", "collect.uncertainty_options"),
         Kind("simulators", "simulator", "Simulator", "simulator", given=("scene", "camera", "robot", "colors")),
         Kind("scenes", "source of scenes", "SceneSource", "scenes"),
-        Kind("readers", "reader", "Reader", "data", given=("folder",)),
+        Kind("readers", "reader", "Reader", "data", given=("folder",), reserved=("cache",)),
     )
 }
 
@@ -179,7 +181,7 @@ class Registry:
 
         Args:
             kind: a key of `KINDS`.
-            chosen: its "name" and the options that are not left at their defaults.
+            chosen: its "name" and the options that are not left at their defaults; reserved ones are left out.
             where: their place in the configuration, which begins every message; by default that of the kind.
 
         Raises:
@@ -188,6 +190,8 @@ class Registry:
         where = where or KINDS[kind].settings
         settings = plain(chosen, where)
         name = settings.pop("name", None)
+        for option in KINDS[kind].reserved:
+            settings.pop(option, None)
         if name is None:
             raise DeuxError(f"{where}.name is missing: choose one with {where}=<name>.")
         return PluginChoice(kind, name, full_settings(self.get(kind, name), settings, where, KINDS[kind].given))
@@ -230,6 +234,11 @@ class Registry:
             raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
         if missing := getattr(cls, "__abstractmethods__", None):
             raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
+        if taken := sorted(options(cls, kind.given).keys() & set(kind.reserved)):
+            raise DeuxError(
+                f"{said} has an option called {taken[0]!r}, and {kind.settings}.{taken[0]} is an option of deux's own: "
+                "give the plugin's another name."
+            )
 
 
 @functools.cache

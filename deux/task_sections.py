@@ -78,7 +78,7 @@ PLUGIN_SECTIONS = {
 }
 """The sections that choose a plugin, and of which kind."""
 
-MEANS = {"collect": ("processes", "executor", "executor_options")}
+MEANS = {"collect": ("processes", "executor", "executor_options"), "data": ("cache",)}
 """Options of sections by which nothing that a task makes changes: a command with others goes on where one was."""
 
 
@@ -121,6 +121,14 @@ class Sections:
     def plain(self, name: str) -> Any:
         """A section as plain dictionaries, lists and values."""
         return plain(self._node(name), name)
+
+    @property
+    def data_cache(self) -> Any:
+        """`data.cache`, which says where frames are kept while a model trains.
+
+        No result depends on it: it belongs to no run's identity, and tasks that train read it without naming `data`.
+        """
+        return self._cfg.data.get("cache", "auto")
 
     @property
     def seed(self) -> int:

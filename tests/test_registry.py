@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from deux.contracts import Batch, LossTerm, Prediction, Reconstructions, Reward
+from deux.contracts import Batch, LossTerm, Prediction, Reader, Reconstructions, Reward
 from deux.errors import DeuxError
 from deux.registry import KINDS, Registry, registry
 
@@ -185,3 +185,20 @@ def test_plugins_can_be_registered_by_hand() -> None:
         found.register("explorers", "mean", Mean)
     assert found.unregister("losses", "mean") == plugin
     assert "mean" not in found.names("losses")
+
+
+def test_a_reader_with_an_option_of_the_frameworks_own_is_refused() -> None:
+    class Cached(Reader):
+        def __init__(self, folder: Path, cache: int = 3) -> None:
+            self.folder = folder
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    with pytest.raises(DeuxError, match=r"has an option called 'cache', and data\.cache is an option of deux's own: "):
+        Registry().register("readers", "cached", Cached)
+
+
+def test_reserved_options_reach_no_plugin() -> None:
+    assert registry().choose("readers", {"name": "deux", "cache": "device"}).settings.keys().isdisjoint({"cache"})
+    with pytest.raises(DeuxError, match=r"data.*cach"):
+        registry().choose("readers", {"name": "deux", "cach": "device"})

@@ -1,5 +1,7 @@
 """The Lightning data module: a model's training, validation and test frames as batches."""
 
+import logging
+import multiprocessing
 from collections.abc import Callable, Hashable, Iterator, Sequence
 
 import torch
@@ -7,8 +9,21 @@ from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
 from deux.contracts import Batch, DepthModel, Reader
-from deux.data.triplets import FrameCache, SampleSettings, ShuffledDraws, SourceFrames, TripletDataset, collate
+from deux.data.cache_choice import (
+    SHARE,
+    CacheChoice,
+    Placement,
+    free_memory,
+    free_on_device,
+    place,
+    prepares_on_host,
+)
+from deux.data.device_cache import DeviceCache
+from deux.data.frame_cache import FrameCache, Kind, MemoryCache, stored_bytes
+from deux.data.triplets import SampleSettings, ShuffledDraws, SourceFrames, TripletDataset, collate
 from deux.errors import DeuxError
+
+log = logging.getLogger(__name__)
 
 
 class TripletLoader(DataLoader[Batch]):
@@ -49,7 +64,8 @@ class TripletDataModule(LightningDataModule):
     and poses only where the objective compares frames. Frames without source frames are then left out of training and
     validation; the test loader has every frame of its list and reads no source frames at all. Processes that train
     together (`Trainer(use_distributed_sampler=False)`) share the training frames out and validate on all of them.
-    A loader, its worker processes and what these have cached are kept for as long as its datasets are the same.
+    A loader, its worker processes and what is cached are kept for as long as its datasets are the same, and of other
+    datasets the frames that are cached already. Samples are the same wherever frames are kept, whoever prepares them.
 
     Args:
         model: says what the training needs: `supervised`, `augmentation`, `prepare`.
@@ -60,8 +76,9 @@ class TripletDataModule(LightningDataModule):
         batch_size: samples in a batch.
         crop: height and width of the samples, at random in training and from the middle elsewhere; None for all.
         seed: seed of order, crops and augmentation.
-        num_workers: processes that prepare batches. With the cache, none is fastest on two cores.
-        cache_bytes: bound of the memory for decoded files, in each process.
+        num_workers: processes that prepare batches; None goes by `deux.data.cache_choice.place`.
+        cache: where frames are kept. Test frames are read once, and never kept.
+        cache_bytes: bound of what is kept, on the device and in memory; None goes by what is free there.
         offsets: the source frames, where a dataset does not list them.
         sources: whether training and validation read the source frames.
         poses: whether they read the frames' poses.
@@ -76,8 +93,9 @@ class TripletDataModule(LightningDataModule):
         batch_size: int = 8,
         crop: tuple[int, int] | None = None,
         seed: int = 0,
-        num_workers: int = 0,
-        cache_bytes: int = 2 * 1024**3,
+        num_workers: int | None = None,
+        cache: CacheChoice = "auto",
+        cache_bytes: int | None = None,
         offsets: tuple[int, ...] = (-1, -2),
         sources: bool = True,
         poses: bool = True,
@@ -89,7 +107,11 @@ class TripletDataModule(LightningDataModule):
         self._offsets = offsets
         self._sources: SourceFrames = "needed" if sources else "unread"
         self._poses = poses
-        self._cache = FrameCache(cache_bytes)
+        self._choice, self._cache_bytes = cache, cache_bytes
+        self._caches: dict[str, FrameCache] = {}
+        self._promised: dict[str, int] = {}
+        self._array_bytes: dict[tuple[Reader, Kind], int] = {}
+        self._told: set[str] = set()
         self._loaders: dict[str, tuple[Hashable, TripletLoader]] = {}
 
     def train_dataloader(self) -> TripletLoader:
@@ -108,9 +130,10 @@ class TripletDataModule(LightningDataModule):
                 augmentation=self._model.augmentation(),
                 prepare=self._model.prepare,
             )
-            dataset = TripletDataset(self.train, "train", settings, self._cache, self._offsets)
+            dataset = TripletDataset(self.train, "train", settings, offsets=self._offsets)
             sampler = ShuffledDraws(len(dataset), self.seed, epoch, rank, world_size)
-            return self._loader(dataset, sampler, drop_last=len(sampler) >= self.batch_size)
+            drop_last = len(sampler) >= self.batch_size
+            return self._loader(dataset, self._placed("train", dataset), sampler, drop_last)
 
         loader = self._kept("train", self.train, make)
         assert isinstance(loader.sampler, ShuffledDraws)
@@ -132,7 +155,8 @@ class TripletDataModule(LightningDataModule):
             settings = SampleSettings(
                 crop=self.crop, ground_truth=True, sources=sources, poses=poses, prepare=self._model.prepare
             )
-            return self._loader(TripletDataset(readers, split, settings, self._cache, self._offsets))
+            dataset = TripletDataset(readers, split, settings, offsets=self._offsets)
+            return self._loader(dataset, self._placed(split, dataset))
 
         return self._kept(split, readers, make)
 
@@ -144,16 +168,101 @@ class TripletDataModule(LightningDataModule):
             self._loaders[split] = made_from, make()
         return self._loaders[split][1]
 
+    def _placed(self, split: str, dataset: TripletDataset) -> Placement:
+        """Decide where the frames of a loader are kept, and give its dataset the cache."""
+        if split == "test":
+            return Placement("none", self.num_workers or 0)
+        device, keys, cache = self._device, dataset.keys, self._caches.get(split, FrameCache())
+        wanted = [] if self._choice == "none" else keys
+        size = stored_bytes(wanted, self._array_bytes)
+        missing = stored_bytes((key for key in wanted if not cache.holds(key)), self._array_bytes)
+        room_on_device = self._room(split, DeviceCache, free_on_device(device))
+        room_in_memory = self._room(split, MemoryCache, free_memory() // self._local_processes)
+        placement = place(
+            self._possible_choice(device),
+            size,
+            device,
+            room_on_device,
+            room_in_memory,
+            self.num_workers,
+            self._local_processes,
+            self._agreed,
+        )
+        if placement.cache == "none":
+            cache = FrameCache()
+        elif placement.cache == "device":
+            cache = cache if isinstance(cache, DeviceCache) else DeviceCache(device, room_on_device)
+            cache.capacity = room_on_device
+        else:
+            cache = cache if isinstance(cache, MemoryCache) else MemoryCache(room_in_memory)
+            cache.capacity = room_in_memory
+        cache.reserve(keys, missing)
+        self._caches[split] = dataset.cache = cache
+        self._promised[split] = size
+        return placement
+
+    def _possible_choice(self, device: torch.device) -> CacheChoice:
+        """What the user asks for, but not the device where the model's further inputs are computed on the CPU."""
+        if self._choice in ("memory", "none") or not prepares_on_host(self._model):
+            return self._choice
+        if device.type != "cpu" or self._choice == "device":
+            self._say(
+                f"{type(self._model).__name__} computes inputs on the CPU (prepare): its frames are kept in memory and "
+                "not on the device."
+            )
+        return "memory"
+
+    def _room(self, split: str, kind: type[FrameCache], free: int) -> int:
+        """Bytes that a split's cache of some kind may take: its part of what is free and what caches have taken there.
+
+        What the caches of other splits have been promised is theirs, also before they have filled it.
+        """
+        there = {name: cache for name, cache in self._caches.items() if isinstance(cache, kind)}
+        if self._cache_bytes is not None:
+            total = self._cache_bytes
+        else:
+            total = int(SHARE * (free + sum(cache.size for cache in there.values())))
+        return max(0, total - sum(self._promised[name] for name in there if name != split))
+
+    @property
+    def _device(self) -> torch.device:
+        """The device that trains; the CPU without a trainer."""
+        return torch.device("cpu") if self.trainer is None else self.trainer.strategy.root_device
+
+    @property
+    def _local_processes(self) -> int:
+        """Processes on this machine that train together."""
+        return 1 if self.trainer is None else max(1, self.trainer.num_devices)
+
+    def _agreed(self, decision: bool) -> bool:
+        """Whether all processes that train together have come to this decision."""
+        if self.trainer is None:
+            return decision
+        return bool(self.trainer.strategy.reduce_boolean_decision(decision, all=True))
+
+    def _say(self, sentence: str) -> None:
+        """Log a sentence once."""
+        if sentence not in self._told:
+            self._told.add(sentence)
+            log.info(sentence)
+
     def _loader(
-        self, dataset: TripletDataset, sampler: ShuffledDraws | None = None, drop_last: bool = False
+        self,
+        dataset: TripletDataset,
+        placement: Placement,
+        sampler: ShuffledDraws | None = None,
+        drop_last: bool = False,
     ) -> TripletLoader:
+        workers = placement.num_workers
+        forks = "fork" in multiprocessing.get_all_start_methods()
         return TripletLoader(
             dataset,
             self.batch_size,
             sampler=sampler,
-            num_workers=self.num_workers,
-            persistent_workers=self.num_workers > 0,
+            num_workers=workers,
+            persistent_workers=workers > 0,
+            multiprocessing_context="fork" if workers and forks else None,  # a memory cache is shared by forks alone
             collate_fn=collate,
             drop_last=drop_last,
-            pin_memory=torch.cuda.is_available(),
+            pin_memory=placement.cache != "device" and self._device.type == "cuda",
         )

@@ -26,6 +26,7 @@ from torchvision.transforms.v2 import functional
 from torchvision.tv_tensors import Image, Mask, TVTensor, wrap
 
 from deux.contracts import Augmentation
+from deux.data.device_cache import upload
 from deux.errors import DeuxError, check_range
 
 
@@ -37,7 +38,13 @@ class DepthMap(Mask):
 
 
 class InputSparseDepth(DepthMap):
-    """The sparse depth that the network is shown; the losses read another one."""
+    """The sparse depth that the network is shown; the losses read another one.
+
+    `points` is the number of its points, where that is known without looking at it, which would make the host wait for
+    a card. Flips keep it; after other changes of the geometry it is None.
+    """
+
+    points: int | None = None
 
 
 class Intrinsics(TVTensor):
@@ -71,24 +78,31 @@ _TYPES: Mapping[str, type[TVTensor]] = {
 
 
 def augment(sample: Mapping[str, np.ndarray], augmentation: Sequence[Augmentation], seed: int) -> dict[str, np.ndarray]:
+    """Apply a model's augmentation to the arrays of a sample, as `augment_tensors` does to tensors."""
+    tensors = {name: torch.from_numpy(array) for name, array in sample.items()}
+    return {name: tensor.numpy() for name, tensor in augment_tensors(tensors, augmentation, seed).items()}
+
+
+def augment_tensors(
+    sample: Mapping[str, Tensor], augmentation: Sequence[Augmentation], seed: int, points: int | None = None
+) -> dict[str, Tensor]:
     """Apply a model's augmentation to a sample.
 
     Args:
-        sample: the arrays of a sample by name, without "input_sparse_depth"; the transforms may change them.
+        sample: the tensors of a sample by name, without "input_sparse_depth"; the transforms may change them.
+            Intrinsics and poses are on the CPU, the others on one device.
         augmentation: the transforms, in order.
         seed: of all that the transforms draw from torch's default generator on the CPU.
+        points: number of points in the sparse depth, see `InputSparseDepth`.
 
     Returns:
-        The arrays of the sample, "input_sparse_depth" among them.
+        The tensors of the sample, "input_sparse_depth" among them.
 
     Raises:
         DeuxError: a transform makes no sense for a camera, or has changed the size of one part without the others.
     """
-    tensors: dict[str, Tensor] = {
-        name: torch.from_numpy(array).as_subclass(_TYPES[name]) for name, array in sample.items()
-    }
-    shown = torch.from_numpy(sample["sparse_depth"].copy())
-    tensors["input_sparse_depth"] = shown.as_subclass(InputSparseDepth)
+    tensors: dict[str, Tensor] = {name: tensor.as_subclass(_TYPES[name]) for name, tensor in sample.items()}
+    tensors["input_sparse_depth"] = _with_points(sample["sparse_depth"].clone(), points)
     height, width = sample["images"].shape[-2:]
     tensors["intrinsics"] = Intrinsics(tensors["intrinsics"], (height, width))
     state = torch.get_rng_state()
@@ -98,7 +112,7 @@ def augment(sample: Mapping[str, np.ndarray], augmentation: Sequence[Augmentatio
             tensors = transform(tensors)
     finally:
         torch.set_rng_state(state)
-    augmented = {name: tensor.as_subclass(Tensor).numpy() for name, tensor in tensors.items()}
+    augmented = {name: tensor.as_subclass(Tensor) for name, tensor in tensors.items()}
     _check_sizes(augmented, getattr(tensors["intrinsics"], "canvas_size", None))
     return augmented
 
@@ -130,11 +144,52 @@ class DropPoints(v2.Transform):
         """Remove the points from an `InputSparseDepth`; everything else is left as it is."""
         if not isinstance(inpt, InputSparseDepth) or params["fraction"] == 0.0:
             return inpt
-        depth = inpt.as_subclass(Tensor).numpy().copy()
-        points = np.flatnonzero(depth)
-        order = torch.randperm(len(points)).numpy()
-        depth.flat[points[order[: round(params["fraction"] * len(points))]]] = 0.0
-        return torch.from_numpy(depth).as_subclass(type(inpt))
+        depth = inpt.as_subclass(Tensor)
+        count = int(torch.count_nonzero(depth)) if inpt.points is None else inpt.points
+        hidden = torch.randperm(count)[: round(params["fraction"] * count)]
+        if len(hidden) == 0:
+            return inpt
+        remove = _remove_points if depth.device.type == "cpu" else remove_points_on_device
+        return _with_points(remove(depth, hidden), count - len(hidden))
+
+
+def _remove_points(depth: Tensor, hidden: Tensor) -> Tensor:
+    """The depth map without some of its points, which are numbered row by row."""
+    kept = depth.numpy().copy()
+    kept.flat[np.flatnonzero(kept)[hidden.numpy()]] = 0.0
+    return torch.from_numpy(kept)
+
+
+def remove_points_on_device(depth: Tensor, hidden: Tensor) -> Tensor:
+    """The depth map without some of its points; the host does not wait for the device.
+
+    Args:
+        depth: H x W on a device, 0 = none.
+        hidden: the points to remove, on the CPU, numbered row by row from 0; at least one of them.
+    """
+    is_point = depth.flatten() != 0
+    number = is_point.cumsum(0)  # of each point, from 1; pixels before the first point have 0
+    removed = torch.zeros(depth.numel() + 1, dtype=torch.bool, device=depth.device)
+    removed.index_fill_(0, upload(hidden + 1, depth.device), True)
+    return depth.masked_fill((is_point & removed[number]).view_as(depth), 0.0)
+
+
+def _with_points(depth: Tensor, points: int | None) -> InputSparseDepth:
+    shown: InputSparseDepth = depth.as_subclass(InputSparseDepth)
+    shown.points = points
+    return shown
+
+
+@functional.register_kernel(functional.horizontal_flip, InputSparseDepth)
+def horizontal_flip_input_points(depth: InputSparseDepth) -> InputSparseDepth:
+    """Mirror left to right; the number of points stays known."""
+    return _with_points(depth.as_subclass(Tensor).flip(-1), depth.points)
+
+
+@functional.register_kernel(functional.vertical_flip, InputSparseDepth)
+def vertical_flip_input_points(depth: InputSparseDepth) -> InputSparseDepth:
+    """Mirror top to bottom; the number of points stays known."""
+    return _with_points(depth.as_subclass(Tensor).flip(-2), depth.points)
 
 
 @functional.register_kernel(functional.crop, Intrinsics)
@@ -294,12 +349,13 @@ def _conjugated(poses: RelativePoses, mirror: Sequence[float]) -> RelativePoses:
     return torch.from_numpy(motions).as_subclass(RelativePoses)
 
 
-def _check_sizes(sample: Mapping[str, np.ndarray], canvas_size: tuple[int, int] | None) -> None:
+def _check_sizes(sample: Mapping[str, Tensor], canvas_size: tuple[int, int] | None) -> None:
     """Raise DeuxError if images and depth maps are not of the intrinsics' size."""
-    for name, array in sample.items():
-        if name not in ("intrinsics", "source_from_target") and array.shape[-2:] != canvas_size:
+    for name, tensor in sample.items():
+        size = tuple(tensor.shape[-2:])
+        if name not in ("intrinsics", "source_from_target") and size != canvas_size:
             raise DeuxError(
-                f"The augmentation left {name} of {array.shape[-2:]} pixels with intrinsics of {canvas_size} pixels "
+                f"The augmentation left {name} of {size} pixels with intrinsics of {canvas_size} pixels "
                 "(height, width): its transforms must treat all parts of a sample alike, as those of "
                 "torchvision.transforms.v2 do."
             )

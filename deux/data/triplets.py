@@ -1,9 +1,9 @@
 """The torch dataset of triplets and how its samples become batches."""
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
@@ -11,6 +11,9 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
+from deux.data.device_batches import check_alike, device_sample, stack_samples
+from deux.data.device_cache import DeviceCache
+from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.transforms import augment
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
@@ -45,42 +48,36 @@ class SampleSettings:
     prepare: Prepare | None = None
 
 
-class FrameCache:
-    """Keeps what was read of frames, up to a bound; what does not fit is read anew each time.
-
-    Frames are read in random order, so there is nothing to gain from dropping old ones for new.
+class Crop(NamedTuple):
+    """What is cut out of a triplet's frames: views of what the cache holds, arrays or tensors, not to be changed.
 
     Args:
-        capacity: bound in bytes.
+        images: 3 x H x W uint8 each, the target first.
+        maps: H x W each, "sparse_depth" and, where it is read, "ground_truth", as the cache holds them.
+        intrinsics: 3 x 3 float64, of the crop.
+        motions: S x 4 x 4 float64; None where poses are not read, or there are none.
+        points: number of points in the sparse depth, where it is known without looking at it.
     """
 
-    def __init__(self, capacity: int) -> None:
-        self._left = capacity
-        self._arrays: dict[Hashable, np.ndarray | None] = {}
-
-    def read(self, key: Hashable, load: Callable[[], np.ndarray | None]) -> np.ndarray | None:
-        """What was kept under `key`, or what `load` reads; the array is shared and must not be changed."""
-        if key in self._arrays:
-            return self._arrays[key]
-        array = load()
-        size = 0 if array is None else array.nbytes
-        if size <= self._left:
-            self._left -= size
-            self._arrays[key] = array
-        return array
+    images: list[Any]
+    maps: dict[str, Any]
+    intrinsics: np.ndarray
+    motions: np.ndarray | None
+    points: int | None = None
 
 
 class TripletDataset(Dataset[Batch]):
     """The triplets of a split of one or several datasets; each item is a `Batch` without the first dimension.
 
     Items are asked for as (index, seed), the seed of whatever is random in the item, which `ShuffledDraws` provides; a
-    bare index stands for seed 0.
+    bare index stands for seed 0. Several items at once, as a loader asks for them, come as one batch on the cache's
+    device where that is a `DeviceCache`.
 
     Args:
         readers: of the datasets. Those that are equal share the cache.
         split: "train", "validation" or "test".
         settings: how frames become samples.
-        cache: keeps decoded files; by default everything is read anew.
+        cache: keeps images and depth; by default everything is read anew.
         offsets: the source frames, where a dataset does not list them.
 
     Raises:
@@ -104,51 +101,104 @@ class TripletDataset(Dataset[Batch]):
                 f"None of the {len(listed)} {split} frames of {listed[0][0].folder} has source frames: what lies "
                 f"{' and '.join(f'{offset:+d}' for offset in offsets)} frames from it (training.offsets) is not there."
             )
-        self._cache = cache or FrameCache(0)
+        self.cache = cache or FrameCache()
+        self._intrinsics: dict[tuple[Reader, FrameReference], np.ndarray] = {}
+        self._motions: dict[tuple[Reader, Triplet], np.ndarray | None] = {}
 
     def __len__(self) -> int:
         return len(self.triplets)
 
     def __getitem__(self, item: int | tuple[int, int]) -> Batch:
-        index, seed = item if isinstance(item, tuple) else (item, 0)
-        settings = self.settings
-        reader, triplet = self.triplets[index]
-        if settings.sources == "unread":
-            triplet = Triplet(triplet.target, ())
-        sample = self._read(reader, triplet, seed, settings.poses)
-        if settings.training and settings.augmentation:
-            sample = augment(sample, settings.augmentation, seed)
-        return _batch(sample, settings.prepare)
+        index, seed = _index_and_seed(item)
+        sample = _on_host(self._crop(*self._triplet(index), seed, self.settings.poses))
+        if self._augmentation:
+            sample = augment(sample, self._augmentation, seed)
+        return _batch(sample, self.settings.prepare)
+
+    def __getitems__(self, items: Sequence[int | tuple[int, int]]) -> list[Batch] | Batch:
+        """The items one by one; with a cache on a device, as one batch that is made there."""
+        if not isinstance(self.cache, DeviceCache):
+            return [self[item] for item in items]
+        drawn = [_index_and_seed(item) for item in items]
+        self.cache.read_together([key for index, _ in drawn for key in self._keys(*self._triplet(index))])
+        crops = [(self._crop(*self._triplet(index), seed, self.settings.poses), seed) for index, seed in drawn]
+        samples = [device_sample(*crop, self._augmentation, seed) for crop, seed in crops]
+        return stack_samples(samples, self.cache.device)
 
     def with_sources(self, index: int) -> Batch:
         """The item of that index with the source frames and poses that there are, also where samples hold none."""
-        return _batch(self._read(*self.triplets[index], seed=0, poses=True), self.settings.prepare)
+        return _batch(_on_host(self._crop(*self.triplets[index], seed=0, poses=True)), self.settings.prepare)
 
-    def _read(self, reader: Reader, triplet: Triplet, seed: int, poses: bool) -> dict[str, np.ndarray]:
-        """Read and crop a triplet's frames, as copies of what the cache holds; see `deux.data.transforms`."""
-        frames = (triplet.target, *triplet.sources)
-        images = [self._image(reader, frame) for frame in frames]
-        maps = {"sparse_depth": self._array(reader, "sparse_depth", triplet.target)}
+    @property
+    def keys(self) -> list[FrameKey]:
+        """All arrays that the items are made of, each once, in the order of the triplets."""
+        keys = (key for index in range(len(self)) for key in self._keys(*self._triplet(index)))
+        return list(dict.fromkeys(keys))
+
+    @property
+    def _augmentation(self) -> Sequence[Augmentation]:
+        return self.settings.augmentation if self.settings.training else ()
+
+    def _triplet(self, index: int) -> tuple[Reader, Triplet]:
+        """A triplet with the source frames that samples hold."""
+        reader, triplet = self.triplets[index]
+        return reader, triplet if self.settings.sources == "needed" else Triplet(triplet.target, ())
+
+    def _keys(self, reader: Reader, triplet: Triplet) -> Iterator[FrameKey]:
+        """The arrays of a triplet: the images, the target's first, the sparse depth and the ground truth."""
+        for frame in (triplet.target, *triplet.sources):
+            yield FrameKey(reader, "image", frame)
+        yield FrameKey(reader, "sparse_depth", triplet.target)
         if self.settings.ground_truth:
-            maps["ground_truth"] = self._ground_truth(reader, triplet.target)
-        size = images[0].shape[1:]
+            yield FrameKey(reader, "ground_truth", triplet.target)
+
+    def _crop(self, reader: Reader, triplet: Triplet, seed: int, poses: bool) -> Crop:
+        """Read a triplet's frames and cut the same part out of all of them."""
+        images, maps = [], {}
+        for key in self._keys(reader, triplet):
+            array = self.cache.read(key)
+            if array is None:
+                raise DeuxError(
+                    f"{reader.folder} has no ground truth of {triplet.target.sequence}: evaluation and supervised "
+                    "training need it."
+                )
+            if key.kind == "image":
+                images.append(array)
+            else:
+                maps[str(key.kind)] = array
+        size = images[0].shape[1], images[0].shape[2]
         for shape in [image.shape[1:] for image in images] + [depth.shape for depth in maps.values()]:
-            if shape != size:
+            if tuple(shape) != size:
                 raise DeuxError(
                     f"{_named(reader, triplet)} has something of {shape[0]} x {shape[1]} pixels where its image has "
                     f"{size[0]} x {size[1]}."
                 )
-        top, left, height, width = self._window(size, seed, reader, triplet)
+        top, left, height, width = window = self._window(size, seed, reader, triplet)
         rows, columns = slice(top, top + height), slice(left, left + width)
-        sample = {name: depth[rows, columns].copy() for name, depth in maps.items()}
-        sample["images"] = np.stack([image[:, rows, columns] for image in images])
-        sample["intrinsics"] = self._array(reader, "intrinsics", triplet.target).copy()
-        sample["intrinsics"][:2, 2] -= left, top
-        if poses:
-            motions = self._cache.read((reader, "motions", triplet), lambda: _motions(reader, triplet))
-            if motions is not None:
-                sample["source_from_target"] = motions.copy()
-        return sample
+        intrinsics = self._camera(reader, triplet).copy()
+        intrinsics[:2, 2] -= left, top
+        sparse = FrameKey(reader, "sparse_depth", triplet.target)
+        return Crop(
+            [image[:, rows, columns] for image in images],
+            {name: depth[rows, columns] for name, depth in maps.items()},
+            intrinsics,
+            self._relative_poses(reader, triplet) if poses else None,
+            self.cache.points_within(sparse, *window) if isinstance(self.cache, DeviceCache) else None,
+        )
+
+    def _camera(self, reader: Reader, triplet: Triplet) -> np.ndarray:
+        """3 x 3, of the whole target; not to be changed."""
+        key = reader, triplet.target
+        if key not in self._intrinsics:
+            self._intrinsics[key] = reader.intrinsics(triplet.target)
+        return self._intrinsics[key]
+
+    def _relative_poses(self, reader: Reader, triplet: Triplet) -> np.ndarray | None:
+        """S x 4 x 4, not to be changed; None where a frame has no pose."""
+        key = reader, triplet
+        if key not in self._motions:
+            self._motions[key] = _motions(reader, triplet)
+        return self._motions[key]
 
     def _window(self, size: tuple[int, int], seed: int, reader: Reader, triplet: Triplet) -> tuple[int, int, int, int]:
         """The part of a frame that is cut out: top, left, height and width."""
@@ -163,32 +213,6 @@ class TripletDataset(Dataset[Batch]):
             return room[0] // 2, room[1] // 2, height, width
         rng = np.random.default_rng(seed)
         return int(rng.integers(room[0] + 1)), int(rng.integers(room[1] + 1)), height, width
-
-    def _ground_truth(self, reader: Reader, frame: FrameReference) -> np.ndarray:
-        """H x W float32 metres; raises DeuxError where there is none."""
-        truth = self._cached(reader, "ground_truth", frame)
-        if truth is None:
-            raise DeuxError(
-                f"{reader.folder} has no ground truth of {frame.sequence}: evaluation and supervised training need it."
-            )
-        return truth
-
-    def _image(self, reader: Reader, frame: FrameReference) -> np.ndarray:
-        """3 x H x W uint8, cached with the channels first, so that no sample pays for the transposition again."""
-        array = self._cache.read(
-            (reader, "image", frame), lambda: np.ascontiguousarray(reader.image(frame).transpose(2, 0, 1))
-        )
-        assert array is not None
-        return array
-
-    def _array(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray:
-        array = self._cached(reader, kind, frame)
-        assert array is not None
-        return array
-
-    def _cached(self, reader: Reader, kind: str, frame: FrameReference) -> np.ndarray | None:
-        """What the reader's method of that name reads."""
-        return self._cache.read((reader, kind, frame), lambda: getattr(reader, kind)(frame))
 
 
 class ShuffledDraws(Sampler[tuple[int, int]]):
@@ -250,23 +274,18 @@ class LoadedBatch(Batch):
         return self
 
 
-def collate(samples: Sequence[Batch]) -> LoadedBatch:
-    """Stack samples to a batch.
+def collate(samples: Sequence[Batch] | Batch) -> Batch:
+    """Stack samples to a batch; what is a batch already stays it.
 
     Raises:
         DeuxError: the samples differ in size, in the number of their source frames, or some have poses and some none.
     """
-    sizes = {tuple(sample.image.shape[-2:]) for sample in samples}
-    if len(sizes) > 1:
-        raise DeuxError(f"Frames of the sizes {sorted(sizes)} (height, width) do not fit in one batch: give a crop.")
-    counts = {len(sample.sources) for sample in samples}
-    if len(counts) > 1:
-        raise DeuxError(f"Frames with {sorted(counts)} source frames do not fit in one batch.")
-    if len({sample.source_from_target is None for sample in samples}) > 1:
-        raise DeuxError(
-            "Some frames of one batch have poses and others have none: train on datasets that all have poses, or on "
-            "those without."
-        )
+    if isinstance(samples, Batch):
+        return samples
+    check_alike(
+        (tuple(sample.image.shape[-2:]), len(sample.sources), sample.source_from_target is not None)
+        for sample in samples
+    )
 
     def stack(name: str) -> Tensor:
         return _stack([getattr(sample, name) for sample in samples])
@@ -292,6 +311,22 @@ def _motions(reader: Reader, triplet: Triplet) -> np.ndarray | None:
     if any(pose is None for pose in poses):
         return None
     return source_from_target(poses[0], np.stack(poses[1:]))  # type: ignore[arg-type]
+
+
+def _index_and_seed(item: int | tuple[int, int]) -> tuple[int, int]:
+    return item if isinstance(item, tuple) else (item, 0)
+
+
+def _on_host(crop: Crop) -> dict[str, np.ndarray]:
+    """A crop as arrays of its own; see `deux.data.transforms`."""
+    images = [image.cpu().numpy() if isinstance(image, Tensor) else image for image in crop.images]
+    sample = {"images": np.stack(images)}
+    for name, depth in crop.maps.items():
+        sample[name] = metres(depth.cpu().numpy() if isinstance(depth, Tensor) else depth)
+    sample["intrinsics"] = crop.intrinsics
+    if crop.motions is not None:
+        sample["source_from_target"] = crop.motions.copy()
+    return sample
 
 
 def _named(reader: Reader, triplet: Triplet) -> str:

@@ -169,7 +169,7 @@ def _label(choice: FlatOptions, differing: Iterable[str], optional: Sequence[str
 
 def _part(options: FlatOptions, nodes: Sequence[str]) -> FlatOptions:
     """The options at or below some nodes, without the names of plugins and without the splits that are no node."""
-    left_out = ("model.name", "explore.name", *(split for split in _SPLITS if split not in nodes))
+    left_out = ("model.name", "explore.name", "data.cache", *(split for split in _SPLITS if split not in nodes))
     return tuple(
         (key, value)
         for key, value in options

@@ -12,6 +12,7 @@ from lightning import Callback, seed_everything
 
 from deux.configuration import in_sweep, user_path
 from deux.contracts import DepthModel, Foundation, Reader
+from deux.data.cache_choice import cache_choice
 from deux.data.dataset_reader import DatasetReader
 from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.errors import DeuxError, check_range
@@ -111,7 +112,7 @@ class Training:
     """Trains depth models.
 
     Args:
-        sections: of these it reads `model`, `objective`, `pose`, `training`, `trainer` and `foundation`.
+        sections: of these it reads `model`, `objective`, `pose`, `training`, `trainer`, `foundation` and `data.cache`.
         datasets: of the run.
         validation_viewpoints: validation frames of each validation scene.
 
@@ -127,6 +128,7 @@ class Training:
             sections.read("training", TrainingSettings),
         )
         self.seed = sections.seed
+        self._cache = cache_choice(sections.data_cache)
         self._trainer: dict[str, Any] = sections.plain("trainer")
         self._foundation = sections.read("foundation", FoundationSettings)
         self._datasets = datasets
@@ -184,6 +186,7 @@ class Training:
             metrics=DepthErrors(camera.min_depth, camera.max_depth) if validation else None,
             trainer_arguments={"enable_progress_bar": bool(bars), **self._trainer},
             callbacks=[*bars, *([PanelLogger()] if validation else []), *callbacks],
+            cache=self._cache,
         )
         model = model.cpu()
         if leads():

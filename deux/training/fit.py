@@ -14,6 +14,7 @@ from torchmetrics import Metric
 
 from deux.callbacks import lightning_object
 from deux.contracts import DepthModel, Reader
+from deux.data.cache_choice import CacheChoice
 from deux.data.datamodule import TripletDataModule
 from deux.errors import DeuxError, check_range
 from deux.inference.precision import default_precision, tf32_convolutions
@@ -39,7 +40,8 @@ class TrainingSettings(Schedule):
         epochs: passes over the frames; not used where `steps` is set.
         steps: optimiser steps; equal for all explorers in a comparison.
         crop: height and width of the samples; None for whole frames.
-        num_workers: processes that load data; 0 is fastest while the frames fit in memory.
+        num_workers: processes that load data; None takes none where the frames are at hand, else one for each core but
+            one, no more than eight.
         validations: number of validations over the whole training.
         offsets: the source frames, in frames from the target, where the dataset does not list them.
         checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
@@ -55,7 +57,7 @@ class TrainingSettings(Schedule):
     epochs: int = 25
     steps: int | None = None
     crop: tuple[int, int] | None = None
-    num_workers: int = 0
+    num_workers: int | None = None
     validations: int = 10
     offsets: tuple[int, ...] = (-1, -2)
     checkpoint_minutes: float = 10.0
@@ -66,7 +68,7 @@ class TrainingSettings(Schedule):
         super().__post_init__()
         check_range("training.batch_size", self.batch_size, 1)
         check_range("training.epochs", self.epochs, 1)
-        check_range("training.num_workers", self.num_workers, 0)
+        check_range("training.num_workers", self.num_workers or 0, 0)
         check_range("training.validations", self.validations, 1)
         check_range("training.checkpoint_minutes", self.checkpoint_minutes, 0)
         if self.steps is not None:
@@ -92,6 +94,7 @@ def fit(
     metrics: Metric | None = None,
     trainer_arguments: Mapping[str, Any] | None = None,
     callbacks: Sequence[Callback] = (),
+    cache: CacheChoice = "auto",
 ) -> DepthModel:
     """Train `model` in place and return it, in eval mode.
 
@@ -107,6 +110,7 @@ def fit(
         metrics: updated with (predicted depth, ground truth) in validation.
         trainer_arguments: further arguments of Lightning's Trainer.
         callbacks: further callbacks.
+        cache: where frames are kept; the weights do not depend on it.
 
     Raises:
         DeuxError: an option is wrong, a dataset is broken, or the loss is not finite.
@@ -121,6 +125,7 @@ def fit(
         crop=settings.crop,
         seed=seed,
         num_workers=settings.num_workers,
+        cache=cache,
         offsets=settings.offsets,
         sources=terms.needs_reconstructions,
         poses=terms.needs_reconstructions and pose == "simulator",

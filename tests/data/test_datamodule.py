@@ -18,8 +18,11 @@ from void_layout import dataset
 from deux.contracts import Augmentation, Batch, DepthModel, Prediction
 from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
+from deux.data.device_cache import DeviceCache
+from deux.data.frame_cache import FrameKey, MemoryCache
 from deux.data.transforms import DropPoints
 from deux.errors import DeuxError
+from deux.registry import registry
 
 
 class ToyModel(DepthModel):
@@ -265,3 +268,148 @@ def test_batches_can_be_moved_to_a_device(tmp_path: Path, poses: bool) -> None:
     assert moved.prepared["double"].device.type == "meta"
     assert moved.ground_truth is None
     assert batch.image.device.type == "cpu"
+
+
+class LeanModel(DepthModel):
+    min_depth, max_depth = 0.1, 10.0
+    augmentation = ToyModel.augmentation
+    forward = ToyModel.forward
+
+
+def batches_of(data: TripletDataModule, epochs: int = 2) -> list[Batch]:
+    found = []
+    for epoch in range(epochs):
+        loader = data.train_dataloader()
+        loader.sampler.set_epoch(epoch)  # type: ignore[union-attr]
+        found += list(loader)
+    return found
+
+
+def assert_same(one: Sequence[Batch], two: Sequence[Batch]) -> None:
+    assert len(one) == len(two) > 0
+    for first, second in zip(one, two, strict=True):
+        for name, value in vars(first).items():
+            torch.testing.assert_close(getattr(second, name), value, rtol=0, atol=0)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return dataset(tmp_path_factory.mktemp("recorded") / "d")
+
+
+@pytest.mark.parametrize("name", ["fusionnet", "kbnet", "scaffnet", "voiced"])
+def test_samples_are_the_same_wherever_frames_are_kept_and_whoever_prepares_them(recorded: Path, name: str) -> None:
+    with torch.device("meta"):
+        model = registry().create("depth_models", name, {})
+    expected = batches_of(module([recorded], model, cache="none", num_workers=0))
+    assert len(expected) == 6
+    assert not torch.equal(expected[0].image, expected[3].image)
+    for cache, workers in (("device", None), ("memory", 0), ("auto", None), ("memory", 2), ("none", 2)):
+        assert_same(batches_of(module([recorded], model, cache=cache, num_workers=workers)), expected)
+
+
+def test_frames_are_read_once_by_all_workers_together(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "d")
+    data = module([folder], cache="memory", num_workers=2)
+    first = batches_of(data, 1)
+    for file in (folder / "data").rglob("*.png"):
+        file.write_bytes(b"read again")
+    # The second epoch gives out what the first has read, whichever worker that was.
+    again = batches_of(data, 1)
+    assert_same(again, first)
+
+
+@pytest.mark.parametrize("cache", ["device", "memory"])
+def test_a_cache_takes_only_the_new_frames(tmp_path: Path, cache: str) -> None:
+    old, new = dataset(tmp_path / "old"), dataset(tmp_path / "new")
+    data = module([old], LeanModel(), cache=cache)
+    before = batches_of(data, 1)
+    assert len(before) == 3
+    for file in (old / "data").rglob("*.png"):
+        file.unlink()
+    data.train.append(DatasetReader(new))
+    both = batches_of(data, 1)  # does not read the old frames again
+    assert len(both) == 6
+    kept = data.train_dataloader().dataset.cache  # type: ignore[attr-defined]
+    assert isinstance(kept, DeviceCache if cache == "device" else MemoryCache)
+    data.train = [DatasetReader(new)]
+    alone = module([new], LeanModel(), cache="none", num_workers=0)
+    assert_same(batches_of(data, 1), batches_of(alone, 1))
+    (out_of_use, *_) = DatasetReader(old).triplets("train", (-1, -2))
+    assert not kept.holds(FrameKey(DatasetReader(old), "image", out_of_use.target))
+
+
+@pytest.mark.parametrize("cache", ["device", "memory", "none"])
+def test_an_epoch_goes_on_where_it_was(recorded: Path, cache: str) -> None:
+    whole = batches_of(module([recorded], LeanModel(), cache=cache), 1)
+    loader = module([recorded], LeanModel(), cache=cache).train_dataloader()
+    batches = iter(loader)
+    next(batches)
+    state = loader.state_dict()
+    resumed = module([recorded], LeanModel(), cache=cache).train_dataloader()
+    resumed.load_state_dict(state)
+    assert_same(list(resumed), whole[1:])
+
+
+@pytest.mark.filterwarnings("ignore:.*does not have many workers")
+@pytest.mark.parametrize("cache", ["device", "memory", "auto"])
+def test_lightning_trains_and_validates_with_every_cache(recorded: Path, tmp_path: Path, cache: str) -> None:
+    held_out = DatasetReader(dataset(tmp_path / "v", split="validation"))
+    plain, cached = (module([recorded], LeanModel(), cache=one, num_workers=0) for one in ("none", cache))
+    plain.validation, cached.validation = [held_out], [held_out]
+    one, two = (fit(data, reload_dataloaders_every_n_epochs=1) for data in (plain, cached))
+    assert_same(two.batches, one.batches)
+    assert_same(two.validated, one.validated)
+
+
+def test_what_the_model_prepares_on_the_cpu_is_not_made_on_the_device(
+    recorded: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    data = module([recorded], cache="device")
+    with caplog.at_level("INFO", "deux"):
+        assert_same(batches_of(data), batches_of(module([recorded], cache="none", num_workers=0)))
+    assert isinstance(data.train_dataloader().dataset.cache, MemoryCache)  # type: ignore[attr-defined]
+    assert [record.getMessage() for record in caplog.records] == [
+        "ToyModel computes inputs on the CPU (prepare): its frames are kept in memory and not on the device."
+    ]
+
+
+def test_only_part_of_the_frames_fits(recorded: Path) -> None:
+    expected = batches_of(module([recorded], LeanModel(), cache="none", num_workers=0))
+    for cache in ("device", "memory"):
+        data = module([recorded], LeanModel(), cache=cache, num_workers=0, cache_bytes=40_000)
+        assert_same(batches_of(data), expected)
+
+
+def test_the_splits_share_what_is_free(recorded: Path, tmp_path: Path) -> None:
+    held_out = DatasetReader(dataset(tmp_path / "v", split="validation"))
+    sizes = {"train": 16 * 40 * 48 * 3 + 12 * 40 * 48 * 2, "validation": 16 * 40 * 48 * 3 + 12 * 40 * 48 * 4}
+    data = module([recorded], LeanModel(), cache="device", cache_bytes=sizes["train"] + 1000)
+    data.validation = [held_out]
+    train, validation = data.train_dataloader(), data.val_dataloader()
+    assert train.dataset.cache.capacity == sizes["train"] + 1000  # type: ignore[attr-defined]
+    assert validation.dataset.cache.capacity == 1000  # type: ignore[attr-defined]
+    list(train), list(validation)
+    assert train.dataset.cache.size == sizes["train"]  # type: ignore[attr-defined]
+    assert validation.dataset.cache.size == 0  # type: ignore[attr-defined]
+
+
+@pytest.mark.gpu
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
+def test_a_card_keeps_frames_that_fit(recorded: Path) -> None:
+    data = module([recorded], LeanModel())
+    recorder = Recorder()
+    trainer = Trainer(
+        max_epochs=2,
+        accelerator="gpu",
+        devices=1,
+        logger=False,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        limit_val_batches=0,
+    )
+    trainer.fit(recorder, datamodule=data)
+    assert isinstance(data.train_dataloader().dataset.cache, DeviceCache)  # type: ignore[attr-defined]
+    expected = fit(module([recorded], LeanModel(), cache="none", num_workers=0)).batches
+    assert_same([move_data_to_device(batch, torch.device("cpu")) for batch in recorder.batches], expected)

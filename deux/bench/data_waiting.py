@@ -1,0 +1,239 @@
+"""How long a training step waits for its batch, for each place where frames can be kept (`data.cache`)."""
+
+import logging
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import torch
+from lightning.pytorch import Callback, LightningModule, Trainer
+
+from deux.bench.bench_scenes import default_simulation, flats
+from deux.bench.installed_plugins import default_model
+from deux.bench.speed_tables import SpeedTable, Value
+from deux.bench.timing import Spread, in_turn
+from deux.collection.sparse import SparseSettings, sample_sparse
+from deux.contracts import Action, DepthModel
+from deux.data.cache_choice import CacheChoice
+from deux.data.datamodule import TripletDataModule
+from deux.data.dataset_reader import DatasetReader
+from deux.errors import DeuxError
+from deux.inference.precision import default_precision
+from deux.io.calibration import write_matrix
+from deux.io.images import write_depth, write_image
+from deux.io.layout import SequencePaths, frame_name, list_file
+from deux.registry import registry
+from deux.simulator.starts import random_starts
+from deux.training.fit import make_trainer
+from deux.training.module import DepthCompletion
+from deux.training.objective import make_objective
+
+_KNOWN_WARNINGS = (
+    "You defined a `validation_step`",
+    ".*does not have many workers",
+    r"Found \d+ module\(s\) in eval mode",
+    r"`isinstance\(treespec, LeafSpec\)`",
+    "This DataLoader will create",
+    "You have overridden `on_after_batch_transfer`",
+)
+
+
+class DataWaiting(Callback):
+    """Measures the time between the end of a step and the arrival of the next batch on the device.
+
+    On a card the times are those of the card, from events that it passes: what the host does meanwhile counts only
+    where the card has nothing else to do. The work of the card on the batch itself counts as waiting. Without a card
+    the times are the host's. What validations take between two steps is left out.
+
+    Args:
+        warm_up: steps of the whole training that are left out, in which memory is taken and algorithms are chosen.
+    """
+
+    def __init__(self, warm_up: int = 1) -> None:
+        self._left_out = warm_up
+        self._end: Any = None
+        self._marks: list[tuple[int, Any, Any, Any]] = []  # epoch, end of the step before, arrival, end of the step
+
+    def on_train_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """From here on, the epoch's first batch is waited for."""
+        self._end = _mark(pl_module.device)
+
+    def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
+        """The batch is there."""
+        self._marks.append((trainer.current_epoch, self._end, _mark(pl_module.device), None))
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
+    ) -> None:
+        """From here on, the next batch is waited for."""
+        self._end = _mark(pl_module.device)
+        self._marks[-1] = (*self._marks[-1][:3], self._end)
+
+    def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """From here on, the next batch is waited for."""
+        self._end = _mark(pl_module.device)
+
+    def waits(self, first_epoch: int = 0) -> list[float]:
+        """Seconds that each step has waited, from some epoch on."""
+        return [_seconds(before, arrival) for _, before, arrival, _ in self._counted(first_epoch)]
+
+    def steps(self, first_epoch: int = 0) -> list[float]:
+        """Seconds that each step has taken from the arrival of its batch, from some epoch on."""
+        return [_seconds(arrival, end) for _, _, arrival, end in self._counted(first_epoch)]
+
+    def share(self, first_epoch: int = 0) -> float:
+        """Part of the time that was spent waiting, from some epoch on, in [0, 1]."""
+        waited, worked = sum(self.waits(first_epoch)), sum(self.steps(first_epoch))
+        return waited / (waited + worked)
+
+    def _counted(self, first_epoch: int) -> list[tuple[int, Any, Any, Any]]:
+        return [mark for mark in self._marks[self._left_out :] if mark[0] >= first_epoch]
+
+
+@dataclass(frozen=True)
+class WaitingSettings:
+    """What is trained, and on how many frames.
+
+    Args:
+        frames: of the training set.
+        size: height and width of the frames in pixels; the samples are crops of three quarters of it.
+        batch_size: samples in a batch.
+        epochs: passes over the frames; the first, in which files are read, is told apart.
+        rounds: number of times that each cache is measured.
+    """
+
+    frames: int = 64
+    size: int = 192
+    batch_size: int = 4
+    epochs: int = 3
+    rounds: int = 3
+
+
+QUICK = WaitingSettings(frames=12, size=64, batch_size=2, epochs=2, rounds=1)
+"""Settings for a quick look."""
+
+
+def measure_data_waiting(settings: WaitingSettings, model: str | None = None) -> Iterator[SpeedTable]:
+    """Train one model on rendered frames in files, with each choice of `data.cache` in turn.
+
+    Args:
+        settings: what is trained.
+        model: the depth model; by default the first that is installed and trains without ground truth.
+
+    Raises:
+        DeuxError: there is no depth model.
+    """
+    name = model or default_model()
+    if name is None:
+        raise DeuxError("no depth model is installed that could be trained.")
+    choices: tuple[CacheChoice, ...] = get_args(CacheChoice)
+    with tempfile.TemporaryDirectory() as folder:
+        dataset = write_frames(Path(folder) / "frames", settings.frames, settings.size)
+        runs = {choice: partial(_train, name, dataset, choice, settings) for choice in choices}
+        found = in_turn(runs, settings.rounds)
+    rows: tuple[dict[str, Value], ...] = tuple(
+        {
+            "data.cache": choice,
+            "workers": str(found[choice][0].workers),
+            "seconds per step": Spread.of([s for one in found[choice] for s in one.clock.steps(1)]),
+            "waiting, %": Spread.of([100 * one.clock.share(1) for one in found[choice]]),
+            "in the first epoch, %": Spread.of([100 * one.clock.share() for one in found[choice]]),
+        }
+        for choice in choices
+    )
+    title = (
+        f"Waiting for data: {name}, {settings.frames} frames of {settings.size} x {settings.size}, "
+        f"batch {settings.batch_size}"
+    )
+    yield SpeedTable("data", title, rows)
+
+
+def write_frames(folder: Path, count: int, size: int) -> Path:
+    """Write the frames of a random walk in a generated flat as a training split in the layout of our own datasets.
+
+    Args:
+        folder: the dataset that is made.
+        count: number of frames that have source frames.
+        size: height and width in pixels.
+    """
+    simulator = default_simulation(size).make(flats(1)[0])
+    rng = np.random.default_rng(0)
+    simulator.reset(*random_starts(simulator.free_space(), 1, rng)[0])
+    paths = SequencePaths(folder / "data" / "flat-00")
+    names = [frame_name(index) for index in range(count + 2)]
+    for name in names:
+        frame = simulator.observe()
+        for kind in ("image", "sparse_depth", "ground_truth", "absolute_pose"):
+            paths.file(kind, name).parent.mkdir(parents=True, exist_ok=True)
+        write_image(paths.file("image", name), frame.rgb)
+        write_depth(paths.file("sparse_depth", name), sample_sparse(frame.rgb, frame.depth, SparseSettings()))
+        write_depth(paths.file("ground_truth", name), frame.depth)
+        write_matrix(paths.file("absolute_pose", name), frame.pose)
+        simulator.step((Action.FORWARD, Action.LEFT, Action.RIGHT)[int(rng.integers(3))])
+    write_matrix(paths.intrinsics, simulator.camera.intrinsics)
+    lines = [f"data/{paths.name}/image/{name}.png\n" for name in names]
+    list_file(folder, "train", "image").write_text("".join(lines))
+    return folder
+
+
+@dataclass(frozen=True)
+class _Run:
+    clock: DataWaiting
+    workers: int
+
+
+def _train(name: str, dataset: Path, cache: CacheChoice, settings: WaitingSettings) -> _Run:
+    """Train a newly made model as `deux.training.fit` does but for logs and checkpoints."""
+    torch.manual_seed(0)
+    model: DepthModel = registry().create("depth_models", name, {})
+    objective = make_objective(model)
+    crop = settings.size * 3 // 4
+    readers = [DatasetReader(dataset)]
+    data = TripletDataModule(
+        model, readers, batch_size=settings.batch_size, crop=(crop, crop), cache=cache, sources=True, poses=True
+    )
+    clock = DataWaiting()
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    with warnings.catch_warnings():
+        for message in _KNOWN_WARNINGS:
+            warnings.filterwarnings("ignore", message)
+        trainer = make_trainer(
+            {
+                "precision": default_precision(),
+                "devices": 1,
+                "max_epochs": settings.epochs,
+                "callbacks": [clock],
+                "logger": False,
+                "enable_checkpointing": False,
+                "enable_progress_bar": False,
+                "enable_model_summary": False,
+                "limit_val_batches": 0,
+                "use_distributed_sampler": False,
+                "reload_dataloaders_every_n_epochs": 1,
+            }
+        )
+        trainer.fit(DepthCompletion(model, objective), datamodule=data)
+    return _Run(clock, data.train_dataloader().num_workers)
+
+
+def _mark(device: torch.device) -> Any:
+    """A moment: on a card, when it has done what it was given until now; else now."""
+    if device.type != "cuda":
+        return time.perf_counter()
+    event = torch.cuda.Event(enable_timing=True)
+    event.record(torch.cuda.current_stream(device))
+    return event
+
+
+def _seconds(first: Any, last: Any) -> float:
+    """The time between two moments."""
+    if isinstance(first, float):
+        return float(last - first)
+    last.synchronize()
+    return float(first.elapsed_time(last)) / 1000.0

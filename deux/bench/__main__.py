@@ -13,7 +13,7 @@ from deux.threads import let_waiting_threads_sleep
 if TYPE_CHECKING:
     from deux.bench.speed_tables import SpeedTable
 
-BENCHMARKS = ("render", "batching", "explore", "environment", "models", "limits", "peers")
+BENCHMARKS = ("render", "batching", "explore", "environment", "models", "published", "limits", "data", "peers")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -109,6 +109,18 @@ def _tables(name: str, options: argparse.Namespace) -> "Iterator[SpeedTable]":
 
         return environment.measure_environment(
             environment.QUICK if options.quick else environment.EnvironmentSettings()
+        )
+    if name == "published":
+        from deux.bench import published_way as published
+
+        return published.measure_published_way(
+            published.QUICK if options.quick else published.PublishedSettings(), options.device
+        )
+    if name == "data":
+        from deux.bench import data_waiting as data
+
+        return data.measure_data_waiting(
+            data.QUICK if options.quick else data.WaitingSettings(), options.model, options.device
         )
     if name == "limits":
         from deux.bench import step_limits as limits

@@ -119,12 +119,15 @@ QUICK = WaitingSettings(frames=12, size=64, batch_size=2, epochs=2, rounds=1)
 """Settings for a quick look."""
 
 
-def measure_data_waiting(settings: WaitingSettings, model: str | None = None) -> Iterator[SpeedTable]:
+def measure_data_waiting(
+    settings: WaitingSettings, model: str | None = None, accelerator: str = "auto"
+) -> Iterator[SpeedTable]:
     """Train one model on rendered frames in files, with each choice of `data.cache` in turn.
 
     Args:
         settings: what is trained.
         model: the depth model; by default the first that is installed and trains without ground truth.
+        accelerator: Lightning's accelerator setting.
 
     Raises:
         DeuxError: there is no depth model.
@@ -135,7 +138,7 @@ def measure_data_waiting(settings: WaitingSettings, model: str | None = None) ->
     choices: tuple[CacheChoice, ...] = get_args(CacheChoice)
     with tempfile.TemporaryDirectory() as folder:
         dataset = write_frames(Path(folder) / "frames", settings.frames, settings.size)
-        runs = {choice: partial(_train, name, dataset, choice, settings) for choice in choices}
+        runs = {choice: partial(_train, name, dataset, choice, settings, accelerator) for choice in choices}
         found = in_turn(runs, settings.rounds)
     rows: tuple[dict[str, Value], ...] = tuple(
         {
@@ -188,7 +191,7 @@ class _Run:
     workers: int
 
 
-def _train(name: str, dataset: Path, cache: CacheChoice, settings: WaitingSettings) -> _Run:
+def _train(name: str, dataset: Path, cache: CacheChoice, settings: WaitingSettings, accelerator: str) -> _Run:
     """Train a newly made model as `deux.training.fit` does but for logs and checkpoints."""
     torch.manual_seed(0)
     model: DepthModel = registry().create("depth_models", name, {})
@@ -205,7 +208,8 @@ def _train(name: str, dataset: Path, cache: CacheChoice, settings: WaitingSettin
             warnings.filterwarnings("ignore", message)
         trainer = make_trainer(
             {
-                "precision": default_precision(),
+                "accelerator": accelerator,
+                "precision": default_precision(accelerator),
                 "devices": 1,
                 "max_epochs": settings.epochs,
                 "callbacks": [clock],

@@ -6,6 +6,8 @@ import torch
 from kornia.geometry import depth_to_3d_v2, project_points, remap, transform_points
 from torch import Tensor
 
+from deux.geometry.tuned_forms import tuned_for_cpu
+
 NEAREST = 1e-3
 """Points closer to a camera's plane than this (metres), or behind it, are not seen by it."""
 
@@ -72,7 +74,7 @@ def _project(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> t
         positions: N x S x 2 x H x W, (x, y) with -1 and 1 at the centres of the outer pixels.
         distance: N x S x 1 x H x W metres along the source camera's axis, negative behind it.
     """
-    project = _project_by_broadcasts if depth.is_cpu else _project_by_kornia
+    project = _project_by_broadcasts if tuned_for_cpu(depth) else _project_by_kornia
     return project(depth, intrinsics, source_from_target)
 
 

@@ -9,6 +9,7 @@ from kornia.filters import filter2d_separable, get_box_kernel1d, get_gaussian_ke
 from torch import Tensor
 
 from deux.geometry.sliding_max import sliding_max
+from deux.geometry.tuned_forms import tuned_for_cpu
 
 LUMINANCE_CONSTANT = 0.01**2
 CONTRAST_CONSTANT = 0.03**2
@@ -43,7 +44,7 @@ def ssim(
         N x ... x C x H x W in [-1, 1], smaller by `window_size - 1` in both directions with `border="valid"`.
     """
     dtype = torch.promote_types(torch.promote_types(image.dtype, other.dtype), torch.float32)
-    compare = _by_shifted_views if image.is_cpu else _by_kornia
+    compare = _by_shifted_views if tuned_for_cpu(image) else _by_kornia
     with torch.autocast(image.device.type, enabled=False):
         return compare(image.to(dtype), other.to(dtype), window, window_size, border)
 

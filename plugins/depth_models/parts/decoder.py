@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from deux.geometry.tuned_forms import merges_layers, tuned_for_cpu
 from deux_plugins.depth_models.parts.convolution import Convolution
 
 Size = tuple[int, int]
@@ -48,7 +49,8 @@ class UpConvolution(nn.Module):
     def forward(self, x: Tensor, size: Size) -> Tensor:
         """N x in_channels x h x w to N x out_channels x H x W, where size = (H, W)."""
         height, width = x.shape[2:]
-        if size != (2 * height, 2 * width) or height * width < MERGE_PIXELS:
+        merged = merges_layers() and height * width >= MERGE_PIXELS
+        if size != (2 * height, 2 * width) or not merged:
             return self.conv(functional.interpolate(x, size))
         kernel = doubling_kernel(self.conv.conv.weight)
         return self.conv.finish(functional.conv_transpose2d(x, kernel, stride=2, padding=1))
@@ -114,7 +116,7 @@ class Decoder(nn.Module):
             x = self.get_submodule(f"deconv{level}")(x, skip, size)
         output = self.get_submodule(f"output{self.levels[-1]}")
         with torch.autocast(x.device.type, enabled=False):
-            if self.training and x.is_cpu:
+            if self.training and tuned_for_cpu(x):
                 return convolve_to_few_channels(x.float(), output.get_parameter("conv.weight"))
             return output(x.float())
 

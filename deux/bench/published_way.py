@@ -1,0 +1,124 @@
+"""Training steps beside the way in which the published code of the depth models computes.
+
+That is: square pools, enlarging before convolving, channels first, float32, Adam as PyTorch makes it, and a loop of its
+own. The networks, the losses and the samples are the same.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import torch
+
+from deux.bench.installed_plugins import installed
+from deux.bench.model_speed import PRECISIONS, StepVariant, train_steps
+from deux.bench.rendered_batch import render_batch
+from deux.bench.speed_tables import SpeedTable, Value
+from deux.bench.step_clock import StepClock
+from deux.bench.timing import Spread, Stopwatch, in_turn
+from deux.contracts import Batch, DepthModel
+from deux.geometry.sparse_outliers import remove_outliers
+from deux.geometry.tuned_forms import natural_forms
+from deux.inference.precision import default_device, default_precision
+from deux.registry import registry
+from deux.training.objective import make_objective
+from deux.training.pose_source import make_pose_source
+
+
+@dataclass(frozen=True)
+class PublishedSettings:
+    """What is trained, and for how long.
+
+    Args:
+        batch_size: samples in a batch; None for 2, on a graphics card 8.
+        size: height and width of the samples in pixels; None for 192, on a graphics card 384.
+        steps: training steps in each round, after one that is not counted.
+        rounds: number of times that each way is measured.
+    """
+
+    batch_size: int | None = None
+    size: int | None = None
+    steps: int = 3
+    rounds: int = 5
+
+
+QUICK = PublishedSettings(batch_size=1, size=128, steps=1, rounds=2)
+"""Settings for a quick look."""
+
+
+def measure_published_way(settings: PublishedSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
+    """Measure a step of every installed depth model as deux trains here, and as the published code computes.
+
+    Args:
+        settings: what is trained.
+        accelerator: Lightning's accelerator setting.
+    """
+    models, broken = installed("depth_models")
+    device = default_device(accelerator)
+    size = settings.size or (384 if device.type == "cuda" else 192)
+    batch_size = settings.batch_size or (8 if device.type == "cuda" else 2)
+    trained_in = default_precision(accelerator)
+    precision = next(name for name, lightning_name in PRECISIONS.items() if lightning_name == trained_in)
+    rows: list[dict[str, Value]] = []
+    for name, model in models.items():
+        variant = StepVariant(name, precision, "simulator" if model.pose_network() is None else "learned")
+        batch = render_batch(model, size, batch_size)
+        ways = {
+            "published": partial(_published_steps, variant, batch, settings.steps, device),
+            "deux": partial(_our_steps, variant, batch, settings.steps, accelerator),
+        }
+        found = in_turn(ways, settings.rounds)
+        ratios = [theirs / ours for theirs, ours in zip(found["published"], found["deux"], strict=True)]
+        rows.append(
+            {
+                "model": name,
+                "poses": variant.poses,
+                "precision": precision,
+                "published way, s": Spread.of(found["published"]),
+                "deux, s": Spread.of(found["deux"]),
+                "times as fast": Spread.of(ratios),
+            }
+        )
+    note = (
+        "The published way is float32, channels first, square pools, enlarging before convolving, Adam unfused, no "
+        "Trainer; a number is the median step of a round."
+    )
+    title = f"Training steps beside the published way of computing, batch {batch_size}, {size} x {size}"
+    yield SpeedTable("published", title, tuple(rows), (note, *broken))
+
+
+def _our_steps(variant: StepVariant, batch: Batch, steps: int, accelerator: str) -> float:
+    """Seconds of a step as deux trains."""
+    train_steps(variant, batch, steps, clock := StepClock(), accelerator)
+    return Spread.of(clock.steps).median
+
+
+def _published_steps(variant: StepVariant, batch: Batch, steps: int, device: torch.device) -> float:
+    """Seconds of a step as the published code computes."""
+    torch.manual_seed(0)
+    model: DepthModel = registry().create("depth_models", variant.model, {})
+    modules = torch.nn.ModuleList([model, make_pose_source(variant.poses, model), make_objective(model)])
+    modules.to(device).train()
+    for parameter in modules.parameters():
+        parameter.data = parameter.data.contiguous()
+    network, pose_source, objective = modules
+    optimizer = torch.optim.Adam([weight for weight in modules.parameters() if weight.requires_grad], lr=1e-4)
+    watch, seen = Stopwatch(), _on_device(batch, device)
+    for number in range(steps + 1):
+        if number == 1:
+            watch.durations.clear()
+        with natural_forms(), watch.measure("step"):
+            shown = replace(seen, validity=seen.validity * remove_outliers(seen.sparse_depth))
+            prediction = network(shown.image, shown.sparse_depth, shown.validity, shown.intrinsics, **shown.prepared)
+            compares = objective.needs_reconstructions
+            poses = pose_source(shown, backward=objective.needs_backward_poses) if compares else None
+            loss = objective(shown, prediction, poses).total
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+    return Spread.of(watch.durations["step"]).median
+
+
+def _on_device(batch: Batch, device: torch.device) -> Batch:
+    tensors = {name: value.to(device) for name, value in vars(batch).items() if isinstance(value, torch.Tensor)}
+    return replace(batch, **tensors, prepared={name: value.to(device) for name, value in batch.prepared.items()})

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.utils.data import DataLoader
 
 from deux.bench.installed_plugins import installed
-from deux.bench.rendered_batch import render_batch
+from deux.bench.rendered_batch import batch_on, render_batch
 from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.step_clock import PARTS, StepClock
 from deux.bench.timing import Spread, Stopwatch, in_turn, times_the_slowest
@@ -128,6 +128,7 @@ def train_steps(variant: StepVariant, batch: Batch, steps: int, watch: Callback,
         accelerator: Lightning's accelerator setting.
     """
     torch.manual_seed(0)
+    batch = batch_on(default_device(accelerator), batch)  # loading is not part of a step
     model: DepthModel = registry().create("depth_models", variant.model, {})
     module = DepthCompletion(model, make_objective(model), make_pose_source(variant.poses, model))
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)

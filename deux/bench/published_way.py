@@ -12,7 +12,7 @@ import torch
 
 from deux.bench.installed_plugins import installed
 from deux.bench.model_speed import PRECISIONS, StepVariant, train_steps
-from deux.bench.rendered_batch import render_batch
+from deux.bench.rendered_batch import batch_on, render_batch
 from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.step_clock import StepClock
 from deux.bench.timing import Spread, Stopwatch, in_turn
@@ -89,7 +89,7 @@ def measure_published_way(settings: PublishedSettings, accelerator: str = "auto"
 
 def _our_steps(variant: StepVariant, batch: Batch, steps: int, accelerator: str) -> float:
     """Seconds of a step as deux trains."""
-    train_steps(variant, batch, steps, clock := StepClock(), accelerator)
+    train_steps(variant, batch, steps, clock := StepClock(parts=False), accelerator)
     return Spread.of(clock.steps).median
 
 
@@ -103,7 +103,7 @@ def _published_steps(variant: StepVariant, batch: Batch, steps: int, device: tor
         parameter.data = parameter.data.contiguous()
     network, pose_source, objective = modules
     optimizer = torch.optim.Adam([weight for weight in modules.parameters() if weight.requires_grad], lr=1e-4)
-    watch, seen = Stopwatch(), _on_device(batch, device)
+    watch, seen = Stopwatch(), batch_on(device, batch)
     for number in range(steps + 1):
         if number == 1:
             watch.durations.clear()
@@ -117,8 +117,3 @@ def _published_steps(variant: StepVariant, batch: Batch, steps: int, device: tor
             loss.backward()
             optimizer.step()
     return Spread.of(watch.durations["step"]).median
-
-
-def _on_device(batch: Batch, device: torch.device) -> Batch:
-    tensors = {name: value.to(device) for name, value in vars(batch).items() if isinstance(value, torch.Tensor)}
-    return replace(batch, **tensors, prepared={name: value.to(device) for name, value in batch.prepared.items()})

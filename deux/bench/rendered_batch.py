@@ -1,5 +1,7 @@
 """Training samples that are made in memory, in the way that the collector and the data loader make them."""
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -51,3 +53,9 @@ def _sample(frames: list[Frame], camera: Camera, model: DepthModel) -> Batch:
         ground_truth=torch.from_numpy(target.depth)[None],
         prepared={name: torch.from_numpy(value) for name, value in model.prepare(points).items()},
     )
+
+
+def batch_on(device: torch.device, batch: Batch) -> Batch:
+    """A batch with all its tensors on a device."""
+    tensors = {name: value.to(device) for name, value in vars(batch).items() if isinstance(value, torch.Tensor)}
+    return replace(batch, **tensors, prepared={name: value.to(device) for name, value in batch.prepared.items()})

@@ -17,9 +17,11 @@ class StepClock(Callback):
 
     Args:
         warm_up: first steps that are not counted; at least 1, for the first has no beginning.
+        parts: whether the parts are timed as well; a card then has to be waited for at the end of each.
     """
 
-    def __init__(self, warm_up: int = 1) -> None:
+    def __init__(self, warm_up: int = 1, parts: bool = True) -> None:
+        self._parts = parts
         self.watch = Stopwatch()
         self._warm_up = warm_up
         self._hooks: list[Any] = []
@@ -44,6 +46,8 @@ class StepClock(Callback):
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Watch the modules that a step calls."""
         assert isinstance(pl_module, DepthCompletion)
+        if not self._parts:
+            return
         modules: dict[str, nn.Module] = {
             "network": pl_module.model,
             "poses": pl_module.pose_source,
@@ -60,21 +64,29 @@ class StepClock(Callback):
 
     def on_before_backward(self, *_: Any) -> None:
         """The loss is there."""
-        self.watch.start("backward")
+        self._start("backward")
 
     def on_after_backward(self, *_: Any) -> None:
         """The gradients are there."""
-        self.watch.stop("backward")
+        self._stop("backward")
 
     def on_before_optimizer_step(self, *_: Any) -> None:
         """The weights are about to change."""
-        self.watch.start("optimiser")
+        self._start("optimiser")
 
     def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
         """The weights have changed."""
-        self.watch.stop("optimiser")
+        self._stop("optimiser")
         if trainer.global_step > self._warm_up:
             self.watch.stop("step")
         elif trainer.global_step == self._warm_up:
             self.watch.durations.clear()
         self.watch.start("step")
+
+    def _start(self, part: str) -> None:
+        if self._parts:
+            self.watch.start(part)
+
+    def _stop(self, part: str) -> None:
+        if self._parts:
+            self.watch.stop(part)

@@ -100,7 +100,7 @@ def _seconds(call: Any, repeats: int) -> list[float]:
 
 def _row(variant: StepVariant, batch: Batch, steps: int, accelerator: str, best: float) -> dict[str, Value]:
     """One row of the table."""
-    clock, flops, shares = StepClock(), _FlopCount(), _OperationShares()
+    clock, flops, shares = StepClock(parts=False), _FlopCount(), _OperationShares()
     for watch, count in ((flops, 1), (clock, steps), (shares, steps)):
         train_steps(variant, batch, count, watch, accelerator)
     limits = {"flops": shares.products, "memory": shares.others, "Python": 100.0 - shares.products - shares.others}
@@ -146,7 +146,7 @@ class _OperationShares(Callback):
     def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
         if self._profile is None:
             cuda = [ProfilerActivity.CUDA] if torch.cuda.is_initialized() else []
-            self._profile = profile(activities=[ProfilerActivity.CPU, *cuda])
+            self._profile = profile(activities=[ProfilerActivity.CPU, *cuda], acc_events=True)
             self._profile.__enter__()
             self._watch.start("steps")
         elif trainer.global_step == trainer.max_steps:

@@ -3,7 +3,7 @@
 from torch import Tensor
 from torch.nn import functional
 
-from deux.geometry.tuned_forms import merges_layers, tuned_for_cpu
+from deux.geometry.tuned_forms import merges_steps, tuned_for_cpu
 
 
 def sliding_max(x: Tensor, window: int) -> Tensor:
@@ -17,7 +17,7 @@ def sliding_max(x: Tensor, window: int) -> Tensor:
         x: N x C x H x W.
         window: side of the window, odd.
     """
-    if not merges_layers():
+    if not merges_steps():
         return functional.max_pool2d(x, window, stride=1, padding=window // 2)
     return (_by_rows if tuned_for_cpu(x) else _by_rectangles)(x, window)
 

@@ -17,8 +17,8 @@ def tuned_for_cpu(x: Tensor) -> bool:
     return x.is_cpu and not _natural
 
 
-def merges_layers() -> bool:
-    """Whether layers may be merged that the published networks compute one after the other, on any device."""
+def merges_steps() -> bool:
+    """Whether steps may be merged that the published code computes one after the other, on any device."""
     return not _natural
 
 

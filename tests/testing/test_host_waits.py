@@ -67,7 +67,7 @@ GOES_ON = {
     "a number at a mask": lambda x: x.clone().__setitem__(x > 3.0, 0.0),
     "a number at a place": lambda x: x.clone().__setitem__((0, slice(2)), 1),
     "made on the device": lambda x: (torch.full((), 2.0), torch.eye(3), torch.arange(3), x.new_zeros(2)),
-    "places": lambda x: x[torch.arange(2), 1:],
+    "places": lambda x: x[torch.arange(2, device=x.device), 1:],
     "equal repeats": lambda x: x.repeat_interleave(2, dim=0),
     "a copy that is looked at later": lambda x: x.sum().to("cpu", non_blocking=True).item(),
 }

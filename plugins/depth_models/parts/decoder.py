@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from deux.geometry.tuned_forms import merges_layers, tuned_for_cpu
+from deux.geometry.tuned_forms import merges_steps, tuned_for_cpu
 from deux_plugins.depth_models.parts.convolution import Convolution
 
 Size = tuple[int, int]
@@ -49,7 +49,7 @@ class UpConvolution(nn.Module):
     def forward(self, x: Tensor, size: Size) -> Tensor:
         """N x in_channels x h x w to N x out_channels x H x W, where size = (H, W)."""
         height, width = x.shape[2:]
-        merged = merges_layers() and height * width >= MERGE_PIXELS
+        merged = merges_steps() and height * width >= MERGE_PIXELS
         if size != (2 * height, 2 * width) or not merged:
             return self.conv(functional.interpolate(x, size))
         kernel = doubling_kernel(self.conv.conv.weight)

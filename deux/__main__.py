@@ -27,7 +27,7 @@ from deux.errors import DeuxError, JobFailed
 from deux.io.atomic import write_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugins
-from deux.threads import let_waiting_threads_sleep
+from deux.thread_waiting import let_waiting_threads_sleep
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -45,3 +46,8 @@ def test_the_contracts_notice_an_import_that_breaks_them(tmp_path: Path, file: s
     result = lint(tmp_path)
     assert result.returncode == 1, result.stderr
     assert any(broken in row and "BROKEN" in row for row in result.stdout.splitlines())
+
+
+def test_no_two_modules_share_a_name() -> None:
+    names = Counter(path.stem for path in (ROOT / "deux").rglob("*.py") if not path.stem.startswith("__"))
+    assert [name for name, count in names.items() if count > 1] == []

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deux.errors import DeuxError
-from deux.threads import let_waiting_threads_sleep
+from deux.thread_waiting import let_waiting_threads_sleep
 
 if TYPE_CHECKING:
     from deux.bench.speed_tables import SpeedTable

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from deux.threads import SPIN_SETTINGS, let_waiting_threads_sleep
+from deux.thread_waiting import SPIN_SETTINGS, let_waiting_threads_sleep
 
 IN_A_TASK = """
 import os, sys, types
@@ -19,7 +19,7 @@ sys.exit(main())
 
 SPIN = """
 import sys, time
-from deux.threads import let_waiting_threads_sleep
+from deux.thread_waiting import let_waiting_threads_sleep
 if sys.argv[1] == "sleep":
     let_waiting_threads_sleep()
 import torch

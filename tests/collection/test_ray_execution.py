@@ -4,17 +4,27 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mesh_world import Deadly, Mistaken, mesh_room, slow_toy, write_room
-from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer, tree
+from mesh_world import Deadly, Mistaken, mesh_room, signed_room, slow_toy, write_room
+from toy_world import (
+    GuessingModel,
+    ToyScene,
+    ToySimulator,
+    Wanderer,
+    convolving_predictor,
+    guided_explorer,
+    tree,
+)
 
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import EpisodeRunner
 from deux.collection.jobs import Job, JobRunner, run_here
 from deux.collection.perception import Perception
+from deux.collection.viewpoints import collect_viewpoints, plan_viewpoints
 from deux.contracts import SceneReference
 from deux.errors import DeuxError
 from deux_plugins.uncertainties.photometric import L1Residual
@@ -137,6 +147,25 @@ def test_a_killed_run_goes_on_and_keeps_the_episodes_that_were_finished(tmp_path
     RayExecutor(cluster.address, workers=1)(run, jobs, lambda frames: None)
     assert tree(tmp_path / "there") == tree(tmp_path / "one")
     assert {path: path.stat().st_mtime_ns for path in finished} == finished
+
+
+def test_viewpoints_and_robots_of_one_batch_are_shared_out_and_sent_back(tmp_path: Path, cluster: Any) -> None:
+    execute = RayExecutor(cluster.address, workers=2)
+    for folder, executor in {"one": run_here, "there": execute}.items():
+        floors = [plan_viewpoints(tmp_path / folder, scene, 0, 4) for scene in toy_scenes(1)]
+        collect_viewpoints(floors, partial(signed_room, tmp_path / "rooms"), executor)
+        jobs = [replace(job, divisible=True) for job in make_jobs(tmp_path / folder, toy_scenes(4), size=4, steps=6)]
+        run = EpisodeRunner(
+            partial(signed_room, tmp_path / "rooms"),
+            guided_explorer,
+            Perception(convolving_predictor(), uncertainty=L1Residual()),
+        )
+        executor(run, jobs, lambda frames: None)
+    assert tree(tmp_path / "there") == tree(tmp_path / "one")
+    rooms = [path.name.split(" ") for path in (tmp_path / "rooms").iterdir()]
+    here = str(os.getpid())
+    assert len({process for _, process in rooms} - {here}) == 4  # two of each executor's run
+    assert {name for name, process in rooms if process != here} == {f"room{i}" for i in range(4)}
 
 
 def test_a_mistake_that_a_worker_finds_is_told_in_its_own_sentence(tmp_path: Path, cluster: Any) -> None:

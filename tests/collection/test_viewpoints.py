@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
 
+from deux.collection.local_execution import LocalExecutor
 from deux.collection.viewpoints import MOTIONS, collect_viewpoints, plan_viewpoints, poses_before
 from deux.contracts import Action
 from deux.errors import DeuxError
@@ -17,7 +18,11 @@ from deux.io.calibration import read_pose
 
 def poses(dataset: Path) -> np.ndarray:
     """Viewpoints x 3 frames x 4 x 4."""
-    folders = sorted((dataset / "data").iterdir())
+    return poses_in(dataset / "data")
+
+
+def poses_in(data: Path) -> np.ndarray:
+    folders = sorted(data.iterdir())
     return np.array([[read_pose(folder / f"absolute_pose/00000{i}.txt") for i in range(3)] for folder in folders])
 
 
@@ -67,6 +72,19 @@ def test_only_missing_viewpoints_are_rendered(tmp_path: Path) -> None:
     assert made[0].batches == [3] * 4  # each viewpoint's frames are drawn as one batch
     collect_viewpoints([plans], make)
     assert len(made) == 2
+
+
+def test_viewpoints_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
+    scenes = [ToyScene("kitchen", "toy-1"), ToyScene("hall", "toy-22"), ToyScene("attic", "toy-333")]
+    told: list[int] = []
+    for folder, execute in {"one": LocalExecutor(1), "two": LocalExecutor(2)}.items():
+        floors = [plan_viewpoints(tmp_path / folder, scene, seed, 4, 1) for seed, scene in enumerate(scenes)]
+        floors[1][2].folder.mkdir(parents=True)  # begun and not finished
+        told.clear()
+        collect_viewpoints(floors, ToySimulator, execute, lambda stage, done, total: told.append(done))
+        assert told == list(range(1, 13))
+    assert len(poses_in(tmp_path / "one")) == 12
+    assert tree(tmp_path / "one") == tree(tmp_path / "two")
 
 
 def test_a_scene_without_room_for_a_step_is_an_error(tmp_path: Path) -> None:

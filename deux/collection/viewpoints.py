@@ -33,6 +33,9 @@ MOTIONS = (
 _ATTEMPTS = 50
 """Random poses that are tried in a viewpoint's own part of the floor, and then anywhere, before giving up."""
 
+_FEW = 256
+"""Viewpoints in generated scenes that are made here rather than in processes, which take as long to start."""
+
 
 @dataclass(frozen=True)
 class ViewpointPlan(Plan):
@@ -133,14 +136,18 @@ def collect_viewpoints(
     Args:
         floors: the viewpoints of each floor, as of `plan_viewpoints`.
         make_simulator: makes the simulator of a scene.
-        execute: hands out the floors, or parts of them. The frames are the same wherever they are made.
+        execute: hands out the floors, or parts of them, unless they are few and their scenes in no file, which takes
+            seconds to load. The frames are the same wherever they are made.
         progress: told the number of viewpoints.
 
     Raises:
         DeuxError: a scene has no free floor, or no room for one step forward on it; or the disk is full.
     """
     jobs = [Job(plans, divisible=True) for plans in floors]
-    run_unfinished("viewpoints", ViewpointRunner(make_simulator), jobs, execute, progress)
+    waiting = [plan for plans in floors for plan in plans if not plan.finished]
+    quick = len(waiting) < _FEW and all(plan.scene.file is None for plan in waiting)
+    run = ViewpointRunner(make_simulator)
+    run_unfinished("viewpoints", run, jobs, run_here if quick else execute, progress)
 
 
 def _parts(simulator: Simulator, plan: ViewpointPlan) -> list[np.ndarray]:

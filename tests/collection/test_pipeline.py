@@ -26,6 +26,7 @@ from toy_world import (
     tree,
 )
 
+from deux.collection import viewpoints
 from deux.collection.local_execution import LocalExecutor
 from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
@@ -190,7 +191,8 @@ def test_a_scene_is_loaded_once_to_count_its_floors_however_often_a_build_goes_o
     assert tree(at_once) == tree(dataset)
 
 
-def test_floors_are_counted_by_the_processes_that_collect(tmp_path: Path) -> None:
+def test_floors_are_counted_by_the_processes_that_collect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewpoints, "_FEW", 0)
     scenes = tuple(replace(scene, area=SceneArea(floor="all")) for scene in specification().scenes)
     spec = specification(scenes=scenes, steps=6, explorer=VIEWPOINTS)
     made = [

@@ -20,6 +20,7 @@ from toy_world import (
     tree,
 )
 
+from deux.collection import viewpoints
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import EpisodeRunner
 from deux.collection.jobs import Job, JobRunner, run_here, share_out
@@ -160,6 +161,7 @@ def test_viewpoints_and_robots_of_one_batch_are_shared_out_and_sent_back(
         return shared[-1]
 
     monkeypatch.setattr(ray_execution, "share_out", share)
+    monkeypatch.setattr(viewpoints, "_FEW", 0)
     execute = RayExecutor(cluster.address, workers=2)
     for folder, executor in {"one": run_here, "there": execute}.items():
         floors = [plan_viewpoints(tmp_path / folder, scene, 0, 4) for scene in toy_scenes(1)]

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mesh_world import RoomFile
 from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
 
+from deux.collection import viewpoints
 from deux.collection.local_execution import LocalExecutor
 from deux.collection.viewpoints import MOTIONS, collect_viewpoints, plan_viewpoints, poses_before
 from deux.contracts import Action
@@ -74,7 +76,24 @@ def test_only_missing_viewpoints_are_rendered(tmp_path: Path) -> None:
     assert len(made) == 2
 
 
-def test_viewpoints_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
+def test_few_viewpoints_are_made_here(tmp_path: Path) -> None:
+    handed: list[int] = []
+
+    def execute(run, jobs, count):  # type: ignore[no-untyped-def]
+        handed.append(sum(job.size for job in jobs))
+
+    few, many = (plan_viewpoints(tmp_path, ToyScene(f"room{count}"), 0, count) for count in (1, viewpoints._FEW))
+    collect_viewpoints([few], ToySimulator, execute)
+    assert handed == []
+    assert few[0].finished
+    collect_viewpoints([many], ToySimulator, execute)
+    in_file = plan_viewpoints(tmp_path, RoomFile("kitchen", path=tmp_path / "kitchen.obj"), 0, 3)
+    collect_viewpoints([in_file], ToySimulator, execute)  # type: ignore[arg-type]
+    assert handed == [viewpoints._FEW, 3]
+
+
+def test_viewpoints_are_the_same_for_any_number_of_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewpoints, "_FEW", 0)
     scenes = [ToyScene("kitchen", "toy-1"), ToyScene("hall", "toy-22"), ToyScene("attic", "toy-333")]
     told: list[int] = []
     for folder, execute in {"one": LocalExecutor(1), "two": LocalExecutor(2)}.items():

@@ -13,7 +13,18 @@ from deux.thread_waiting import let_waiting_threads_sleep
 if TYPE_CHECKING:
     from deux.bench.speed_tables import SpeedTable
 
-BENCHMARKS = ("render", "batching", "explore", "environment", "models", "published", "limits", "data", "peers")
+BENCHMARKS = (
+    "render",
+    "batching",
+    "explore",
+    "processes",
+    "environment",
+    "models",
+    "published",
+    "limits",
+    "data",
+    "peers",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -131,6 +142,12 @@ def _tables(name: str, options: argparse.Namespace) -> "Iterator[SpeedTable]":
 
         return peers.measure_peers(
             peers.QUICK if options.quick else peers.PeerSettings(), options.scene, options.device
+        )
+    if name == "processes":
+        from deux.bench import process_speed as processes
+
+        return processes.measure_processes(
+            processes.QUICK if options.quick else processes.ProcessSettings(), options.model, options.device
         )
     from deux.bench import model_speed as models
 

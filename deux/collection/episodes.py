@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from deux.collection.jobs import Plan
 from deux.collection.walk import Step, Walk
 from deux.contracts import Explorer, ExplorerMap, Frame, Need, SceneReference, Simulator
 from deux.errors import DeuxError
@@ -35,7 +36,7 @@ def count_floors(scene: SceneReference, make_simulator: MakeSimulator) -> int:
 
 
 @dataclass(frozen=True)
-class EpisodePlan:
+class EpisodePlan(Plan):
     """An episode that is to be collected.
 
     Args:
@@ -46,8 +47,6 @@ class EpisodePlan:
         floor: the floor of the scene, an index into `Simulator.floors`.
     """
 
-    folder: Path
-    scene: SceneReference
     seed: int
     steps: int
     floor: int = 0
@@ -56,6 +55,16 @@ class EpisodePlan:
     def paths(self) -> SequencePaths:
         """Where the sequence's files lie."""
         return SequencePaths(self.folder)
+
+    @property
+    def size(self) -> int:
+        """Number of frames that it has at most."""
+        return self.steps
+
+    @property
+    def finished(self) -> bool:
+        """Whether the episode is over, and all of it on disk."""
+        return self.record.exists()
 
     @property
     def record(self) -> Path:

@@ -1,16 +1,58 @@
 """Stage 1: robots explore the scenes, and their frames are stored."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
-from deux.collection.jobs import Executor, ExplorationJob, JobRunner, run_here
+from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator, begin_episode
+from deux.collection.jobs import Executor, Job, run_here, run_unfinished
 from deux.collection.perception import MODEL_NEEDS, Perception
 from deux.collection.sparse import SparseSettings
-from deux.collection.walk import check_perception
+from deux.collection.walk import check_perception, run_walks
 from deux.contracts import DepthPredictor, Uncertainty
+from deux.inference.threads import one_thread
+from deux.io.frames import FrameWriter
+from deux.io.processes import Count
 from deux.io.progress import Progress, ignore_progress
 
-_STAGE = "exploration"
+
+@dataclass(frozen=True)
+class EpisodeRunner:
+    """Runs jobs of episodes in lock-step; it takes the depth model along to each process that collects.
+
+    What PyTorch computes on the CPU for a job is computed on one thread: the frames would depend on their number.
+
+    Args:
+        make_simulator: makes the simulator of a scene; one for each episode.
+        make_explorer: makes an explorer; one for each episode.
+        perception: the depth model; None for explorers that need none.
+    """
+
+    make_simulator: MakeSimulator
+    make_explorer: MakeExplorer
+    perception: Perception | None = None
+
+    def __call__(self, job: Job[EpisodePlan], count: Count) -> None:
+        """Run a job's episodes and write their files; what an earlier run has finished is not rendered again.
+
+        Args:
+            job: the episodes.
+            count: told of frames as they come; the frames of an episode that ends early are counted at the end.
+
+        Raises:
+            DeuxError: a scene cannot be loaded, or a file cannot be written.
+        """
+        with one_thread(), FrameWriter() as writer:
+            begun = (
+                begin_episode(plan, self.make_simulator(plan.scene), self.make_explorer(), writer) for plan in job.plans
+            )
+            episodes = dict(begun)
+            for steps in run_walks([*episodes], self.perception):
+                for step in steps:
+                    episodes[step.walk].add(step)
+                count(len(steps))
+        for walk, files in episodes.items():  # all frames are on disk now
+            files.finish(walk)
+            count(walk.steps - len(walk.actions))
 
 
 def explore(
@@ -35,8 +77,8 @@ def explore(
         sparse: how the depth model's sparse points are taken.
         uncertainty: how the depth model's prediction is judged (Eq. 8), for explorers that need the residual.
         batch_size: number of episodes that run in lock-step where a depth model guides them, and so of frames that it
-            is given at once and of scenes in memory. Whoever runs them, the first `batch_size` plans are one job, and
-            so on.
+            is given at once and of scenes in memory. The first `batch_size` plans are one job, and so on, whoever runs
+            them; where `predict_depth` has a true `batch_invariant`, jobs may be smaller.
         execute: hands out the jobs. Where they run in other processes, all that is given must be picklable. The frames
             are the same wherever they run.
         progress: told the number of frames.
@@ -50,19 +92,6 @@ def explore(
     perception = Perception(predict_depth, sparse, uncertainty) if guided and predict_depth is not None else None
     check_perception(explorer, perception)
     size = batch_size if guided else 1  # without a model the robots do not touch each other
-    jobs = [ExplorationJob(tuple(plans[first : first + size])) for first in range(0, len(plans), size)]
-    unfinished = [job for job in jobs if not job.finished]
-    total = sum(job.frames for job in jobs)
-    count = _Count(progress, total - sum(job.frames for job in unfinished), total)
-    execute(JobRunner(make_simulator, make_explorer, perception), unfinished, count)
-
-
-class _Count:
-    """Counts the frames that are done."""
-
-    def __init__(self, progress: Progress, done: int, total: int) -> None:
-        self._progress, self._done, self._total = progress, done, total
-
-    def __call__(self, frames: int) -> None:
-        self._done += frames
-        self._progress(_STAGE, self._done, self._total)
+    divisible = perception is None or perception.batch_invariant
+    jobs = [Job(tuple(plans[first : first + size]), divisible) for first in range(0, len(plans), size)]
+    run_unfinished("exploration", EpisodeRunner(make_simulator, make_explorer, perception), jobs, execute, progress)

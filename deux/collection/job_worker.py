@@ -1,4 +1,4 @@
-"""Runs exploration jobs in a process of a cluster, and hands over what it has done as it goes."""
+"""Runs jobs in a process of a cluster, and hands over what it has done as it goes."""
 
 import os
 import platform
@@ -11,9 +11,9 @@ from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from deux.collection.jobs import ExplorationJob, JobRunner
+from deux.collection.jobs import Job, JobRunner
 from deux.errors import DeuxError
 from deux.inference.threads import limit_threads
 
@@ -25,15 +25,15 @@ _PART_BYTES = 32 * 2**20
 
 
 class SentFile(NamedTuple):
-    """A file of an episode, on its way to the process that hands the jobs out.
+    """A file of a plan, on its way to the process that hands the jobs out.
 
     Args:
-        episode: number of the episode in its job.
-        name: path relative to the episode's folder.
+        plan: number of the plan in its job.
+        name: path relative to the plan's folder.
         content: all of the file.
     """
 
-    episode: int
+    plan: int
     name: str
     content: bytes
 
@@ -42,11 +42,11 @@ class JobPart(NamedTuple):
     """What has been done of a job since the part before.
 
     Args:
-        frames: number of frames.
+        done: what is newly done, as progress counts it.
         files: files that are finished, to be written in this order; none where they are written in place.
     """
 
-    frames: int
+    done: int
     files: tuple[SentFile, ...] = ()
 
 
@@ -70,7 +70,7 @@ class JobWorker:
         limit_threads(threads)
         # Jobs run on one thread of their own, as an OpenGL context belongs to the thread that made it.
         self._thread = ThreadPoolExecutor(1, initializer=limit_threads, initargs=(threads,))
-        self._run: JobRunner | None = None
+        self._run: JobRunner[Any] | None = None
 
     def check(self, expected: dict[str, str]) -> str:
         """The name of this machine, if its packages are those of the process that hands the jobs out.
@@ -91,53 +91,53 @@ class JobWorker:
             )
         return socket.gethostname()
 
-    def load(self, run: JobRunner) -> None:
+    def load(self, run: JobRunner[Any]) -> None:
         """Keep what runs the jobs, the depth model included."""
         self._run = run
 
-    def run(self, job: ExplorationJob, streamed: bool) -> Iterator[JobPart]:
+    def run(self, job: Job[Any], streamed: bool) -> Iterator[JobPart]:
         """Run a job.
 
         Args:
-            job: the episodes.
-            streamed: whether files are handed over in the parts; otherwise they are written to the episodes' folders.
+            job: its plans.
+            streamed: whether files are handed over in the parts; otherwise they are written to the plans' folders.
 
         Yields:
             What has been done, about twice a second.
 
         Raises:
-            DeuxError: as `JobRunner`.
+            DeuxError: as the job's runner.
         """
         if not streamed:
-            yield from (JobPart(frames) for frames in self._counts(job))
+            yield from (JobPart(done) for done in self._counts(job))
             return
         scratch = Path(tempfile.mkdtemp(prefix="deux-"))
         try:
             folders = [scratch / str(number) for number in range(len(job.plans))]
             pairs = zip(job.plans, folders, strict=True)
-            local = ExplorationJob(tuple(replace(plan, folder=folder) for plan, folder in pairs))
-            for frames in self._counts(local):
+            local = Job(tuple(replace(plan, folder=folder) for plan, folder in pairs))
+            for done in self._counts(local):
                 parts = [JobPart(0, files) for files in _take_files(folders)]
                 yield from parts[:-1]
-                yield JobPart(frames, parts[-1].files if parts else ())
+                yield JobPart(done, parts[-1].files if parts else ())
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
 
-    def _counts(self, job: ExplorationJob) -> Iterator[int]:
-        """Run a job; yield now and then, and once at the end, the number of frames since the last time."""
+    def _counts(self, job: Job[Any]) -> Iterator[int]:
+        """Run a job; yield now and then, and once at the end, what was done since the last time."""
         assert self._run is not None
-        frames: SimpleQueue[int] = SimpleQueue()
-        task = self._thread.submit(self._run, job, frames.put)
+        done: SimpleQueue[int] = SimpleQueue()
+        task = self._thread.submit(self._run, job, done.put)
         while not task.done():
             wait([task], timeout=_SECONDS)
             if not task.done():
-                yield _sum(frames)
+                yield _sum(done)
         task.result()
-        yield _sum(frames)
+        yield _sum(done)
 
 
 def _take_files(folders: Sequence[Path]) -> Iterator[tuple[SentFile, ...]]:
-    """Take the finished files of episodes out of their folders, in an order that tells when a frame is complete.
+    """Take the finished files of plans out of their folders, in an order that tells when a frame is complete.
 
     An episode's record is written after everything else of it, a frame's pose after all else of the frame. Records
     are looked for first, then poses, then the rest, and sent the other way round: what makes a record or a pose count
@@ -165,10 +165,10 @@ def _take_files(folders: Sequence[Path]) -> Iterator[tuple[SentFile, ...]]:
     yield tuple(part)
 
 
-def _sum(frames: "SimpleQueue[int]") -> int:
+def _sum(done: "SimpleQueue[int]") -> int:
     total = 0
     while True:
         try:
-            total += frames.get_nowait()
+            total += done.get_nowait()
         except Empty:
             return total

@@ -5,33 +5,34 @@ from functools import partial
 
 import torch
 
-from deux.collection.jobs import CountFrames, ExplorationJob, JobRunner, run_here
+from deux.collection.jobs import Job, JobRunner, P, run_here, share_out
 from deux.inference.threads import limit_threads
-from deux.io.processes import in_processes
+from deux.io.processes import Count, in_processes
 
 
 class LocalExecutor:
     """Hands jobs out to processes of this machine, which load the depth model once each.
 
     Args:
-        processes: number of processes that run jobs at the same time; with one, or where there is one job, this
-            process runs them itself.
+        processes: number of processes that run jobs at the same time; with one, or where there is one job that cannot
+            be divided, this process runs them itself.
     """
 
     def __init__(self, processes: int = 1) -> None:
         self.processes = processes
 
-    def __call__(self, run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames) -> None:
+    def __call__(self, run: JobRunner[P], jobs: Sequence[Job[P]], count: Count) -> None:
         """Run all jobs; as `deux.collection.jobs.Executor`.
 
         Raises:
             DeuxError: a job failed, or a process has died.
         """
-        processes = min(self.processes, len(jobs))
+        shared = share_out(jobs, self.processes, count)
+        processes = min(self.processes, len(shared))
         if processes <= 1:
-            run_here(run, jobs, count)
+            run_here(run, shared, count)
         else:
-            in_processes(run, jobs, processes, count, _name, prepare_process(processes))
+            in_processes(run, shared, processes, count, str, prepare_process(processes))
 
 
 def prepare_process(processes: int) -> Callable[[], None]:
@@ -50,7 +51,3 @@ def _prepare(threads: int, card: int | None) -> None:
     limit_threads(threads)
     if card is not None:
         torch.cuda.set_device(card)
-
-
-def _name(job: ExplorationJob) -> str:
-    return f"the episodes {' and '.join(plan.folder.name for plan in job.plans)}"

@@ -82,6 +82,14 @@ class Perception:
         self._sparse = sparse or SparseSettings()
 
     @property
+    def batch_invariant(self) -> bool:
+        """Whether what is made of a frame depends on it alone, to the last bit, and not on the frames beside it.
+
+        The depth model says so of its predictions; all else is computed frame by frame, as measures of uncertainty are.
+        """
+        return bool(getattr(self._predict_depth, "batch_invariant", False))
+
+    @property
     def _device(self) -> torch.device:
         """The depth model's; not kept, as it may be another one in the process to which this travels."""
         device: torch.device = getattr(self._predict_depth, "device", torch.device("cpu"))

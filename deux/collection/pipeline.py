@@ -3,19 +3,21 @@
 import json
 import logging
 import os
+import shutil
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator, count_floors
+from deux.collection.episodes import EpisodePlan, MakeExplorer, MakeSimulator
 from deux.collection.exploration import explore
+from deux.collection.floor_counts import count_all_floors
 from deux.collection.jobs import Executor, run_here
 from deux.collection.sparse import sample_sequences
 from deux.collection.specification import VIEWPOINTS, DatasetSpec, place_name
 from deux.collection.verification import Rejection, verify_sequences
-from deux.collection.viewpoints import ViewpointsPlan, collect_viewpoints
+from deux.collection.viewpoints import ViewpointPlan, collect_viewpoints, plan_viewpoints
 from deux.contracts import DepthPredictor
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_json
@@ -24,6 +26,9 @@ from deux.io.locking import locked
 from deux.io.progress import Progress, ignore_progress
 
 MANIFEST = "manifest.json"
+
+_FLOORS = "floors"
+"""Folder of an unfinished dataset, whose name follows from scenes, areas and simulator: the floors of each scene."""
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +54,7 @@ def build_dataset(
         make_explorer: makes an explorer; needed unless the specification asks for viewpoints.
         predict_depth: the depth model, for explorers that need it.
         progress: told how far each stage is.
-        execute: hands out the jobs of the exploration, as of `explore`.
+        execute: hands out the episodes or viewpoints, as of `explore`.
 
     Raises:
         DeuxError: the dataset cannot be made, such as on a full disk, or no frame of it passes verification.
@@ -65,12 +70,14 @@ def build_dataset(
         log.info("collecting %s", spec.folder_name)
         make_folder(partial / "data")
         clock = _Clock()
+        _check_names(spec)
+        floors = count_all_floors(spec.scenes, partial / _FLOORS, make_simulator, execute, progress)
         if spec.explorer == VIEWPOINTS:
-            collect_viewpoints(_viewpoint_plans(spec, partial, make_simulator), make_simulator, progress)
+            collect_viewpoints(_viewpoint_plans(spec, partial, floors), make_simulator, execute, progress)
         else:
             assert make_explorer is not None
             explore(
-                _episode_plans(spec, partial, make_simulator),
+                _episode_plans(spec, partial, floors),
                 make_simulator,
                 make_explorer,
                 predict_depth,
@@ -82,6 +89,7 @@ def build_dataset(
             )
         clock.lap("exploration")
         _prepare(spec, partial, clock, progress)
+        shutil.rmtree(partial / _FLOORS, ignore_errors=True)
         lock.confirm()
         os.replace(partial, dataset)
     return dataset
@@ -170,8 +178,7 @@ def write_lists(
     return len(lines["triplets"])
 
 
-def _episode_plans(spec: DatasetSpec, partial: Path, make_simulator: MakeSimulator) -> list[EpisodePlan]:
-    _check_names(spec)
+def _episode_plans(spec: DatasetSpec, partial: Path, floors: Mapping[str, int]) -> list[EpisodePlan]:
     return [
         EpisodePlan(
             folder=partial / "data" / f"{place_name(scene, floor)}-{episode:02d}",
@@ -181,17 +188,16 @@ def _episode_plans(spec: DatasetSpec, partial: Path, make_simulator: MakeSimulat
             floor=floor,
         )
         for scene in spec.scenes
-        for floor in range(count_floors(scene, make_simulator))
+        for floor in range(floors[scene.name])
         for episode in range(spec.episodes)
     ]
 
 
-def _viewpoint_plans(spec: DatasetSpec, partial: Path, make_simulator: MakeSimulator) -> list[ViewpointsPlan]:
-    _check_names(spec)
+def _viewpoint_plans(spec: DatasetSpec, partial: Path, floors: Mapping[str, int]) -> list[tuple[ViewpointPlan, ...]]:
     return [
-        ViewpointsPlan(partial, scene, spec.episode_seed(scene, 0), spec.steps, floor)
+        plan_viewpoints(partial / "data", scene, spec.episode_seed(scene, 0), spec.steps, floor)
         for scene in spec.scenes
-        for floor in range(count_floors(scene, make_simulator))
+        for floor in range(floors[scene.name])
     ]
 
 

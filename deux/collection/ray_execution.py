@@ -1,4 +1,4 @@
-"""`collect.executor=ray`: exploration jobs on a Ray cluster (https://docs.ray.io)."""
+"""`collect.executor=ray`: jobs on a Ray cluster (https://docs.ray.io)."""
 
 import logging
 import os
@@ -10,11 +10,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from deux.collection.job_worker import JobPart, JobWorker, package_versions
-from deux.collection.jobs import CountFrames, ExplorationJob, JobRunner
+from deux.collection.jobs import Job, JobRunner, P, share_out
 from deux.collection.ray_cluster import connected, ray, room
 from deux.collection.ray_scenes import SceneSender
 from deux.errors import DeuxError, check_range
 from deux.io.atomic import make_folder, write_atomically
+from deux.io.processes import Count
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +70,7 @@ class RayExecutor:
         self.address, self.workers, self.cpus, self.gpus = address, workers, cpus, gpus
         self.results, self.attempts = results, attempts
 
-    def __call__(self, run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames) -> None:
+    def __call__(self, run: JobRunner[P], jobs: Sequence[Job[P]], count: Count) -> None:
         """Run all jobs; as `deux.collection.jobs.Executor`.
 
         Raises:
@@ -90,39 +91,39 @@ class _Task:
     """A job, and how far it is.
 
     Args:
-        job: its episodes.
+        job: its plans.
         attempts: number of workers that have begun it.
-        done: frames of the attempt that is under way.
-        counted: frames that were counted: those of the attempt that came farthest.
-        known: for each episode, whether it was finished before the attempt began.
+        done: what the attempt that is under way has done, as progress counts it.
+        counted: what was counted: the most that an attempt has done.
+        known: for each plan, whether it was finished before the attempt began.
     """
 
-    job: ExplorationJob
+    job: Job[Any]
     attempts: int = 0
     done: int = 0
     counted: int = 0
     known: tuple[bool, ...] = ()
 
     def __str__(self) -> str:
-        return " and ".join(plan.folder.name for plan in self.job.plans)
+        return str(self.job)
 
     def begin(self, streamed: bool) -> None:
-        """Note a new attempt, which begins unfinished episodes anew if the worker cannot see what there is of them."""
+        """Note a new attempt, which begins unfinished plans anew if the worker cannot see what there is of them."""
         self.attempts += 1
         self.done = 0
-        self.known = tuple(plan.record.exists() for plan in self.job.plans)
+        self.known = tuple(plan.finished for plan in self.job.plans)
         for plan, known in zip(self.job.plans, self.known, strict=True):
             if streamed and not known:  # another kind of CPU may lead the robot elsewhere: frames must not mix
                 shutil.rmtree(plan.folder, ignore_errors=True)
 
     def add(self, part: JobPart) -> int:
-        """Write a part's files; return the number of frames that no attempt before has reached."""
-        for episode, name, content in part.files:
-            if not self.known[episode]:
-                path = self.job.plans[episode].folder / name
+        """Write a part's files; return how much farther it is than any attempt before."""
+        for plan, name, content in part.files:
+            if not self.known[plan]:
+                path = self.job.plans[plan].folder / name
                 make_folder(path.parent)
                 write_atomically(path, content)
-        self.done += part.frames
+        self.done += part.done
         new = max(0, self.done - self.counted)
         self.counted += new
         return new
@@ -150,9 +151,7 @@ class _Worker:
 class _Collection:
     """Hands out jobs until all are done; arguments as of `RayExecutor`."""
 
-    def __init__(
-        self, settings: RayExecutor, run: JobRunner, jobs: Sequence[ExplorationJob], count: CountFrames
-    ) -> None:
+    def __init__(self, settings: RayExecutor, run: JobRunner[Any], jobs: Sequence[Job[Any]], count: Count) -> None:
         self._settings, self._count = settings, count
         self._streamed = settings.results == "streamed"
         there = room(settings.cpus, settings.gpus)
@@ -161,7 +160,10 @@ class _Collection:
                 f"The Ray cluster has no machine with {settings.cpus} CPUs and {settings.gpus:g} graphics cards, which "
                 "collect.executor_options asks for each worker."
             )
-        self._most = min(settings.workers or there, len(jobs))
+        workers = settings.workers or there
+        if not settings.gpus:  # a card, which this process may lack, predicts whole batches
+            jobs = share_out(jobs, workers, count)
+        self._most = min(workers, len(jobs))
         self._run = ray.put(run)
         self._versions = package_versions()
         self._scenes = SceneSender([plan.scene for job in jobs for plan in job.plans])
@@ -241,7 +243,7 @@ class _Collection:
         worker.task.begin(self._streamed)
         plans = (replace(plan, scene=self._scenes.sent(plan.scene)) for plan in worker.task.job.plans)
         streaming = worker.actor.run.options(num_returns="streaming", _generator_backpressure_num_objects=_PARTS_AHEAD)
-        worker.awaited = streaming.remote(ExplorationJob(tuple(plans)), self._streamed)
+        worker.awaited = streaming.remote(Job(tuple(plans)), self._streamed)
 
     def _finish(self, task: _Task) -> None:
         until = time.monotonic() + _VISIBLE_AFTER

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
 from deux.collection.episodes import MakeSimulator
+from deux.collection.jobs import Executor, Job, Plan, run_here, run_unfinished
 from deux.collection.specification import place_name
 from deux.contracts import COLOR, Action, Frame, Robot, SceneReference, Simulator
 from deux.errors import DeuxError
@@ -16,6 +18,7 @@ from deux.geometry.stratify import stratify
 from deux.io.frames import FrameWriter, prepare_folders
 from deux.io.images import quantise_depth
 from deux.io.layout import SequencePaths, frame_name
+from deux.io.processes import Count
 from deux.io.progress import Progress, ignore_progress
 
 MOTIONS = (
@@ -30,65 +33,124 @@ MOTIONS = (
 _ATTEMPTS = 50
 """Random poses that are tried in a viewpoint's own part of the floor, and then anywhere, before giving up."""
 
+_FEW = 256
+"""Viewpoints in generated scenes that are made here rather than in processes, which take as long to start."""
+
 
 @dataclass(frozen=True)
-class ViewpointsPlan:
+class ViewpointPlan(Plan):
+    """A viewpoint that is to be recorded, as a sequence of three frames.
+
+    Args:
+        folder: where its sequence is written.
+        scene: the scene.
+        seed: seed of the poses, the same for all viewpoints of the floor.
+        index: number of the viewpoint on its floor.
+        count: number of viewpoints that spread over the floor.
+        floor: the floor of the scene, an index into `Simulator.floors`.
+    """
+
+    seed: int
+    index: int
+    count: int
+    floor: int = 0
+
+    @property
+    def size(self) -> int:
+        """One: progress counts viewpoints."""
+        return 1
+
+    @property
+    def paths(self) -> SequencePaths:
+        """Where the sequence's files lie."""
+        return SequencePaths(self.folder)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all three frames are on disk."""
+        return all(self.paths.file("absolute_pose", frame_name(number)).exists() for number in range(3))
+
+
+def plan_viewpoints(
+    data: Path, scene: SceneReference, seed: int, count: int, floor: int = 0
+) -> tuple[ViewpointPlan, ...]:
     """The viewpoints of one floor of a scene.
 
     Args:
-        dataset: folder whose `data/` takes the sequences.
+        data: folder of all sequences.
         scene: the scene.
         seed: seed of the poses.
         count: number of viewpoints.
         floor: the floor of the scene, an index into `Simulator.floors`.
     """
+    place = place_name(scene, floor)
+    return tuple(
+        ViewpointPlan(data / f"{place}-view{index:04d}", scene, seed, index, count, floor) for index in range(count)
+    )
 
-    dataset: Path
-    scene: SceneReference
-    seed: int
-    count: int
-    floor: int = 0
 
-    def paths(self, index: int) -> SequencePaths:
-        """The three-frame sequence of one viewpoint."""
-        return SequencePaths(self.dataset / "data" / f"{place_name(self.scene, self.floor)}-view{index:04d}")
+@dataclass(frozen=True)
+class ViewpointRunner:
+    """Records the viewpoints of a job, floor by floor.
+
+    Args:
+        make_simulator: makes the simulator of a scene; one for each floor.
+    """
+
+    make_simulator: MakeSimulator
+
+    def __call__(self, job: Job[ViewpointPlan], count: Count) -> None:
+        """Render a job's viewpoints and write their files.
+
+        Args:
+            job: the viewpoints, those of a floor one after the other.
+            count: told of viewpoints as they come.
+
+        Raises:
+            DeuxError: a scene has no free floor, or no room for one step forward on it; or the disk is full.
+        """
+        for _, group in groupby(job.plans, key=lambda plan: (plan.scene, plan.floor)):
+            plans = tuple(group)
+            simulator = self.make_simulator(plans[0].scene)
+            parts = _parts(simulator, plans[0])
+            with FrameWriter() as writer:
+                for plan in plans:
+                    frames = _frames(simulator, plan, parts)
+                    prepare_folders(plan.paths, simulator.camera.intrinsics, labels=False)
+                    for number, frame in enumerate(frames):
+                        writer.put(plan.paths, number, frame)
+                    count(1)
 
 
 def collect_viewpoints(
-    plans: Sequence[ViewpointsPlan], make_simulator: MakeSimulator, progress: Progress = ignore_progress
+    floors: Sequence[tuple[ViewpointPlan, ...]],
+    make_simulator: MakeSimulator,
+    execute: Executor = run_here,
+    progress: Progress = ignore_progress,
 ) -> None:
     """Store each viewpoint as a sequence of three frames: the pose and the two before it, two actions back.
 
     Viewpoints that an earlier run finished are not rendered again. What they see is not judged here: verification
     rejects those that see too little.
 
+    Args:
+        floors: the viewpoints of each floor, as of `plan_viewpoints`.
+        make_simulator: makes the simulator of a scene.
+        execute: hands out the floors, or parts of them, unless they are few and their scenes in no file, which takes
+            seconds to load. The frames are the same wherever they are made.
+        progress: told the number of viewpoints.
+
     Raises:
         DeuxError: a scene has no free floor, or no room for one step forward on it; or the disk is full.
     """
-    total, done = sum(plan.count for plan in plans), 0
-    for plan in plans:
-        missing = [index for index in range(plan.count) if not _finished(plan.paths(index))]
-        done += plan.count - len(missing)
-        if not missing:
-            continue
-        simulator = make_simulator(plan.scene)
-        parts = _parts(simulator, plan)
-        with FrameWriter() as writer:
-            for index in missing:
-                frames = _frames(simulator, plan, parts, index)
-                paths = plan.paths(index)
-                prepare_folders(paths, simulator.camera.intrinsics, labels=False)
-                for number, frame in enumerate(frames):
-                    writer.put(paths, number, frame)
-                done += 1
-                progress("viewpoints", done, total)
+    jobs = [Job(plans, divisible=True) for plans in floors]
+    waiting = [plan for plans in floors for plan in plans if not plan.finished]
+    quick = len(waiting) < _FEW and all(plan.scene.file is None for plan in waiting)
+    run = ViewpointRunner(make_simulator)
+    run_unfinished("viewpoints", run, jobs, run_here if quick else execute, progress)
 
 
-def _finished(paths: SequencePaths) -> bool:
-    return all(paths.file("absolute_pose", frame_name(number)).exists() for number in range(3))
-
-
-def _parts(simulator: Simulator, plan: ViewpointsPlan) -> list[np.ndarray]:
+def _parts(simulator: Simulator, plan: ViewpointPlan) -> list[np.ndarray]:
     """The cells of the floor from which each viewpoint is drawn."""
     try:
         return stratify(simulator.free_space(plan.floor).free, plan.count)
@@ -96,11 +158,11 @@ def _parts(simulator: Simulator, plan: ViewpointsPlan) -> list[np.ndarray]:
         raise DeuxError(f"Scene {plan.scene.name} has no viewpoints: {error}") from error
 
 
-def _frames(simulator: Simulator, plan: ViewpointsPlan, parts: list[np.ndarray], index: int) -> list[Frame]:
+def _frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndarray]) -> list[Frame]:
     """Draw poses in the viewpoint's part of the floor until the robot can come to one of them."""
-    rng = np.random.default_rng([plan.seed, index])
+    rng = np.random.default_rng([plan.seed, plan.index])
     space = simulator.free_space(plan.floor)
-    for cells in (parts[index], np.concatenate(parts)):
+    for cells in (parts[plan.index], np.concatenate(parts)):
         for _ in range(_ATTEMPTS):
             row, column = rng.choice(cells) + rng.uniform(-0.5, 0.5, size=2)
             x, z = space.frame.centre(row, column)

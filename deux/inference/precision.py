@@ -78,9 +78,14 @@ class FastPredictor:
         self._model: CompletionNetwork = model.to(self.device)
         self._threads = torch.get_num_threads()
 
+    @property
+    def batch_invariant(self) -> bool:
+        """Whether a frame's prediction is the same, bit by bit, in any batch: on a CPU it is, on a card it may not."""
+        return self.device.type == "cpu"
+
     def __call__(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
         """As `DepthModel.predict`."""
-        if self.device.type != "cpu" or len(image) == 1:
+        if not self.batch_invariant or len(image) == 1:
             return self._predict(image, sparse_depth, intrinsics)
         with eval_mode(self._model):  # the threads must not switch it to and fro
             return each_frame_apart(self._predict, (image, sparse_depth, intrinsics), self._threads)

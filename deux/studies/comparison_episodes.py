@@ -2,15 +2,14 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
-from itertools import product
+from itertools import groupby, product
 from operator import attrgetter
 from pathlib import Path
 
-from deux.collection.episodes import count_floors
-from deux.collection.local_execution import prepare_process
+from deux.collection.floor_counts import count_all_floors
+from deux.collection.jobs import Executor, Job, Plan, run_here, run_unfinished
 from deux.collection.perception import MODEL_NEEDS, Perception
 from deux.collection.specification import episode_seed, place_name
 from deux.collection.walk import Walk, run_walks
@@ -19,7 +18,7 @@ from deux.errors import DeuxError
 from deux.geometry.poses import yaw_of
 from deux.inference.threads import one_thread
 from deux.io.atomic import make_folder, read_bytes, write_json
-from deux.io.processes import in_processes
+from deux.io.processes import Count
 from deux.io.progress import Progress, ignore_progress
 from deux.registry import PluginChoice
 from deux.simulator.simulation import Simulation
@@ -38,15 +37,15 @@ def compare_explorers(
     steps: int,
     episodes: int = 1,
     perception: Perception | None = None,
-    processes: int = 1,
+    execute: Executor = run_here,
     progress: Progress = ignore_progress,
 ) -> list[ExplorationEpisode]:
     """Run the episodes that are not in the folder yet, and return all: by explorer, then by scene.
 
     Args:
-        folder: where each episode is kept in a file of its own when it is over.
+        folder: where each episode is kept in a folder of its own when it is over.
         simulation: makes the simulators.
-        scenes: where the episodes take place; each is loaded once in a process.
+        scenes: where the episodes take place; each is loaded once for the episodes of a job.
         explorers: who takes part.
         rewards: the rewards that judge all of them.
         seed: the run's; the seed of an episode is `episode_seed`, the same for all explorers.
@@ -54,109 +53,110 @@ def compare_explorers(
         episodes: episodes of each explorer on each floor of each scene; a scene has one floor unless its `area` asks
             for all.
         perception: the depth model, for the explorers that need one; loaded once in a process.
-        processes: processes of this machine that explore at the same time, each scene in one of them. What they measure
-            is the same for any number, the time that an episode takes apart.
+        execute: hands out the episodes, those of a scene together where it can. What they measure is the same wherever
+            they run, the time that an episode takes apart.
         progress: told the number of episodes.
 
     Raises:
         DeuxError: a scene cannot be read, an explorer needs a model and there is none, the disk is full, a process has
             died, or the file of an episode is damaged.
     """
-    make_folder(folder)
-    floors = {scene.name: count_floors(scene, simulation.make) for scene in scenes}
-    plan = _Plan(folder, simulation, rewards, seed, steps, episodes, floors)
-    records = [
-        plan.record(choice, scene, floor, number)
+    floors = count_all_floors(scenes, folder / "floors", simulation.make, execute)
+    plans = {
+        (choice.name, scene.name): [
+            ComparisonPlan(
+                folder / f"{choice.name}-{place_name(scene, floor)}-{number:02d}", scene, choice, floor, number
+            )
+            for floor, number in product(range(floors[scene.name]), range(episodes))
+        ]
         for choice in explorers
         for scene in scenes
-        for floor, number in plan.numbers(scene)
+    }
+    jobs = [
+        Job(tuple(plan for choice in explorers for plan in plans[choice.name, scene.name]), divisible=True)
+        for scene in scenes
     ]
-
-    def report(_: int = 0) -> None:
-        progress("episodes", sum(record.exists() for record in records), len(records))
-
-    report()
-    work = partial(_explore_scene, plan=plan, explorers=explorers, perception=perception)
-    unfinished = [scene for scene in scenes if plan.unfinished(scene, explorers)]
-    processes = min(processes, len(unfinished))
-    if processes > 1:
-        in_processes(work, unfinished, processes, report, attrgetter("name"), prepare_process(processes))
-    else:
-        for scene in unfinished:
-            work(scene, report)
-    return [_read(record) for record in records]
+    ordered = [plan for group in plans.values() for plan in group]
+    progress("episodes", sum(plan.finished for plan in ordered), len(ordered))
+    run_unfinished("episodes", ComparisonRunner(simulation, rewards, seed, steps, perception), jobs, execute, progress)
+    return [_read(plan.record) for plan in ordered]
 
 
 @dataclass(frozen=True)
-class _Plan:
-    """What the episodes have in common, as `compare_explorers` says; it travels to other processes."""
+class ComparisonPlan(Plan):
+    """An episode of one explorer that is to be measured.
 
-    folder: Path
+    Args:
+        folder: where its record is written.
+        scene: the scene it takes place in.
+        explorer: who explores.
+        floor: the floor of the scene, an index into `Simulator.floors`.
+        number: number of the explorer's episode there.
+    """
+
+    explorer: PluginChoice
+    floor: int
+    number: int
+
+    @property
+    def size(self) -> int:
+        """One: progress counts episodes."""
+        return 1
+
+    @property
+    def record(self) -> Path:
+        """The file that is written when the episode is over."""
+        return self.folder / "episode.json"
+
+    @property
+    def finished(self) -> bool:
+        """Whether the episode is over."""
+        return self.record.exists()
+
+
+@dataclass(frozen=True)
+class ComparisonRunner:
+    """Runs the episodes of a job one after the other; arguments as of `compare_explorers`."""
+
     simulation: Simulation
     rewards: RewardStates
     seed: int
     steps: int
-    episodes: int
-    floors: Mapping[str, int]
-    """The number of floors of each scene, by the scene's name."""
+    perception: Perception | None = None
 
-    def numbers(self, scene: SceneReference) -> list[tuple[int, int]]:
-        """The floor and the number of each of an explorer's episodes in a scene."""
-        return list(product(range(self.floors[scene.name]), range(self.episodes)))
+    def __call__(self, job: Job[ComparisonPlan], count: Count) -> None:
+        """Run and measure a job's episodes.
 
-    def record(self, explorer: PluginChoice, scene: SceneReference, floor: int, number: int) -> Path:
-        """The file of an episode; it is there when the episode is over."""
-        return self.folder / f"{explorer.name}-{place_name(scene, floor)}-{number:02d}.json"
+        Args:
+            job: the episodes, those of a scene one after the other: it is loaded once for them.
+            count: told of episodes as they end.
 
-    def unfinished(
-        self, scene: SceneReference, explorers: Sequence[PluginChoice]
-    ) -> list[tuple[PluginChoice, int, int]]:
-        """The episodes of a scene, by explorer, floor and number, that are not over."""
-        return [
-            (choice, floor, number)
-            for choice in explorers
-            for floor, number in self.numbers(scene)
-            if not self.record(choice, scene, floor, number).exists()
-        ]
+        Raises:
+            DeuxError: a scene cannot be read, or an explorer needs a model and there is none.
+        """
+        for scene, plans in groupby(job.plans, key=attrgetter("scene")):
+            simulator = self.simulation.make(scene)
+            for plan in plans:
+                with one_thread():  # or the depth model's last bits would depend on the number of threads
+                    episode = self._explore(plan, simulator.another())
+                make_folder(plan.folder)
+                write_json(plan.record, asdict(episode))
+                count(1)
 
-
-def _explore_scene(
-    scene: SceneReference,
-    count: Callable[[int], None],
-    plan: _Plan,
-    explorers: Sequence[PluginChoice],
-    perception: Perception | None,
-) -> None:
-    """Run the unfinished episodes of some explorers in one scene, which is loaded once."""
-    simulator = plan.simulation.make(scene)
-    for choice, floor, number in plan.unfinished(scene, explorers):
-        with one_thread():  # or the depth model's last bits would depend on the number of threads
-            episode = _explore(plan, choice, simulator.another(), scene, floor, number, perception)
-        write_json(plan.record(choice, scene, floor, number), asdict(episode))
-        count(1)
-
-
-def _explore(
-    plan: _Plan,
-    choice: PluginChoice,
-    simulator: Simulator,
-    scene: SceneReference,
-    floor: int,
-    number: int,
-    perception: Perception | None,
-) -> ExplorationEpisode:
-    """Run one episode and measure it."""
-    began = time.perf_counter()
-    seed = episode_seed(plan.seed, scene, number)
-    explorer = choice.create()
-    walk = Walk(simulator, explorer, seed, plan.steps, floor)
-    track = Track()
-    for (step,) in run_walks([walk], perception if explorer.needs & MODEL_NEEDS else None):
-        track.add(step.frame.pose, step.collided, step.action)
-    exploration = measure_exploration(simulator, track, make_rewards(plan.rewards), seed, plan.steps, floor)
-    trajectory = [(float(pose[0, 3]), float(pose[2, 3]), yaw_of(pose)) for pose in track.poses]
-    seconds = round(time.perf_counter() - began, 2)
-    return ExplorationEpisode(choice.name, scene.name, number, seed, exploration, trajectory, seconds, floor)
+    def _explore(self, plan: ComparisonPlan, simulator: Simulator) -> ExplorationEpisode:
+        """Run one episode and measure it."""
+        began = time.perf_counter()
+        scene, floor, number = plan.scene, plan.floor, plan.number
+        seed = episode_seed(self.seed, scene, number)
+        explorer = plan.explorer.create()
+        walk = Walk(simulator, explorer, seed, self.steps, floor)
+        track = Track()
+        for (step,) in run_walks([walk], self.perception if explorer.needs & MODEL_NEEDS else None):
+            track.add(step.frame.pose, step.collided, step.action)
+        exploration = measure_exploration(simulator, track, make_rewards(self.rewards), seed, self.steps, floor)
+        trajectory = [(float(pose[0, 3]), float(pose[2, 3]), yaw_of(pose)) for pose in track.poses]
+        seconds = round(time.perf_counter() - began, 2)
+        return ExplorationEpisode(plan.explorer.name, scene.name, number, seed, exploration, trajectory, seconds, floor)
 
 
 def _read(record: Path) -> ExplorationEpisode:

@@ -121,7 +121,7 @@ class Comparing:
                 self._settings.steps,
                 self._settings.seeds,
                 self._perception,
-                self._collect.processes,
+                self._collect.make_executor(),
                 report,
             )
         return ExplorerComparison(episodes, self._participants.own_rewards)

@@ -55,6 +55,13 @@ def mesh_room(scene: SceneReference) -> MeshSimulator:
     return MeshSimulator(scene, CAMERA, ROBOT)
 
 
+def signed_room(folder: Path, scene: ToyScene) -> ToySimulator:
+    """A toy room that leaves its name and the number of the process that made it in a folder."""
+    folder.mkdir(exist_ok=True)
+    (folder / f"{scene.name} {os.getpid()}").touch()
+    return ToySimulator(scene, delay=0.05)
+
+
 def slow_toy(scene: ToyScene) -> ToySimulator:
     return ToySimulator(scene, delay=0.05)
 

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from toy_world import CAMERA, ROBOT, GuessingModel, ToyScene, ToySimulator, Wanderer, tree
+from toy_world import (
+    CAMERA,
+    ROBOT,
+    GuessingModel,
+    ToyScene,
+    ToySimulator,
+    Wanderer,
+    convolving_predictor,
+    tree,
+)
 
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
@@ -17,8 +26,10 @@ from deux.contracts import COLOR, Action, Channel, Need
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
 from deux.geometry.reprojection import reproject
+from deux.inference.precision import FastPredictor
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import quantise_depth, read_depth, read_image, read_labels
+from deux.registry import registry
 from deux_plugins.uncertainties.photometric import L1Residual
 
 STEPS = 6
@@ -260,6 +271,60 @@ def test_frames_of_another_simulator_are_not_continued(tmp_path: Path) -> None:
     other = EpisodePlan(tmp_path / "room-0", ToyScene(), seed=99, steps=STEPS)
     with pytest.raises(DeuxError, match=r"room-0 cannot be continued: .* step 0"):
         explore([other], crew.make_simulator, crew.make_explorer)
+
+
+def guess_of(name: str) -> FastPredictor:
+    if name == "tiny":
+        return convolving_predictor()
+    torch.manual_seed(0)
+    return FastPredictor(registry().create("depth_models", name, {}), "cpu")
+
+
+@pytest.mark.parametrize(
+    ("model", "measure"),
+    [("tiny", name) for name in ("l1", "ssim", "parallax", "flip", "hidden_points", "sparse_error")]
+    + [("kbnet", name) for name in ("l1", "hidden_points")],
+)
+def test_on_a_cpu_robots_walk_the_same_in_groups_of_any_size(tmp_path: Path, model: str, measure: str) -> None:
+    predict, uncertainty = guess_of(model), registry().create("uncertainties", measure, {})
+    for size in (4, 2, 1):
+        explore(
+            plans(tmp_path / str(size), 4),
+            ToySimulator,
+            lambda: registry().create("explorers", "deux", {}),
+            predict,
+            uncertainty=uncertainty,
+            batch_size=size,
+        )
+    whole = tree(tmp_path / "4")
+    assert sum(name.endswith("uncertainty.csv") for name in whole) == 4
+    assert tree(tmp_path / "2") == tree(tmp_path / "1") == whole
+
+
+def test_on_a_cpu_guided_episodes_that_are_finished_are_not_run_again(tmp_path: Path) -> None:
+    needs = frozenset({Need.RESIDUAL, Need.PREDICTED_DEPTH})
+    whole, again = Crew(needs), Crew(needs)
+    predict = convolving_predictor()
+    for folder in ("whole", "cut"):
+        explore(plans(tmp_path / folder, 4), whole.make_simulator, whole.make_explorer, predict, uncertainty=L1)
+    for number, left in ((1, 2), (3, 0)):
+        (tmp_path / f"cut/room-{number}/episode.json").unlink()
+        for path in sorted((tmp_path / f"cut/room-{number}/absolute_pose").iterdir())[left:]:
+            path.unlink()
+    told: list[int] = []
+    explore(
+        plans(tmp_path / "cut", 4),
+        again.make_simulator,
+        again.make_explorer,
+        predict,
+        uncertainty=L1,
+        batch_size=3,
+        progress=lambda stage, done, total: told.append(done),
+    )
+    assert tree(tmp_path / "cut") == tree(tmp_path / "whole")
+    assert {simulator.scene.name: simulator.rendered for simulator in again.simulators} == {"room1": 4, "room3": 6}
+    assert told == sorted(told)
+    assert told[-1] == 4 * STEPS
 
 
 def test_progress_reaches_the_number_of_frames(tmp_path: Path) -> None:

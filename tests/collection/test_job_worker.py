@@ -7,17 +7,18 @@ from toy_world import GuessingModel, ToyScene, guided_explorer, slow_simulator, 
 
 from deux.collection import job_worker
 from deux.collection.episodes import EpisodePlan
+from deux.collection.exploration import EpisodeRunner
 from deux.collection.job_worker import JobWorker, package_versions
-from deux.collection.jobs import ExplorationJob, JobRunner
+from deux.collection.jobs import Job
 from deux.collection.perception import Perception
 from deux.errors import DeuxError
 from deux_plugins.uncertainties.photometric import L1Residual
 
-RUN = JobRunner(slow_simulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
+RUN = EpisodeRunner(slow_simulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
 
 
-def job(folder: Path, steps: int = 12) -> ExplorationJob:
-    return ExplorationJob(
+def job(folder: Path, steps: int = 12) -> Job[EpisodePlan]:
+    return Job(
         tuple(EpisodePlan(folder / f"room-{i}", ToyScene(f"room{i}", "x" * i), seed=i, steps=steps) for i in range(2))
     )
 
@@ -38,11 +39,11 @@ def test_files_come_whole_and_in_an_order_in_which_a_break_does_no_harm(
     monkeypatch.setattr(job_worker, "_SECONDS", 0.05)
     RUN(job(tmp_path / "one"), lambda frames: None)
     there = job(tmp_path / "there")
-    frames = 0
+    done = 0
     for part in worker.run(there, streamed=True):
-        frames += part.frames
-        for episode, name, content in part.files:
-            path = there.plans[episode].folder / name
+        done += part.done
+        for plan, name, content in part.files:
+            path = there.plans[plan].folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
             if path.parent.name == "absolute_pose":
@@ -52,9 +53,9 @@ def test_files_come_whole_and_in_an_order_in_which_a_break_does_no_harm(
                     "labels",
                 }
             if name == "episode.json":
-                written = {key for key in tree(tmp_path / "there") if key.startswith(f"room-{episode}/")}
-                assert written == {key for key in tree(tmp_path / "one") if key.startswith(f"room-{episode}/")}
-    assert frames == there.frames
+                written = {key for key in tree(tmp_path / "there") if key.startswith(f"room-{plan}/")}
+                assert written == {key for key in tree(tmp_path / "one") if key.startswith(f"room-{plan}/")}
+    assert done == there.size
     assert tree(tmp_path / "there") == tree(tmp_path / "one")
 
 
@@ -64,7 +65,7 @@ def test_nothing_is_left_in_the_temporary_folder(
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(scratch))
-    assert sum(part.frames for part in worker.run(job(tmp_path / "there", steps=4), streamed=True)) == 8
+    assert sum(part.done for part in worker.run(job(tmp_path / "there", steps=4), streamed=True)) == 8
     assert list(scratch.iterdir()) == []
     assert not (tmp_path / "there").exists()
 
@@ -72,7 +73,7 @@ def test_nothing_is_left_in_the_temporary_folder(
 def test_frames_in_place_are_counted_and_not_sent(tmp_path: Path, worker: JobWorker) -> None:
     RUN(job(tmp_path / "one", steps=4), lambda frames: None)
     parts = list(worker.run(job(tmp_path / "there", steps=4), streamed=False))
-    assert sum(part.frames for part in parts) == 8
+    assert sum(part.done for part in parts) == 8
     assert not any(part.files for part in parts)
     assert tree(tmp_path / "there") == tree(tmp_path / "one")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import pytest
 import torch
+from mesh_world import signed_room
 from toy_world import ToyScene, ToySimulator, convolving_predictor, tree
 
 from deux.collection.episodes import EpisodePlan
@@ -69,6 +70,23 @@ def test_the_frames_are_the_same_for_any_number_of_processes(explorer, tmp_path,
     assert len(told) > STEPS  # they are counted as they come
 
 
+def test_the_robots_of_one_batch_are_shared_out_on_a_cpu(tmp_path, two_threads):
+    for folder, execute in {"one": run_here, "two": LocalExecutor(2)}.items():
+        explore(
+            plans(tmp_path / folder),
+            partial(signed_room, tmp_path / "rooms"),
+            partial(make_explorer, "deux"),
+            convolving_predictor(),
+            uncertainty=L1Residual(),
+            batch_size=4,
+            execute=execute,
+        )
+    assert tree(tmp_path / "one") == tree(tmp_path / "two")
+    rooms = [path.name.split(" ") for path in (tmp_path / "rooms").iterdir()]
+    others = {name: process for name, process in rooms if process != str(os.getpid())}
+    assert others["room0"] == others["room1"] != others["room2"]
+
+
 class Deadly(ToySimulator):
     """Kills its process at the third frame in one of the rooms."""
 
@@ -79,7 +97,7 @@ class Deadly(ToySimulator):
 
 
 def test_a_dead_process_is_told_in_one_sentence_and_its_episode_goes_on(tmp_path):
-    sentence = "The process that worked on the episodes room-2 was killed by SIGKILL, .* the same command goes on where"
+    sentence = "The process that worked on room-2 was killed by SIGKILL, .* the same command goes on where"
     with pytest.raises(DeuxError, match=sentence):
         collect(tmp_path / "cut", "deux", LocalExecutor(2), Deadly)
     assert not (tmp_path / "cut" / "room-2" / "episode.json").exists()

@@ -26,6 +26,8 @@ from toy_world import (
     tree,
 )
 
+from deux.collection import viewpoints
+from deux.collection.local_execution import LocalExecutor
 from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
 from deux.collection.verification import Rejection, VerificationSettings
@@ -150,6 +152,55 @@ def test_each_floor_has_its_episodes_where_all_are_asked_for(tmp_path: Path, exp
         assert pose[1, 3] == pytest.approx(1.25 + (3.0 if "floor1" in name else 0.0))
     written = read_manifest(dataset)["specification"]["scenes"][0]["area"]
     assert written == {"floor": "all", "region": [-3.0, -2.0, 3.0, 2.0], "start": None}
+
+
+class CountingToy:
+    """Makes simulators, and keeps the names of their scenes."""
+
+    def __init__(self) -> None:
+        self.made: list[str] = []
+        self.closed: str | None = None
+
+    def __call__(self, scene: ToyScene) -> ToySimulator:
+        if scene.name == self.closed:
+            raise DeuxError(f"{scene.name} is closed.")
+        self.made.append(scene.name)
+        return ToySimulator(scene)
+
+
+@pytest.mark.parametrize("explorer", ["toy", VIEWPOINTS])
+def test_a_scene_is_loaded_once_to_count_its_floors_however_often_a_build_goes_on(
+    tmp_path: Path, explorer: str
+) -> None:
+    kitchen, hall = (replace(scene, area=SceneArea(floor="all")) for scene in specification().scenes)
+    spec = specification(scenes=(kitchen, hall, ToyScene("attic")), steps=6, explorer=explorer)
+    make = CountingToy()
+    make.closed = "hall"
+    with pytest.raises(DeuxError, match="hall is closed"):
+        build_dataset(spec, tmp_path, make, Wanderer)
+    assert make.made == ["kitchen"]
+    make.closed = "attic"  # is not asked for all of its floors, and so not loaded until it is explored
+    with pytest.raises(DeuxError, match="attic is closed"):
+        build_dataset(spec, tmp_path, make, Wanderer)
+    assert make.made == ["kitchen", "hall", "kitchen", "kitchen", "hall", "hall"]  # counted, then two floors of each
+    again = CountingToy()
+    dataset = build_dataset(spec, tmp_path, again, Wanderer)
+    assert again.made == ["attic"]
+    assert not (dataset / "floors").exists()
+    at_once = build_dataset(spec, tmp_path / "at_once", CountingToy(), Wanderer)
+    assert tree(at_once) == tree(dataset)
+
+
+def test_floors_are_counted_by_the_processes_that_collect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(viewpoints, "_FEW", 0)
+    scenes = tuple(replace(scene, area=SceneArea(floor="all")) for scene in specification().scenes)
+    spec = specification(scenes=scenes, steps=6, explorer=VIEWPOINTS)
+    made = [
+        build_dataset(spec, tmp_path / str(processes), ToySimulator, execute=LocalExecutor(processes))
+        for processes in (1, 2)
+    ]
+    assert len(list((made[0] / "data").iterdir())) == 4 * 6
+    assert tree(made[0]) == tree(made[1])
 
 
 def test_starts_differ_between_scenes_episodes_and_seeds_but_not_between_explorers() -> None:

@@ -4,16 +4,28 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mesh_world import Deadly, Mistaken, mesh_room, slow_toy, write_room
-from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer, tree
+from mesh_world import Deadly, Mistaken, mesh_room, signed_room, slow_toy, write_room
+from toy_world import (
+    GuessingModel,
+    ToyScene,
+    ToySimulator,
+    Wanderer,
+    convolving_predictor,
+    guided_explorer,
+    tree,
+)
 
+from deux.collection import viewpoints
 from deux.collection.episodes import EpisodePlan
-from deux.collection.jobs import ExplorationJob, JobRunner, run_here
+from deux.collection.exploration import EpisodeRunner
+from deux.collection.jobs import Job, JobRunner, run_here, share_out
 from deux.collection.perception import Perception
+from deux.collection.viewpoints import collect_viewpoints, plan_viewpoints
 from deux.contracts import SceneReference
 from deux.errors import DeuxError
 from deux_plugins.uncertainties.photometric import L1Residual
@@ -22,6 +34,7 @@ ray = pytest.importorskip("ray", reason="Ray is not installed: pip install -e '.
 
 from ray.cluster_utils import Cluster  # noqa: E402
 
+from deux.collection import ray_execution  # noqa: E402
 from deux.collection.ray_execution import RayExecutor  # noqa: E402
 
 pytestmark = pytest.mark.timeout(240)
@@ -46,9 +59,9 @@ def cluster() -> Iterator[Any]:
 
 def make_jobs(
     folder: Path, scenes: Sequence[SceneReference], size: int = 1, steps: int = STEPS
-) -> list[ExplorationJob]:
+) -> list[Job[EpisodePlan]]:
     plans = [EpisodePlan(folder / f"room-{i}", scene, seed=i, steps=steps) for i, scene in enumerate(scenes)]
-    return [ExplorationJob(tuple(plans[k : k + size])) for k in range(0, len(plans), size)]
+    return [Job(tuple(plans[k : k + size])) for k in range(0, len(plans), size)]
 
 
 def toy_scenes(count: int) -> list[SceneReference]:
@@ -58,7 +71,7 @@ def toy_scenes(count: int) -> list[SceneReference]:
 class KillsAMachine:
     """Counts frames; kills the cluster's second machine as soon as two workers are in the middle of a job."""
 
-    def __init__(self, cluster: Any, jobs: Sequence[ExplorationJob]) -> None:
+    def __init__(self, cluster: Any, jobs: Sequence[Job[EpisodePlan]]) -> None:
         self.counted: list[int] = []
         self.killed = False
         self._cluster, self._jobs = cluster, jobs
@@ -73,8 +86,8 @@ class KillsAMachine:
 
 
 def assert_that_of_one_process(
-    run: JobRunner,
-    jobs_in: Callable[[Path], list[ExplorationJob]],
+    run: JobRunner[EpisodePlan],
+    jobs_in: Callable[[Path], list[Job[EpisodePlan]]],
     folder: Path,
     cluster: Any,
     results: str,
@@ -85,7 +98,7 @@ def assert_that_of_one_process(
     RayExecutor(cluster.address, results=results)(run, jobs, count)
     assert count.killed
     assert tree(folder / "there") == tree(folder / "one")
-    assert sum(count.counted) == sum(job.frames for job in jobs)
+    assert sum(count.counted) == sum(job.size for job in jobs)
     assert min(count.counted) >= 0
     assert len(count.counted) > 2 * len(jobs)  # frames are counted as they come
 
@@ -93,25 +106,25 @@ def assert_that_of_one_process(
 def test_a_dataset_is_that_of_one_process_though_a_machine_dies_meanwhile(
     tmp_path: Path, cluster: Any, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    def jobs_in(folder: Path) -> list[ExplorationJob]:
+    def jobs_in(folder: Path) -> list[Job[EpisodePlan]]:
         return make_jobs(folder, toy_scenes(4))
 
-    assert_that_of_one_process(JobRunner(slow_toy, Wanderer), jobs_in, tmp_path, cluster, "streamed")
+    assert_that_of_one_process(EpisodeRunner(slow_toy, Wanderer), jobs_in, tmp_path, cluster, "streamed")
     assert "is done again" in caplog.text
     assert capfd.readouterr().err == ""
 
 
 def test_so_is_one_that_a_model_guides(tmp_path: Path, cluster: Any) -> None:
-    def jobs_in(folder: Path) -> list[ExplorationJob]:
+    def jobs_in(folder: Path) -> list[Job[EpisodePlan]]:
         return make_jobs(folder, toy_scenes(6), size=2)
 
-    run = JobRunner(slow_toy, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
+    run = EpisodeRunner(slow_toy, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
     assert_that_of_one_process(run, jobs_in, tmp_path, cluster, "shared")
 
 
 def test_scenes_in_files_are_loaded_once_where_the_files_are(tmp_path: Path, cluster: Any) -> None:
     scenes = [write_room(tmp_path, name, seed) for seed, name in enumerate(("kitchen", "hall"))]
-    run = JobRunner(mesh_room, Wanderer)
+    run = EpisodeRunner(mesh_room, Wanderer)
     run_here(run, make_jobs(tmp_path / "one", [*scenes, *scenes], steps=4), lambda frames: None)
     (tmp_path / "loads.txt").unlink()
     RayExecutor(cluster.address)(run, make_jobs(tmp_path / "there", [*scenes, *scenes], steps=4), lambda frames: None)
@@ -125,7 +138,7 @@ def test_scenes_in_files_are_loaded_once_where_the_files_are(tmp_path: Path, clu
 
 
 def test_a_killed_run_goes_on_and_keeps_the_episodes_that_were_finished(tmp_path: Path, cluster: Any) -> None:
-    run = JobRunner(ToySimulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
+    run = EpisodeRunner(ToySimulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
     run_here(run, make_jobs(tmp_path / "one", toy_scenes(2), size=2, steps=6), lambda frames: None)
     shutil.copytree(tmp_path / "one", tmp_path / "there")
     (tmp_path / "there/room-1/episode.json").unlink()  # as if it had been killed there: room-0 is finished
@@ -138,10 +151,39 @@ def test_a_killed_run_goes_on_and_keeps_the_episodes_that_were_finished(tmp_path
     assert {path: path.stat().st_mtime_ns for path in finished} == finished
 
 
+def test_viewpoints_and_robots_of_one_batch_are_shared_out_and_sent_back(
+    tmp_path: Path, cluster: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared: list[list[Job[Any]]] = []
+
+    def share(*given: Any) -> list[Job[Any]]:
+        shared.append(share_out(*given))
+        return shared[-1]
+
+    monkeypatch.setattr(ray_execution, "share_out", share)
+    monkeypatch.setattr(viewpoints, "_FEW", 0)
+    execute = RayExecutor(cluster.address, workers=2)
+    for folder, executor in {"one": run_here, "there": execute}.items():
+        floors = [plan_viewpoints(tmp_path / folder, scene, 0, 4) for scene in toy_scenes(1)]
+        collect_viewpoints(floors, partial(signed_room, tmp_path / "rooms"), executor)
+        jobs = [replace(job, divisible=True) for job in make_jobs(tmp_path / folder, toy_scenes(4), size=4, steps=6)]
+        run = EpisodeRunner(
+            partial(signed_room, tmp_path / "rooms"),
+            guided_explorer,
+            Perception(convolving_predictor(), uncertainty=L1Residual()),
+        )
+        executor(run, jobs, lambda frames: None)
+    assert tree(tmp_path / "there") == tree(tmp_path / "one")
+    rooms = [path.name.split(" ") for path in (tmp_path / "rooms").iterdir()]
+    here = str(os.getpid())
+    assert {name for name, process in rooms if process != here} == {f"room{i}" for i in range(4)}
+    assert [[len(job.plans) for job in jobs] for jobs in shared] == [[2, 2], [2, 2]]
+
+
 def test_a_mistake_that_a_worker_finds_is_told_in_its_own_sentence(tmp_path: Path, cluster: Any) -> None:
     with pytest.raises(DeuxError, match=r"^the robot has no battery: charge it\.$"):
         RayExecutor(cluster.address, workers=1)(
-            JobRunner(ToySimulator, Mistaken), make_jobs(tmp_path, toy_scenes(2)), lambda frames: None
+            EpisodeRunner(ToySimulator, Mistaken), make_jobs(tmp_path, toy_scenes(2)), lambda frames: None
         )
     assert not ray.is_initialized()
 
@@ -149,12 +191,12 @@ def test_a_mistake_that_a_worker_finds_is_told_in_its_own_sentence(tmp_path: Pat
 def test_a_job_that_ends_its_worker_again_and_again_is_given_up(tmp_path: Path, cluster: Any) -> None:
     with pytest.raises(DeuxError, match=r"^room-0 has cost 2 workers, the last one on .* memory ran out"):
         RayExecutor(cluster.address, workers=1, attempts=2)(
-            JobRunner(ToySimulator, Deadly), make_jobs(tmp_path, toy_scenes(1)), lambda frames: None
+            EpisodeRunner(ToySimulator, Deadly), make_jobs(tmp_path, toy_scenes(1)), lambda frames: None
         )
 
 
 def test_no_room_and_no_cluster_are_told(tmp_path: Path, cluster: Any) -> None:
-    run, jobs = JobRunner(ToySimulator, Wanderer), make_jobs(tmp_path, toy_scenes(1))
+    run, jobs = EpisodeRunner(ToySimulator, Wanderer), make_jobs(tmp_path, toy_scenes(1))
     with pytest.raises(DeuxError, match="no machine with 64 CPUs and 0 graphics cards"):
         RayExecutor(cluster.address, cpus=64)(run, jobs, lambda frames: None)
     with pytest.raises(DeuxError, match=r"no machine with 1 CPUs and 0\.5 graphics cards"):

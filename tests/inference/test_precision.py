@@ -73,6 +73,13 @@ def test_the_fast_predictor_computes_in_the_fastest_precision_and_answers_in_flo
     assert torch.allclose(depth, torch.full_like(depth, 1 / 3), atol=2e-3)
 
 
+def test_the_fast_predictor_says_that_bits_do_not_depend_on_the_batch_on_a_cpu_alone():
+    predictor = FastPredictor(Multiplied(), "cpu")
+    assert predictor.batch_invariant
+    predictor.device = torch.device("cuda")
+    assert not predictor.batch_invariant
+
+
 FRAME = (torch.rand(2, 3, 8, 8), torch.rand(2, 1, 8, 8), torch.eye(3).expand(2, 3, 3))
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from box_scenes import CAMERA, SCENES, BoxRoomSimulator, FarModel, box_simulation, explorer, measure
 
+from deux.collection.local_execution import LocalExecutor
 from deux.collection.perception import Perception
 from deux.collection.specification import episode_seed
 from deux.collection.walk import Walk, run_walks
@@ -50,12 +51,14 @@ def test_every_floor_has_episodes_where_all_are_asked_for(compare, tmp_path, two
     scenes = (replace(SCENES[0], area=SceneArea(floor="all")), SCENES[1])
     episodes = compare(tmp_path, scenes=scenes, explorers=EXPLORERS[:1])
     assert [(e.scene, e.floor) for e in episodes] == [("short", 0), ("short", 1), ("long", 0)]
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "random-long-00.json",
-        "random-short-00.json",
-        "random-short-floor1-00.json",
+    assert sorted(str(path.parent.relative_to(tmp_path)) for path in tmp_path.rglob("episode.json")) == [
+        "random-long-00",
+        "random-short-00",
+        "random-short-floor1-00",
     ]
+    BoxRoomSimulator.loaded.clear()
     assert numbers(compare(tmp_path, scenes=scenes, explorers=EXPLORERS[:1])) == numbers(episodes)
+    assert BoxRoomSimulator.loaded == []  # not to count its floors either
 
 
 def test_a_trajectory_is_where_the_explorer_walks(compare, tmp_path):
@@ -71,8 +74,8 @@ def test_only_what_is_missing_is_run(compare, tmp_path):
     told = []
     whole = compare(tmp_path, progress=lambda stage, done, total: told.append((stage, done, total)))
     assert (told[0], told[-1]) == (("episodes", 0, 4), ("episodes", 4, 4))
-    (tmp_path / "frontier-long-00.json").unlink()
-    kept = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    (tmp_path / "frontier-long-00/episode.json").unlink()
+    kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
     BoxRoomSimulator.loaded.clear()
     assert numbers(compare(tmp_path)) == numbers(whole)
     assert BoxRoomSimulator.loaded == ["long"]
@@ -90,8 +93,8 @@ def test_a_guided_explorer_sees_each_frame_once(compare, tmp_path):
 
 def test_a_damaged_episode_is_named(compare, tmp_path):
     compare(tmp_path)
-    (tmp_path / "random-short-00.json").write_text(json.dumps({"explorer": "random"}))
-    with pytest.raises(DeuxError, match=r"random-short-00\.json is damaged, it holds no episode"):
+    (tmp_path / "random-short-00/episode.json").write_text(json.dumps({"explorer": "random"}))
+    with pytest.raises(DeuxError, match=r"random-short-00/episode\.json is damaged, it holds no episode"):
         compare(tmp_path)
 
 
@@ -110,7 +113,7 @@ def test_processes_change_nothing(tmp_path):
             seed=1,
             steps=5,
             perception=Perception(FarModel(), uncertainty=measure("l1").create()),
-            processes=processes,
+            execute=LocalExecutor(processes),
             progress=lambda stage, done, total: told.append((done, total)),
         )
         for processes in (1, 2)

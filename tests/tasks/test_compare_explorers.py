@@ -17,8 +17,8 @@ SMALL = ["task=compare_explorers", "scenes.test=2", "compare.steps=6"]
 
 
 def episodes(run: Path) -> dict[str, dict]:
-    """The finished episodes, by the names of their files; without the time that they took."""
-    found = {path.name: json.loads(path.read_text()) for path in (run / "episodes").glob("*.json")}
+    """The finished episodes, by the names of their folders; without the time that they took."""
+    found = {path.parent.name: json.loads(path.read_text()) for path in (run / "episodes").glob("*/episode.json")}
     return {name: {key: found[name][key] for key in found[name] if key != "seconds"} for name in sorted(found)}
 
 
@@ -73,9 +73,9 @@ def test_all_explorers_begin_alike_in_each_scene(finished):
 def test_a_killed_comparison_goes_on_where_it_was(compare, finished, tmp_path):
     killed = tmp_path / "run"
     shutil.copytree(finished, killed)
-    for file in ("results.json", "table.md", "episodes/random-apartment_200001-00.json"):
+    for file in ("results.json", "table.md", "episodes/random-apartment_200001-00/episode.json"):
         (killed / file).unlink()
-    kept = {path: path.stat().st_mtime_ns for path in (killed / "episodes").iterdir()}
+    kept = {path: path.stat().st_mtime_ns for path in (killed / "episodes").rglob("*.json")}
     assert len(kept) == 3
     assert compare(killed, "compare.explorers=[frontier,random]").code == 0
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
@@ -101,8 +101,8 @@ def test_guided_and_learned_explorers_take_part(compare, model_file, tmp_path):
     outcome = compare(tmp_path / "run", *chosen, "scenes.test=1", f"seed_model.checkpoint={model_file('kbnet')}")
     assert (outcome.code, outcome.err) == (0, "")
     found = episodes(tmp_path / "run")
-    assert list(found) == [f"{name}-apartment_200000-0{i}.json" for name in ("coverage", "deux") for i in (0, 1)]
-    assert found["coverage-apartment_200000-00.json"]["seed"] != found["coverage-apartment_200000-01.json"]["seed"]
+    assert list(found) == [f"{name}-apartment_200000-0{i}" for name in ("coverage", "deux") for i in (0, 1)]
+    assert found["coverage-apartment_200000-00"]["seed"] != found["coverage-apartment_200000-01"]["seed"]
     assert json.loads((tmp_path / "run" / "results.json").read_text())["own_rewards"] == {"coverage": "coverage"}
 
 
@@ -121,6 +121,6 @@ def test_files_are_explored_as_they_are(compare, room, tmp_path):
 
 def test_a_damaged_episode(compare, finished, tmp_path):
     shutil.copytree(finished, tmp_path / "run")
-    (tmp_path / "run" / "episodes" / "random-apartment_200000-00.json").write_text("{}")
+    (tmp_path / "run" / "episodes" / "random-apartment_200000-00" / "episode.json").write_text("{}")
     sentence = compare(tmp_path / "run", "compare.explorers=[frontier,random]").sentence
-    assert "random-apartment_200000-00.json is damaged, it holds no episode" in sentence
+    assert "random-apartment_200000-00/episode.json is damaged, it holds no episode" in sentence

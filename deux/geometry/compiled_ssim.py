@@ -42,7 +42,7 @@ def compiled_ssim(image: Tensor, other: Tensor, weights: list[float], margin: in
 
 
 class _Similarity(torch.autograd.Function):
-    """The images' planes are independent, so they are shared among as many threads as torch has."""
+    """The images' planes are independent, so that threads can share them."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, other: Tensor, weights: list[float], margin: int) -> Tensor:
@@ -67,13 +67,14 @@ class _Similarity(torch.autograd.Function):
 
 
 def _for_each_plane(kernel: Callable[..., None], weights: list[float], margin: int, *tensors: Tensor | None) -> None:
-    """Call a kernel with the planes of ... x H x W tensors, in as many parts as torch has threads.
+    """Call a kernel with the planes of ... x H x W tensors, shared among half as many threads as torch has.
 
+    Torch's own keep their cores busy for a while after each of its operations: with two, sharing takes twice as long.
     The last tensor is written to, and contiguous.
     """
     arrays = [x.detach().reshape(-1, *x.shape[-2:]).contiguous().numpy() for x in tensors if x is not None]
     window = np.array(weights, arrays[0].dtype)
-    parts = min(torch.get_num_threads(), len(arrays[0]))
+    parts = min(torch.get_num_threads() // 2, len(arrays[0]))
     if parts <= 1:
         kernel(window, margin, *arrays)
         return

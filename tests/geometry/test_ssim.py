@@ -5,7 +5,6 @@ from kornia.metrics import ssim as kornia_ssim
 from scipy.ndimage import minimum_filter
 from skimage.metrics import structural_similarity
 
-from deux.errors import DeuxError
 from deux.geometry import ssim as ssim_module
 from deux.geometry.ssim import ssim, wholly_visible
 
@@ -51,28 +50,6 @@ def test_both_computations_agree_in_values_and_gradients(window, window_size, bo
         outcomes.append([values, *torch.autograd.grad((values * weights).sum(), inputs)])
     for ours, kornias in zip(*outcomes, strict=True):
         torch.testing.assert_close(ours, kornias, atol=1e-9, rtol=1e-9)
-
-
-@pytest.mark.parametrize("threads", [1, 3])
-def test_threads_share_the_images(threads):
-    """More images than threads, and fewer; channels last in memory."""
-    for frames in (1, 5):
-        image, other = (x.contiguous(memory_format=torch.channels_last) for x in images(frames, 1, 24, 30))
-        other.requires_grad_()
-        before = torch.get_num_threads()
-        torch.set_num_threads(threads)
-        try:
-            ours, kornias = (compare(image, other, "gaussian", 5, "reflect") for compare in PATHS)
-            gradients = [torch.autograd.grad(x.square().sum(), other)[0] for x in (ours, kornias)]
-        finally:
-            torch.set_num_threads(before)
-        torch.testing.assert_close(ours, kornias, atol=1e-5, rtol=0)
-        torch.testing.assert_close(*gradients, atol=1e-4, rtol=1e-4)
-
-
-def test_images_that_cannot_be_mirrored_are_refused():
-    with pytest.raises(DeuxError, match="3 x 8 pixels"):
-        ssim(torch.zeros(1, 1, 3, 8), torch.zeros(1, 1, 3, 8), window_size=7)
 
 
 @on_both_paths

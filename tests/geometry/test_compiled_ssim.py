@@ -1,4 +1,4 @@
-"""The compiled structural similarity against scikit-image and finite differences; test_ssim.py compares it with kornia."""
+"""The compiled structural similarity against scikit-image and finite differences (kornia: test_ssim.py)."""
 
 import numpy as np
 import pytest

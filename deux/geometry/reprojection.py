@@ -49,8 +49,10 @@ def reproject(
         depth = depth.to(dtype)
         positions, distance = _project(depth, intrinsics.to(dtype), source_from_target.to(dtype))
         # The clamp keeps positions finite; what it changes is invisible. A NaN must go because grid_sample's backward
-        # pass on the CPU takes it for an address and brings the process down.
-        positions = positions.clamp(-FARTHEST, FARTHEST).nan_to_num(nan=FARTHEST)
+        # pass on the CPU takes it for an address and brings the process down. Neither needs a gradient of its own:
+        # that of a sample so far outside is zero already.
+        with torch.no_grad():
+            positions.clamp_(-FARTHEST, FARTHEST).nan_to_num_(nan=FARTHEST)
         x, y = positions.flatten(0, 1).unbind(1)
         images = remap(
             source_images.to(dtype).flatten(0, 1),

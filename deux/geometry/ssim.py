@@ -1,18 +1,14 @@
 """Structural similarity of an image and its reconstructions (Wang et al., 2004)."""
 
-from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
 import torch
-import torch.nn.functional as F
 from kornia.filters import filter2d_separable, get_box_kernel1d, get_gaussian_kernel1d
 from torch import Tensor
 
-from deux.geometry.sliding_max import sliding_max
+from deux.geometry.compiled_ssim import CONTRAST_CONSTANT, LUMINANCE_CONSTANT, compiled_ssim
 from deux.geometry.tuned_forms import tuned_for_cpu
 
-LUMINANCE_CONSTANT = 0.01**2
-CONTRAST_CONSTANT = 0.03**2
 GAUSSIAN_SIGMA = 1.5
 
 Window = Literal["gaussian", "box"]
@@ -29,7 +25,7 @@ def ssim(
     """Structural similarity at each pixel and channel, for images in [0, 1].
 
     `kornia.metrics.ssim` (without its `eps`) defines the values; on a GPU they come from the same convolutions. On a
-    CPU they are computed several times faster from sums of shifted views (docs/decisions/0012-kornia-geometry.md).
+    CPU they are computed many times faster by compiled code (docs/decisions/0012-kornia-geometry.md).
     Nothing here makes the host wait for the device.
     Half-precision images are compared in float32, also in an enclosing autocast.
 
@@ -44,7 +40,7 @@ def ssim(
         N x ... x C x H x W in [-1, 1], smaller by `window_size - 1` in both directions with `border="valid"`.
     """
     dtype = torch.promote_types(torch.promote_types(image.dtype, other.dtype), torch.float32)
-    compare = _by_shifted_views if tuned_for_cpu(image) else _by_kornia
+    compare = _by_rows if tuned_for_cpu(image) else _by_kornia
     with torch.autocast(image.device.type, enabled=False):
         return compare(image.to(dtype), other.to(dtype), window, window_size, border)
 
@@ -59,8 +55,14 @@ def wholly_visible(visible: Tensor, window_size: int = 3) -> Tensor:
     Returns:
         ... x H x W bool; what lies beyond the image's edge counts as visible, for it is mirrored.
     """
-    hidden = (~visible).flatten(0, -3).float()
-    return (sliding_max(hidden[:, None], window_size) == 0).view_as(visible)
+    for axis in (-2, -1):
+        whole = visible.clone()
+        for shift in range(1, min(window_size // 2 + 1, visible.shape[axis])):
+            length = visible.shape[axis] - shift
+            whole.narrow(axis, shift, length).logical_and_(visible.narrow(axis, 0, length))
+            whole.narrow(axis, 0, length).logical_and_(visible.narrow(axis, shift, length))
+        visible = whole
+    return visible
 
 
 def _by_kornia(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
@@ -78,65 +80,25 @@ def _by_kornia(image: Tensor, other: Tensor, window: Window, size: int, border: 
     else:
         offsets = torch.arange(size, device=image.device, dtype=image.dtype) - size // 2
         kernel = torch.softmax(-0.5 * (offsets / GAUSSIAN_SIGMA).square(), dim=0)[None]
-    similarity = _similarity(image, other, lambda x: filter2d_separable(x, kernel, kernel, padding=padding))
-    return similarity.unflatten(0, batch)
 
+    def windowed(x: Tensor) -> Tensor:
+        return filter2d_separable(x, kernel, kernel, padding=padding)
 
-def _by_shifted_views(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
-    """SSIM with the window as sums of shifted views; what is broadcast is averaged only once."""
-    if border == "reflect":
-        image, other = _mirrored(image, size // 2), _mirrored(other, size // 2)
-    if window == "box":
-        weights = [1.0 / size] * size
-    else:
-        weights = get_gaussian_kernel1d(size, GAUSSIAN_SIGMA, dtype=torch.float64)[0].tolist()
-    return _similarity(image, other, lambda x: _WindowedMean.apply(x, weights))
-
-
-def _similarity(image: Tensor, other: Tensor, windowed: Callable[[Tensor], Tensor]) -> Tensor:
-    """Eq. 13 of Wang et al., from the weighted means over the window that `windowed` computes."""
+    # Eq. 13 of Wang et al.
     mean, other_mean = windowed(image), windowed(other)
     product = mean * other_mean
     squares = mean * mean + other_mean * other_mean
     covariance = windowed(image * other) - product
     variances = windowed(image * image + other * other) - squares
     similarity = (2.0 * product + LUMINANCE_CONSTANT) * (2.0 * covariance + CONTRAST_CONSTANT)
-    return similarity / ((squares + LUMINANCE_CONSTANT) * (variances + CONTRAST_CONSTANT))
+    similarity = similarity / ((squares + LUMINANCE_CONSTANT) * (variances + CONTRAST_CONSTANT))
+    return similarity.unflatten(0, batch)
 
 
-def _mirrored(image: Tensor, margin: int) -> Tensor:
-    return F.pad(image.flatten(0, -4), [margin] * 4, mode="reflect").unflatten(0, image.shape[:-3])
-
-
-class _WindowedMean(torch.autograd.Function):
-    """Weighted means over the square window, one axis after the other, where it fits inside the image.
-
-    The gradient is written out: each axis is one sum of shifted views in place, where automatic differentiation fills
-    a new image with zeros for every view.
-    """
-
-    @staticmethod
-    def forward(ctx: Any, image: Tensor, weights: list[float]) -> Tensor:
-        """Means of ... x H x W by the k weights of each axis: ... x (H - k + 1) x (W - k + 1)."""
-        ctx.weights = weights
-        for axis in (-2, -1):
-            length = image.shape[axis] - len(weights) + 1
-            total = image.narrow(axis, 0, length) * weights[0]
-            for shift, weight in enumerate(weights[1:], start=1):
-                total.add_(image.narrow(axis, shift, length), alpha=weight)
-            image = total
-        return image
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
-        """The transposed sums: each gradient spreads over its window."""
-        (gradient,) = gradients
-        for axis in (-2, -1):
-            shape = list(gradient.shape)
-            length = shape[axis]
-            shape[axis] += len(ctx.weights) - 1
-            spread = gradient.new_zeros(shape)
-            for shift, weight in enumerate(ctx.weights):
-                spread.narrow(axis, shift, length).add_(gradient, alpha=weight)
-            gradient = spread
-        return gradient, None
+def _by_rows(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
+    """SSIM compiled for a CPU."""
+    if window == "box":
+        weights = [1.0 / size] * size
+    else:
+        weights = get_gaussian_kernel1d(size, GAUSSIAN_SIGMA, dtype=torch.float64)[0].tolist()
+    return compiled_ssim(image, other, weights, margin=size // 2 if border == "reflect" else 0)

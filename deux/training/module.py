@@ -15,6 +15,7 @@ from torchmetrics import Metric
 from deux.contracts import Batch, DepthModel, Prediction
 from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.sparse_outliers import remove_outliers
+from deux.training.fused_adam import FusedAdam
 from deux.training.objective import Losses, Objective
 from deux.training.pose_source import PoseSource
 from deux.training.schedule import Schedule
@@ -104,7 +105,8 @@ class DepthCompletion(LightningModule):
         parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
         # A scaler leaves it to a fused optimiser to undo the scaling, which has to come before the clipping.
         fused = not (self.trainer.gradient_clip_val and _scaler(self.trainer.precision_plugin))
-        optimizer = torch.optim.Adam(parameters, lr=self.schedule.learning_rate, fused=fused)
+        adam = FusedAdam if fused else torch.optim.Adam
+        optimizer = adam(parameters, lr=self.schedule.learning_rate)
         total_steps = self.trainer.estimated_stepping_batches
 
         # A function and not an object: LambdaLR would put an object's state into the checkpoint.

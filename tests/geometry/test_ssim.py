@@ -8,14 +8,14 @@ from skimage.metrics import structural_similarity
 from deux.geometry import ssim as ssim_module
 from deux.geometry.ssim import ssim, wholly_visible
 
-PATHS = [ssim_module._by_shifted_views, ssim_module._by_kornia]
+PATHS = [ssim_module._by_rows, ssim_module._by_kornia]
 
 
 @pytest.fixture(params=["as chosen", "kornia"])
 def path(request, monkeypatch):
     """The computation of the device at hand, and kornia's, which is that of other devices."""
     if request.param == "kornia":
-        monkeypatch.setattr(ssim_module, "_by_shifted_views", ssim_module._by_kornia)
+        monkeypatch.setattr(ssim_module, "_by_rows", ssim_module._by_kornia)
 
 
 on_both_paths = pytest.mark.usefixtures("path")

@@ -4,7 +4,8 @@ from typing import Literal
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
+
+from deux_plugins.depth_models.parts.small_map_convolution import convolve_small_map, is_small_map
 
 Activation = Literal["leaky_relu", "relu", "linear"]
 
@@ -42,19 +43,10 @@ class Convolution(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """N x in_channels x H x W to N x out_channels x H' x W'."""
-        if self.training and x.shape[-2:] == (1, 1) and self.conv.stride != (1, 1):
-            return self.finish(self._in_float32(x))
+        weight, (stride, _) = self.conv.weight, self.conv.stride
+        if is_small_map(x, weight, stride):
+            return self.finish(convolve_small_map(x, weight, stride))
         return self.finish(self.conv(x))
-
-    def _in_float32(self, x: Tensor) -> Tensor:
-        """The convolution in float32: of a map of one pixel, as small images come to, oneDNN (PyTorch 2.14) leaves the
-        bfloat16 gradient of the weights unwritten at stride 2.
-        """
-        conv = self.conv
-        with torch.autocast(x.device.type, enabled=False):
-            return functional.conv2d(
-                x.float(), conv.weight.float(), stride=conv.stride, padding=conv.kernel_size[0] // 2
-            ).to(x.dtype)
 
     def finish(self, x: Tensor) -> Tensor:
         """What follows the convolution: normalisation and activation."""

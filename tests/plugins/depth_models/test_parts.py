@@ -14,6 +14,7 @@ from deux_plugins.depth_models.parts.depth_range import depth_from_logits
 from deux_plugins.depth_models.parts.pooling import sliding_min_of_points
 from deux_plugins.depth_models.parts.pose_matrix import pose_matrix, rotation_matrix
 from deux_plugins.depth_models.parts.pose_network import seven_convolution_pose_network
+from deux_plugins.depth_models.parts.small_map_convolution import convolve_small_map, is_small_map
 
 
 def test_sliding_min_sees_points_only():
@@ -127,3 +128,58 @@ def test_the_gradient_of_a_stride_over_a_single_pixel_is_that_of_float32(dtype):
     expected = torch.zeros(128, 128, 3, 3)
     expected[:, :, 1, 1] = pixel.sum(0).flatten()
     torch.testing.assert_close(layer.conv.weight.grad.float(), expected, rtol=2e-2, atol=2e-2)
+
+
+def _gradients(convolve, x, weight, upstream):
+    x, weight = x.clone().requires_grad_(), weight.clone().requires_grad_()
+    result = convolve(x, weight)
+    return result.detach(), *torch.autograd.grad(result, (x, weight), upstream(result))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.bfloat16])
+@pytest.mark.parametrize(
+    ("size", "kernel", "stride"), [((6, 6), 3, 1), ((5, 8), 3, 2), ((6, 7), 5, 2), ((2, 3), 1, 1), ((1, 1), 3, 2)]
+)
+def test_small_maps_give_the_values_and_gradients_of_float64(dtype, size, kernel, stride):
+    """Weights in float32 under autocast, and weights in bfloat16."""
+    torch.manual_seed(0)
+    x = torch.randn(3, 16, *size).to(dtype).contiguous(memory_format=torch.channels_last)
+    weight = (0.1 * torch.randn(8, 16, kernel, kernel)).to(dtype)
+
+    def upstream(result):
+        return torch.randn(result.shape, generator=torch.Generator().manual_seed(1)).to(result.dtype)
+
+    with torch.autocast("cpu", torch.bfloat16, enabled=dtype == torch.float32):
+        assert is_small_map(x, weight.requires_grad_(), stride)
+        outcomes = _gradients(lambda a, b: convolve_small_map(a, b, stride), x, weight.detach(), upstream)
+    expected = _gradients(
+        lambda a, b: functional.conv2d(a, b, stride=stride, padding=kernel // 2),
+        x.double(),
+        weight.detach().double(),
+        upstream,
+    )
+    assert outcomes[0].dtype == torch.bfloat16
+    assert outcomes[1].dtype == outcomes[2].dtype == dtype
+    for ours, theirs in zip(outcomes, expected, strict=True):
+        torch.testing.assert_close(ours.double(), theirs, rtol=2e-2, atol=2e-2 * theirs.abs().max().item())
+
+
+def test_maps_are_small_where_that_pays():
+    weight, x = torch.nn.Parameter(torch.zeros(8, 4, 3, 3)), torch.zeros(2, 4, 24, 24)
+    assert not is_small_map(x, weight, 2)  # float32
+    with torch.autocast("cpu", torch.bfloat16):
+        assert is_small_map(x, weight, 2)
+        assert not is_small_map(x, weight, 1)
+        assert not is_small_map(x, weight.detach(), 2)
+        assert is_small_map(torch.zeros(1000, 4, 1, 1), weight, 2)
+        with torch.no_grad():
+            assert not is_small_map(x, weight, 2)
+
+
+def test_layers_compute_small_maps_alike():
+    torch.manual_seed(0)
+    layer = Convolution(16, 8, stride=2, batch_norm=True)
+    x = torch.randn(2, 16, 6, 6)
+    expected = layer(x)
+    with torch.autocast("cpu", torch.bfloat16):
+        torch.testing.assert_close(layer(x).float(), expected, rtol=2e-2, atol=5e-2)

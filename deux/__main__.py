@@ -26,7 +26,7 @@ from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_co
 from deux.errors import DeuxError, JobFailed
 from deux.io.atomic import write_failure
 from deux.search_path import leave_out_working_folder
-from deux.task_sections import check_plugins
+from deux.task_sections import check_plugin_options, check_plugins
 from deux.thread_waiting import let_waiting_threads_sleep
 
 COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
@@ -114,10 +114,14 @@ def main() -> int:
 def run_task(cfg: DictConfig) -> None:
     """Import the task that the configuration names, and run it.
 
+    Importing a task takes longer than importing the plugins that have options: their mistakes are told first.
+
     Raises:
-        DeuxError: an unknown task, a plugin that is not installed, or what the task itself finds wrong.
+        DeuxError: an unknown task, a plugin that is not installed or that does not have an option, or what the task
+            itself finds wrong.
     """
     check_plugins(cfg)
+    check_plugin_options(cfg)
     importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
 
 

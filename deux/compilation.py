@@ -2,9 +2,13 @@
 
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from numba import njit
+
+_kept: list[Any] = []
+"""The functions that this process has imported and whose machine code is kept on disk."""
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
@@ -16,7 +20,7 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return lambda decorated: compiled(decorated, **options)
     try:
-        return njit(cache=True, **options)(function)
+        dispatcher = njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no folder for its cache
         warnings.warn(
             "compiled code cannot be kept: the installation and the home folder are read-only, so every start takes "
@@ -24,3 +28,15 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
             stacklevel=2,
         )
         return njit(**options)(function)
+    _kept.append(dispatcher)
+    return dispatcher
+
+
+def nothing_compiled() -> bool:
+    """Whether no machine code is kept of any function imported so far, so that the first calls take many seconds.
+
+    Only the names of files are looked at: code of an older version of a function counts as kept.
+    """
+    return not any(
+        any(Path(dispatcher.stats.cache_path).glob(f"*{dispatcher.py_func.__qualname__}-*.nbi")) for dispatcher in _kept
+    )

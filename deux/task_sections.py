@@ -165,6 +165,16 @@ def check_plugins(cfg: DictConfig) -> None:
         registry().find(kind, name)
 
 
+def check_plugin_options(cfg: DictConfig) -> None:
+    """Raise DeuxError if a section of the task has an option that its plugin does not have, or of another type.
+
+    Plugins with all options at their defaults are not imported. Call `check_plugins` first.
+    """
+    for name, kind in PLUGIN_SECTIONS.items():
+        if name in TASKS[cfg.task].sections and len(cfg[name]) > 1:  # the name alone is always right
+            registry().choose(kind, cfg[name], name)
+
+
 def _named_plugins(cfg: DictConfig) -> list[tuple[str, str]]:
     """The plugins that the task's sections name: kind and name."""
     sections = TASKS[cfg.task].sections

@@ -97,6 +97,31 @@ def test_what_only_reads_the_configuration_imports_no_library_that_takes_seconds
     assert not imported_packages(result.stderr) & SLOW_PACKAGES
 
 
+TRAINING_PACKAGES = {"lightning", "torchmetrics", "torchvision", "matplotlib", "stable_baselines3"}
+"""Seconds of imports, for what comes minutes after a task's first line."""
+
+
+def test_a_mistake_in_a_plugins_options_is_told_before_the_task_is_imported(tmp_path: Path) -> None:
+    result = command(tmp_path, "-X", "importtime", "-m", "deux", "experiment=debug", "model.foo=1")
+    assert result.returncode == 1
+    assert "deux: model.foo is not an option of KBNet: there is: " in result.stderr
+    assert "deux.tasks.experiment" not in result.stderr
+    assert not imported_packages(result.stderr) & (TRAINING_PACKAGES | {"numba", "kornia", "scipy"})
+
+
+def test_tasks_say_their_first_line_before_they_import_what_trains(tmp_path: Path) -> None:
+    result = command(
+        tmp_path, "-X", "importtime", "-m", "deux", "experiment=debug", "explore=random", "training.steps=0"
+    )
+    assert result.stderr.splitlines()[-1] == "deux: training.steps is 0: it must be at least 1."
+    assert not imported_packages(result.stderr) & TRAINING_PACKAGES
+    names = ("train", "collect", "evaluate", "predict", "export")
+    tasks = "import " + ", ".join(f"deux.tasks.{name}" for name in names)
+    result = command(tmp_path, "-X", "importtime", "-c", tasks)
+    assert result.returncode == 0
+    assert not imported_packages(result.stderr) & (TRAINING_PACKAGES - {"matplotlib"})  # predict draws at once
+
+
 def test_the_same_command_finds_the_same_run_folder(tmp_path: Path) -> None:
     for _ in range(2):
         result = stubbed(tmp_path, "explore=random")

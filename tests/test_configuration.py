@@ -34,7 +34,7 @@ from deux.tasks.predict import PredictSettings
 from deux.tasks.report import ReportSettings
 from deux.tasks.seed_model import SeedModelSettings
 from deux.tasks.train_explorer import ExplorerTrainingSettings
-from deux.training.fit import TrainingSettings
+from deux.training.training_settings import TrainingSettings
 
 CHOICES = [
     f"{path.parent.name}={path.stem}"

@@ -9,7 +9,7 @@ from deux.contracts import Robot
 from deux.geometry.camera import Camera
 from deux.options import construct
 from deux.registry import registry
-from deux.training.fit import TrainingSettings
+from deux.training.training_settings import TrainingSettings
 
 
 @pytest.fixture

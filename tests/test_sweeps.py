@@ -42,6 +42,7 @@ def told(folder: Path) -> str:
     return "".join(path.read_text() for path in folder.glob("outputs/sweeps/*/*/deux.log"))
 
 
+@pytest.mark.slow
 def test_two_jobs_at_a_time_share_frames_and_seed_model_and_outlive_a_third_that_fails(tmp_path):
     def run() -> list[str]:
         steps = "training.steps=2,3,0"  # which the seed model does not depend on

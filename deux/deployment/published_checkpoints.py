@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from deux.contracts import DepthModel
 from deux.deployment.model_files import load_weights
 from deux.errors import DeuxError
+from deux.inference.weightless import without_weights
 from deux.io.atomic import write_atomically
 from deux.registry import registry
 
@@ -141,7 +142,7 @@ def _layouts() -> dict[str, set[str]]:
     layouts: dict[str, set[str]] = {}
     for name in registry().names("depth_models"):
         try:
-            with torch.device("meta"):
+            with without_weights():
                 model = registry().create("depth_models", name, {})
                 pose = model.pose_network()
         except Exception:  # one broken plugin must not hide what is wrong with the file

@@ -67,7 +67,7 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
     from deux.options import construct
     from deux.registry import registry
     from deux.tasks.console import say
-    from deux.training.fit import TrainingSettings
+    from deux.training.training_settings import TrainingSettings
 
     checkup.heading(f"Frames: {cfg.data.get('name')}, {option}={folder}")
     try:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from lightning.fabric.utilities import move_data_to_device
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -49,6 +48,8 @@ def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
 
     Without poses of the frames there is no residual: it is NaN everywhere.
     """
+    from lightning.fabric.utilities import move_data_to_device  # slow, and `draw_depth` needs none of it
+
     batch = move_data_to_device(batch, next(model.parameters()).device)
     assert batch.ground_truth is not None
     predicted = model.predict(batch.image, batch.sparse_depth, batch.intrinsics)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit  # of scipy.stats too, which takes a second to import
 
 
 class Estimate(NamedTuple):
@@ -33,5 +33,5 @@ def estimate(sample: Sequence[float]) -> Estimate:
     mean = float(values.mean())
     if len(values) < 2 or not np.isfinite(values).all():
         return Estimate(mean)
-    half_width = stats.t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    half_width = stdtrit(len(values) - 1, 0.975) * values.std(ddof=1) / np.sqrt(len(values))
     return Estimate(mean, float(half_width))

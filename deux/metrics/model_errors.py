@@ -11,7 +11,8 @@ from torch import Tensor
 from deux.contracts import Batch, DepthModel
 from deux.errors import DeuxError
 from deux.geometry.scaffolding import interpolate
-from deux.metrics.depth_errors import METRICS, DepthErrors, invalid_pixels
+from deux.metrics.depth_errors import METRICS, invalid_pixels
+from deux.metrics.mean_errors import DepthErrors
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ MODEL = (
     "training.factors",
     "training.unit",
     "training.warmup_steps",
+    "training.tf32",
+    "training.compile",
     "training.offsets",
     "trainer.precision",
     "trainer.accumulate_grad_batches",

@@ -5,24 +5,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-
-from lightning import Callback
+from typing import TYPE_CHECKING
 
 from deux.callbacks import ACTIVE_COLLECTION, make_callback
 from deux.collection.collect_settings import FRAMES_OF_A_TRIPLET
 from deux.collection.explored_map import mean_uncertainty, seen_area
 from deux.collection.pipeline import read_manifest
 from deux.contracts import DepthModel, DepthPredictor, Reader
-from deux.data.datamodule import TripletDataModule
 from deux.deployment.model_files import MODEL_FILE, load_model, save_model
 from deux.errors import check_range
-from deux.figures.drawing import save_figure
-from deux.figures.training_curves import draw_rounds
 from deux.inference.precision import FastPredictor
 from deux.io.atomic import make_folder, write_json
 from deux.io.layout import sequences
 from deux.io.locking import locked
-from deux.metrics.depth_errors import DepthErrors
 from deux.options import construct
 from deux.registry import PluginChoice
 from deux.task_sections import Sections
@@ -31,9 +26,11 @@ from deux.tasks.console import say
 from deux.tasks.datasets import Datasets
 from deux.tasks.model_training import Recipe, Training
 from deux.tasks.run_folder import ROUNDS, RunFolder
-from deux.training.active_collection import ActiveCollection
 from deux.training.ranks import decided_by_leader, leads
 from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings
+
+if TYPE_CHECKING:
+    from lightning import Callback
 
 _ROUNDS_FILE = "rounds.json"
 
@@ -93,7 +90,9 @@ class ActiveTraining:
 
     def _collection(
         self, active: ActiveCollectionSettings, recipe: Recipe, run: RunFolder, validation: Sequence[Reader]
-    ) -> Callback:
+    ) -> "Callback":
+        from deux.training.active_collection import ActiveCollection  # Lightning's import, seconds, is left to training
+
         folder = run.path / ROUNDS
         make_folder(folder)
         collector = RoundCollector(
@@ -106,7 +105,7 @@ class ActiveTraining:
 
         def report(rounds: Sequence[Round]) -> None:
             write_json(folder / _ROUNDS_FILE, [asdict(one) for one in rounds])
-            save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
+            _draw(rounds, run)
             say(f"  {_line(rounds[-1])}")
 
         return ActiveCollection(active, folder, collect, report)
@@ -182,6 +181,9 @@ class RoundCollector:
     def _validation_error(self, predict: DepthPredictor) -> float | None:
         if not self._validation:
             return None
+        from deux.data.datamodule import TripletDataModule  # as above
+        from deux.metrics.mean_errors import DepthErrors
+
         training, camera = self.recipe.training, self._datasets.simulation.camera
         data = TripletDataModule(
             self.recipe.model.create(),
@@ -210,13 +212,20 @@ def _show_rounds(run: RunFolder, active: ActiveCollectionSettings) -> None:
     """When the training is over: draw the rounds once more, and say so if there were fewer than asked for."""
     rounds = read_rounds(run)
     if rounds:
-        save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
+        _draw(rounds, run)
     if len(rounds) < active.rounds:
         say(
             f"  {len(rounds)} of callbacks.{ACTIVE_COLLECTION}.rounds={active.rounds} rounds took place: they come at "
             f"the end of epochs, and the training was over before. Train for longer, or lower "
             f"callbacks.{ACTIVE_COLLECTION}.every."
         )
+
+
+def _draw(rounds: Sequence[Round], run: RunFolder) -> None:
+    from deux.figures.drawing import save_figure  # matplotlib, which nothing waits for before there are rounds to draw
+    from deux.figures.training_curves import draw_rounds
+
+    save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
 
 
 def _line(found: Round) -> str:

@@ -6,8 +6,6 @@ from omegaconf import DictConfig
 
 from deux.collection.explored_map import episode_poses, explored_map
 from deux.configuration import run_folder, sections_of
-from deux.figures.drawing import save_figure
-from deux.figures.trajectory import draw_trajectory
 from deux.io.layout import sequences
 from deux.task_sections import Sections
 from deux.tasks.console import quieten_libraries, say
@@ -72,6 +70,11 @@ class Exploration:
 
     def draw(self, dataset: Path, run: RunFolder) -> None:
         """Draw where the robot went in the first episodes."""
+        from deux.figures.drawing import (
+            save_figure,  # matplotlib, which nothing waits for before there is a path to draw
+        )
+        from deux.figures.trajectory import draw_trajectory
+
         simulation = self._datasets.simulation
         for sequence in sequences(dataset)[:MOST_TRAJECTORIES]:
             explored = explored_map(sequence, simulation.camera, simulation.robot)

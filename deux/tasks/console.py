@@ -4,10 +4,7 @@ import logging
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
-from lightning.pytorch import LightningModule, Trainer
-from lightning.pytorch.callbacks import Callback, RichProgressBar
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -27,8 +24,7 @@ def say(message: RenderableType) -> None:
 
 
 def quieten_libraries() -> None:
-    """Silence notices of Lightning's that a user of this command can do nothing about."""
-    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+    """Silence warnings of Lightning's that a user of this command can do nothing about."""
     for notice in (
         "does not have many workers",  # frames are decoded once and kept in memory: workers would only copy them
         "is smaller than the logging interval",  # a run of a few steps logs what it can
@@ -37,43 +33,20 @@ def quieten_libraries() -> None:
         r"Found \d+ module\(s\) in eval mode",  # a frozen part of a model
         "It is recommended to use .*sync_dist=True",  # all processes validate on the same frames
         "Checkpoint directory .* exists and is not empty",  # a run that goes on where it was killed
+        "The `srun` command is available",  # on a machine of a Slurm cluster, without a job or in a job of one process
     ):
         warnings.filterwarnings("ignore", message=f".*{notice}")
 
 
-def training_bar() -> list[Callback]:
-    """Lightning's progress bar, where somebody watches a single run."""
-    return [_LossBar()] if _watched() else []
-
-
-class _LossBar(RichProgressBar):
-    """Lightning's progress bar with the loss of the last step that was logged.
-
-    A loss that is logged with `prog_bar=True` is read at every step, for which a card has to be waited for.
-    """
-
-    def __init__(self) -> None:
-        super().__init__(leave=True)
-        self._loss: dict[str, float] = {}
-
-    def on_train_batch_end(
-        self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
-    ) -> None:
-        """Show the loss of this step if it is one whose values are read anyway."""
-        logged = trainer.global_step % trainer.log_every_n_steps == 0  # type: ignore[attr-defined]
-        if logged and "train/loss" in trainer.callback_metrics:
-            self._loss = {"loss": float(trainer.callback_metrics["train/loss"])}
-        super().on_train_batch_end(trainer, pl_module, outputs, batch, batch_idx)
-
-    def get_metrics(self, trainer: Trainer, pl_module: LightningModule) -> dict[str, Any]:
-        """What stands beside the bar."""
-        return {**super().get_metrics(trainer, pl_module), **self._loss}
+def quieten_trainer() -> None:
+    """Silence the Trainer's log below warnings. Call it once Lightning is imported, which sets its own level."""
+    logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
 
 
 @contextmanager
 def progress() -> Iterator[Report]:
     """A progress function for long work; it draws bars where somebody watches a single run."""
-    if not _watched():
+    if not watched():
         yield ignore_progress
         return
     columns = (
@@ -93,5 +66,6 @@ def progress() -> Iterator[Report]:
         yield report
 
 
-def _watched() -> bool:
+def watched() -> bool:
+    """Whether somebody watches a single run: then there are progress bars."""
     return _console.is_terminal and not in_sweep() and leads()

@@ -11,6 +11,7 @@ from deux.collection.pipeline import build_dataset, read_manifest
 from deux.collection.sparse import SparseSettings
 from deux.collection.specification import VIEWPOINTS, DatasetSpec, Split
 from deux.collection.verification import VerificationSettings
+from deux.compilation import nothing_compiled
 from deux.contracts import DepthPredictor, Robot, SceneReference, SceneSource, SceneSplits
 from deux.geometry.camera import Camera
 from deux.registry import PluginChoice, registry
@@ -175,6 +176,8 @@ class Datasets:
     ) -> Path:
         root = root or self._root
         known = (root / spec.folder_name).exists()
+        if not known and nothing_compiled():
+            say("  compiling kernels, once on this machine: nothing else is heard for some seconds")
         with progress() as report:
             dataset = build_dataset(
                 spec,

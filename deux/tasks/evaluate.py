@@ -2,21 +2,16 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel, Reader
-from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
-from deux.data.triplets import TripletDataset, collate
 from deux.errors import DeuxError, check_range
-from deux.figures.depth_figures import DepthSample, depth_samples, draw_depth_panels
-from deux.figures.drawing import save_figure
 from deux.geometry.camera import Camera
 from deux.inference.precision import default_device
-from deux.metrics.model_errors import Evaluation, evaluate
 from deux.report.results import RESULTS_FILE, Results
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import find_trained_run, load_needed_model, provenance
@@ -24,7 +19,12 @@ from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.recorded_frames import Needs, check_recorded, read_given
 from deux.tasks.run_folder import RunFolder, open_run_folder
-from deux.training.fit import TrainingSettings
+from deux.training.training_settings import TrainingSettings
+
+if TYPE_CHECKING:
+    from deux.data.triplets import TripletDataset
+    from deux.figures.depth_figures import DepthSample
+    from deux.metrics.model_errors import Evaluation
 
 PANEL_ROWS = 4
 """Test frames that the figure shows."""
@@ -70,8 +70,14 @@ class Evaluator:
         self._crop, self.offsets = training.crop, training.offsets
         self._device = default_device(sections.plain("trainer").get("accelerator", "auto"))
 
-    def evaluate(self, model: DepthModel, data: Reader, run: RunFolder) -> Evaluation:
+    def evaluate(self, model: DepthModel, data: Reader, run: RunFolder) -> "Evaluation":
         """The errors of a model, which is moved to the trainer's kind of device, on the test split of some frames."""
+        # Their imports take seconds, which no task waits for before it evaluates.
+        from deux.data.datamodule import TripletDataModule
+        from deux.figures.depth_figures import draw_depth_panels
+        from deux.figures.drawing import save_figure
+        from deux.metrics.model_errors import evaluate
+
         model.to(self._device)
         # Whole frames of a recording may differ in size, so that they fit in no batch.
         batch_size = 1 if self._crop is None else 4
@@ -90,8 +96,11 @@ class Evaluator:
         save_figure(draw_depth_panels(self._panels(model, frames)), run.figures / "test_frames.png")
         return found
 
-    def _panels(self, model: DepthModel, frames: TripletDataset) -> list[DepthSample]:
+    def _panels(self, model: DepthModel, frames: "TripletDataset") -> "list[DepthSample]":
         """Some of the test frames, with their residual where they have source frames with poses."""
+        from deux.data.triplets import collate  # as above
+        from deux.figures.depth_figures import depth_samples
+
         samples = []
         for index in range(0, len(frames), max(1, len(frames) // PANEL_ROWS))[:PANEL_ROWS]:
             try:

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig
 
@@ -9,7 +10,6 @@ from deux.collection.pipeline import read_manifest
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel
 from deux.data.dataset_reader import DatasetReader
-from deux.metrics.model_errors import Evaluation
 from deux.report.results import RESULTS_FILE, Results
 from deux.task_sections import Sections
 from deux.tasks.active_training import ActiveTraining, read_rounds
@@ -20,6 +20,9 @@ from deux.tasks.evaluate import EvaluationSettings, Evaluator
 from deux.tasks.model_training import Training
 from deux.tasks.run_folder import RunFolder, open_run_folder
 from deux.training.ranks import decided_by_leader, leads
+
+if TYPE_CHECKING:
+    from deux.metrics.model_errors import Evaluation
 
 
 def run(cfg: DictConfig) -> None:
@@ -71,14 +74,14 @@ class Experiment:
         with run.stage("train"):
             return self._final.train(DatasetReader(frames), run)
 
-    def evaluate(self, model: DepthModel, run: RunFolder) -> Evaluation:
+    def evaluate(self, model: DepthModel, run: RunFolder) -> "Evaluation":
         """Measure the model's errors on free viewpoints of the test scenes."""
         say("Evaluate on free viewpoints of the test scenes")
         with run.stage("evaluate"):
             viewpoints = self._datasets.viewpoints("test", self._evaluation.viewpoints)
             return self._test.evaluate(model, DatasetReader(viewpoints), run)
 
-    def write(self, frames: Path, found: Evaluation, run: RunFolder) -> None:
+    def write(self, frames: Path, found: "Evaluation", run: RunFolder) -> None:
         """Draw the trajectories and write `results.json`, which says that the run is finished."""
         self._exploration.draw(frames, run)
         rounds = read_rounds(run)

@@ -5,10 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import torch
-from lightning import Callback, seed_everything
+from typing import TYPE_CHECKING, Any
 
 from deux.configuration import in_sweep, user_path
 from deux.contracts import DepthModel, Foundation, Reader
@@ -16,26 +13,29 @@ from deux.data.cache_choice import cache_choice
 from deux.data.dataset_reader import DatasetReader
 from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, save_model, weights_file
 from deux.errors import DeuxError, check_range
-from deux.figures.drawing import save_figure
-from deux.figures.panel_logger import PanelLogger
-from deux.figures.training_curves import draw_training_curve
 from deux.inference.precision import FastPredictor
+from deux.inference.weightless import without_weights
 from deux.io.locking import locked
-from deux.metrics.depth_errors import DepthErrors
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import load_named_model, weights_identity
-from deux.tasks.console import say, training_bar
+from deux.tasks.console import quieten_trainer, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.recorded_frames import Needs
 from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
-from deux.training.fit import TrainingSettings, fit, make_trainer
 from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.ranks import decided_by_leader, leads, starts_the_command_again, wait_for_all
+from deux.training.training_settings import TrainingSettings
+
+if TYPE_CHECKING:
+    from lightning import Callback
 
 _WITHOUT_EFFECT = ("num_workers", "validations", "checkpoint_minutes")
 """Options of `training` that the trained weights do not depend on."""
+
+_ALWAYS_TAKEN: dict[str, tuple[Any, ...]] = {"accelerator": ("auto", "cpu"), "devices": (1,)}
+"""Values of `trainer` that Lightning takes on every machine: it need not be imported to check them."""
 
 log = logging.getLogger(__name__)
 
@@ -62,14 +62,14 @@ class Recipe:
         Raises:
             DeuxError: an option of the model, a loss term or the pose source is wrong.
         """
-        with torch.device("meta"):
+        with without_weights():
             model = self.model.create()
             make_objective(model, self.objective)
             make_pose_source(self.pose, model)
 
     def outline(self) -> DepthModel:
         """The model without memory for its weights."""
-        with torch.device("meta"):
+        with without_weights():
             model: DepthModel = self.model.create()
         return model
 
@@ -152,7 +152,7 @@ class Training:
         data: Reader,
         run: RunFolder,
         validation: Sequence[Reader] | None = None,
-        callbacks: Sequence[Callback] = (),
+        callbacks: "Sequence[Callback]" = (),
     ) -> DepthModel:
         """Train a model from scratch, or take it from the run folder if it is there already.
 
@@ -170,6 +170,15 @@ class Training:
         if decided_by_leader(path.exists):
             say(f"  trained before: {path}")
             return load_model(path)
+        # Lightning, torchmetrics and matplotlib take seconds to import, which no task waits for before it trains.
+        from deux.figures.drawing import save_figure
+        from deux.figures.panel_logger import PanelLogger
+        from deux.figures.training_curves import draw_training_curve
+        from deux.metrics.mean_errors import DepthErrors
+        from deux.tasks.training_bar import training_bar
+        from deux.training.fit import fit
+
+        quieten_trainer()
         model = self._make(recipe)
         validation = self.validation_readers() if validation is None else validation
         camera = self._datasets.simulation.camera
@@ -222,6 +231,8 @@ class Training:
 
     def _make(self, recipe: Recipe) -> DepthModel:
         """Make the model, untrained, on its trained foundation."""
+        from lightning import seed_everything  # slow
+
         path = self._foundation_file(recipe)
         seed_everything(self.seed, workers=True, verbose=False)
         model: DepthModel = recipe.model.create()
@@ -243,7 +254,7 @@ class Training:
         truth and its own objective, on frames of generated scenes that are none of the run's, as the published
         ScaffNet is on synthetic data: the ground truth of what the robot explores reaches no unsupervised model.
         """
-        with torch.device("meta"):
+        with without_weights():
             foundation = recipe.model.create().foundation()
         if foundation is None:
             return None
@@ -269,6 +280,13 @@ class Training:
         self.recipe.check()
         if self._foundation.checkpoint is not None:
             weights_file(user_path(self._foundation.checkpoint))
+        if self._trainer.keys() <= _ALWAYS_TAKEN.keys() and all(
+            value in _ALWAYS_TAKEN[name] for name, value in self._trainer.items()
+        ):
+            return
+        from deux.training.fit import make_trainer  # slow
+
+        quieten_trainer()
         trainer = make_trainer({"logger": False, "enable_checkpointing": False, **self._trainer})
         if in_sweep() and starts_the_command_again(trainer):
             raise DeuxError(

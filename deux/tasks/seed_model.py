@@ -13,7 +13,7 @@ from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import say
 from deux.tasks.datasets import Datasets
 from deux.tasks.model_training import Recipe, Training
-from deux.training.fit import TrainingSettings
+from deux.training.training_settings import TrainingSettings
 
 
 @dataclass(frozen=True)

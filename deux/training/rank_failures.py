@@ -3,6 +3,7 @@
 Without it a process waits for one that has failed: for half an hour with NCCL, or it ends by a stack trace of gloo's.
 """
 
+import atexit
 import os
 import sys
 import threading
@@ -39,6 +40,7 @@ class EndTogether(Callback):
         if trainer.world_size > 1 and _watch is None and (store := connect_store()) is not None:
             _watch = RankWatch(store, trainer.global_rank, trainer.world_size)
             _watch.start()
+            atexit.register(_watch.stop)
 
 
 def told_to_all(error: BaseException, sentence: str) -> DeuxError | None:
@@ -89,6 +91,11 @@ class RankWatch(threading.Thread):
             if sentence is not None and not self._ending.wait(GRACE):
                 print(f"deux: {sentence}", file=sys.stderr, flush=True)
                 os._exit(1)  # the main thread may wait for ever in a collective operation
+
+    def stop(self) -> None:
+        """Stop looking. A thread that Python ends within a call of the store takes the process down with SIGABRT."""
+        self._ending.set()
+        self.join(timeout=_PATIENCE)
 
     def fail(self, error: BaseException, sentence: str) -> DeuxError | None:
         """As `told_to_all`."""

@@ -2,21 +2,24 @@
 
 All of them run the whole command. Under torchrun or SLURM they start together; otherwise Lightning starts the others
 within the first `Trainer.fit` of the leading one, and they come after it, from the command's beginning.
+
+Every task asks who leads, and Lightning takes seconds to import: it is imported where a process may not be alone.
 """
 
 import os
+import sys
 from collections.abc import Callable
 from datetime import timedelta
+from typing import TYPE_CHECKING
 
 import torch
-from lightning.fabric.plugins.environments import (
-    ClusterEnvironment,
-    LightningEnvironment,
-    SLURMEnvironment,
-    TorchElasticEnvironment,
-)
-from lightning.pytorch import Trainer
-from lightning.pytorch.utilities import rank_zero_only
+
+if TYPE_CHECKING:
+    from lightning.fabric.plugins.environments import ClusterEnvironment
+    from lightning.pytorch import Trainer
+
+_RANK_VARIABLES = ("RANK", "LOCAL_RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK")
+"""Environment variables, one of which is set in each process that a launcher or Lightning starts."""
 
 _DECIDED = "DEUX_DECISIONS"
 """Environment variable with the leader's decisions so far, "0" or "1" each, for the processes that it starts."""
@@ -30,6 +33,10 @@ _store: torch.distributed.Store | None = None
 
 def leads() -> bool:
     """Whether this process is the first of those that train together, or the only one."""
+    if _alone():
+        return True
+    from lightning.pytorch.utilities import rank_zero_only
+
     return int(getattr(rank_zero_only, "rank", 0)) == 0
 
 
@@ -65,11 +72,13 @@ def decided_by_leader(decide: Callable[[], bool]) -> bool:
     return _decisions[-1]
 
 
-def starts_the_command_again(trainer: Trainer) -> bool:
+def starts_the_command_again(trainer: "Trainer") -> bool:
     """Whether the trainer will start this process's command once more for each further process, as `ddp` does here.
 
     On a cluster, or under torchrun, they have all been started from outside.
     """
+    from lightning.fabric.plugins.environments import LightningEnvironment
+
     environment = getattr(trainer.strategy, "cluster_environment", None)
     here = isinstance(environment, LightningEnvironment) and not environment.creates_processes_externally
     return here and trainer.world_size > 1
@@ -107,8 +116,17 @@ def _connected(serves: bool) -> torch.distributed.Store | None:
     return torch.distributed.PrefixStore(f"deux-{os.environ.get('TORCHELASTIC_RESTART_COUNT', 0)}", store)
 
 
-def _launcher() -> ClusterEnvironment | None:
+def _alone() -> bool:
+    """Whether nothing has started this process beside others; Lightning, once imported, knows of those it starts."""
+    return "lightning" not in sys.modules and not any(variable in os.environ for variable in _RANK_VARIABLES)
+
+
+def _launcher() -> "ClusterEnvironment | None":
     """What has started the processes, if there are several."""
+    if _alone():
+        return None
+    from lightning.fabric.plugins.environments import LightningEnvironment, SLURMEnvironment, TorchElasticEnvironment
+
     for environment in (TorchElasticEnvironment, SLURMEnvironment):
         if environment.detect():
             found: ClusterEnvironment = environment()

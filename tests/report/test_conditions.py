@@ -7,7 +7,7 @@ from deux.configuration import config_folder
 from deux.report import conditions as parts
 from deux.report.conditions import conditions, differences, flatten_options, variant_labels
 from deux.report.older_configurations import current_keys
-from deux.training.fit import TrainingSettings
+from deux.training.training_settings import TrainingSettings
 
 CONFIGURATION = {
     "task": "experiment",

@@ -11,12 +11,12 @@ import torch
 import deux as package
 from deux.collection.pipeline import read_manifest
 from deux.errors import DeuxError
+from deux.figures import depth_figures
 from deux.figures.depth_figures import draw_depth_panels
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import read_depth, read_image
 from deux.io.layout import sequences
 from deux.simulator.egl_context import EGLContext
-from deux.tasks import evaluate
 
 
 def only(folder: Path, pattern: str) -> Path:
@@ -213,7 +213,7 @@ def test_the_figure_of_test_frames_has_their_residual(deux, tiny_arguments, mode
         drawn.extend(samples)
         return draw_depth_panels(samples)
 
-    monkeypatch.setattr(evaluate, "draw_depth_panels", draw)
+    monkeypatch.setattr(depth_figures, "draw_depth_panels", draw)
     checkpoint = f"evaluation.checkpoint={model_file('kbnet')}"
     outcome = deux(*tiny_arguments(tmp_path, "task=evaluate", checkpoint, f"hydra.run.dir={tmp_path}/run"))
     assert outcome.code == 0, outcome.err

@@ -26,8 +26,9 @@ from deux.contracts import DepthModel, LossSettings, Prediction
 from deux.data.dataset_reader import DatasetReader
 from deux.io.layout import sequences
 from deux.training.active_collection import ActiveCollection, Collect
-from deux.training.fit import TrainingSettings, fit
+from deux.training.fit import fit
 from deux.training.rounds import RankResult, RoundRequest, RoundSettings
+from deux.training.training_settings import TrainingSettings
 
 
 class Killed(BaseException):

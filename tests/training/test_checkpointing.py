@@ -10,7 +10,7 @@ import torch
 from lightning.pytorch import Callback
 
 from deux.callbacks import make_callback
-from deux.metrics.depth_errors import DepthErrors
+from deux.metrics.mean_errors import DepthErrors
 from deux.testing.losses import perfect_sample
 from deux.training.checkpointing import resume_checkpoints, resume_point
 from deux.training.health import HealthCheck

@@ -6,7 +6,7 @@ import torch
 from lightning.pytorch import Callback
 from lightning.pytorch.plugins import MixedPrecision
 
-from deux.metrics.depth_errors import DepthErrors
+from deux.metrics.mean_errors import DepthErrors
 from deux.registry import registry
 from deux.testing.host_waits import HostWait, refuse_host_waits
 from deux.testing.losses import perfect_sample

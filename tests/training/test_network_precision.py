@@ -5,7 +5,7 @@ from torch import nn
 
 from deux.contracts import Prediction
 from deux.errors import DeuxError
-from deux.metrics.depth_errors import DepthErrors
+from deux.metrics.mean_errors import DepthErrors
 from deux.testing.losses import perfect_sample
 from deux.training.fit import make_trainer
 from deux.training.module import DepthCompletion

@@ -21,6 +21,20 @@ def test_a_process_alone_leads_and_waits_for_nobody(monkeypatch):
     assert not leads()
 
 
+@pytest.mark.parametrize(("variables", "told"), [({}, "True False"), ({"RANK": "1"}, "False True")])
+def test_lightning_is_imported_only_where_a_launcher_has_started_the_process(variables, told):
+    code = (
+        "import sys\nfrom deux.training.ranks import decided_by_leader, leads\n"
+        "print(leads(), 'lightning' in sys.modules)\nassert decided_by_leader(lambda: True) or not leads()"
+    )
+    clean = {name: value for name, value in os.environ.items() if name not in ranks._RANK_VARIABLES}
+    known = {"DEUX_DECISIONS": "1"}
+    result = subprocess.run(
+        [sys.executable, "-c", code], env={**clean, **known, **variables}, capture_output=True, text=True, timeout=120
+    )
+    assert (result.stdout.strip(), result.returncode) == (told, 0), result.stderr
+
+
 @pytest.mark.parametrize(
     ("strategy", "devices", "rank", "again"),
     [("auto", 1, None, False), ("ddp", 2, None, True), ("ddp", 2, "0", False)],  # the last: started by torchrun

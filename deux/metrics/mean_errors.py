@@ -1,0 +1,53 @@
+"""The error metrics of depth completion averaged over images, as a torchmetrics class."""
+
+import torch
+from torch import Tensor
+from torchmetrics import Metric
+from torchmetrics.utilities.prints import rank_zero_warn
+
+from deux.metrics.depth_errors import METRICS, depth_errors, invalid_pixels
+
+
+class DepthErrors(Metric):
+    """Mean over images of `depth_errors`, as the published evaluations average them.
+
+    Images without ground truth in range are left out. An image with invalid predictions makes all means infinite, and
+    `compute` warns of it with their number: a model that is chosen by the least error is not chosen for them. Only
+    `compute` waits for the device.
+
+    Args:
+        min_depth: ground truth at or below it is left out, metres.
+        max_depth: ground truth at or above it is left out, metres.
+        alone: whether this process counts for itself, also where several train together.
+    """
+
+    full_state_update = False
+    higher_is_better = False
+    sums: Tensor
+    images: Tensor
+    invalid: Tensor
+
+    def __init__(self, min_depth: float = 0.1, max_depth: float = 10.0, alone: bool = False) -> None:
+        super().__init__(sync_on_compute=not alone)
+        self.min_depth = min_depth
+        self.max_depth = max_depth
+        self.add_state("sums", torch.zeros(len(METRICS), dtype=torch.float64), dist_reduce_fx="sum")
+        self.add_state("images", torch.zeros((), dtype=torch.float64), dist_reduce_fx="sum")
+        self.add_state("invalid", torch.zeros((), dtype=torch.int64), dist_reduce_fx="sum")
+
+    def update(self, predicted_depth: Tensor, ground_truth: Tensor) -> None:
+        """Count a batch: both N x 1 x H x W metres."""
+        errors = depth_errors(predicted_depth, ground_truth, self.min_depth, self.max_depth)
+        counted = ~errors["mae"].isnan()  # these images have ground truth in range
+        self.sums += torch.where(counted, torch.stack([errors[name] for name in METRICS]), 0.0).sum(dim=1)
+        self.images += counted.sum()
+        self.invalid += invalid_pixels(predicted_depth, ground_truth, self.min_depth, self.max_depth).sum()
+
+    def compute(self) -> dict[str, Tensor]:
+        """The means by metric, mm and 1/km; NaN if no image had ground truth in range."""
+        if (invalid := int(self.invalid)) > 0:
+            rank_zero_warn(
+                f"The predicted depth is not finite or not above 0 at {invalid} pixels with ground truth of "
+                f"{int(self.images)} images: their error counts as infinite."
+            )
+        return dict(zip(METRICS, self.sums / self.images, strict=True))

@@ -1,0 +1,58 @@
+"""The options of the section `training`: how long, on what size and at which learning rate a model is trained."""
+
+from dataclasses import dataclass
+
+from deux.errors import DeuxError, check_range
+from deux.training.network_compilation import CompileMode
+from deux.training.schedule import Schedule
+
+
+@dataclass(frozen=True)
+class TrainingSettings(Schedule):
+    """How long, on what size and at which learning rate a model is trained. The defaults are the paper's.
+
+    Args:
+        batch_size: samples in a batch.
+        epochs: passes over the frames; not used where `steps` is set.
+        steps: optimiser steps; equal for all explorers in a comparison.
+        crop: height and width of the samples; None for whole frames.
+        num_workers: processes that load data; None takes none where the frames are at hand, else one for each core but
+            one, no more than eight.
+        validations: number of validations over the whole training.
+        offsets: the source frames, in frames from the target, where the dataset does not list them.
+        checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
+        tf32: on a card, let the networks' float32 convolutions round to TensorFloat-32 (10 bits of mantissa); the
+            geometry never does. Nothing to gain in bf16-mixed, the default there.
+        compile: compile the networks by `torch.compile`, in this mode; true is "default". The first step takes longer.
+
+    Raises:
+        DeuxError: a value is out of its range.
+    """
+
+    batch_size: int = 8
+    epochs: int = 25
+    steps: int | None = None
+    crop: tuple[int, int] | None = None
+    num_workers: int | None = None
+    validations: int = 10
+    offsets: tuple[int, ...] = (-1, -2)
+    checkpoint_minutes: float = 10.0
+    tf32: bool = False
+    compile: CompileMode | bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_range("training.batch_size", self.batch_size, 1)
+        check_range("training.epochs", self.epochs, 1)
+        check_range("training.num_workers", self.num_workers or 0, 0)
+        check_range("training.validations", self.validations, 1)
+        check_range("training.checkpoint_minutes", self.checkpoint_minutes, 0)
+        if self.steps is not None:
+            check_range("training.steps", self.steps, 1)
+        for size in self.crop or ():
+            check_range("training.crop", size, 1)
+        if not self.offsets or 0 in self.offsets:
+            raise DeuxError(
+                f"training.offsets is {list(self.offsets)}: it lists the source frames as distances from the target, "
+                "such as [-1,-2], none of them 0."
+            )

@@ -1,0 +1,43 @@
+import logging
+import os
+import warnings
+from pathlib import Path
+
+import pytest
+
+from deux.tasks.console import quieten_libraries, quieten_trainer
+from deux.training.fit import make_trainer
+
+TRAINER = {"accelerator": "cpu", "logger": False, "enable_checkpointing": False}
+
+
+@pytest.fixture
+def machine_with_srun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Slurm's command is installed, and this process is none of its jobs."""
+    srun = tmp_path / "srun"
+    srun.write_text("#!/bin/sh\n")
+    srun.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+
+
+def warned(quiet: bool) -> list[str]:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if quiet:
+            quieten_libraries()
+        make_trainer(TRAINER)
+    return [str(warning.message) for warning in caught if "srun" in str(warning.message)]
+
+
+def test_a_machine_with_srun_is_no_reason_to_warn(machine_with_srun: None) -> None:
+    assert len(warned(quiet=False)) == 1
+    assert warned(quiet=True) == []
+    make_trainer(TRAINER)  # the tests' own filter, in pyproject.toml
+
+
+def test_the_trainer_logs_warnings_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    logger = logging.getLogger("lightning.pytorch")
+    monkeypatch.setattr(logger, "level", logging.INFO)  # as Lightning's import leaves it
+    quieten_trainer()
+    assert not logger.isEnabledFor(logging.INFO)
+    assert logger.isEnabledFor(logging.WARNING)

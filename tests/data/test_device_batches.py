@@ -133,7 +133,7 @@ def test_all_bytes_and_all_stored_depths_come_out_alike() -> None:
     code = np.arange(2**16, dtype=np.uint16).reshape(256, 256)
     assert torch.equal(metres_on_device(torch.from_numpy(code)), torch.from_numpy(metres(code)))
     gray = np.arange(256, dtype=np.uint8).reshape(1, 16, 16)
-    np.testing.assert_array_equal(colors([torch.from_numpy(gray)])[0], gray / np.float32(255.0))
+    np.testing.assert_array_equal(colors(torch.from_numpy(gray), torch.tensor(255.0)), gray / np.float32(255.0))
 
 
 @pytest.mark.gpu

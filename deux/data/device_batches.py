@@ -6,6 +6,7 @@ sample with its own seed. Only an augmentation of other transforms than flips an
 after the other. The host waits for the device nowhere, unless such a transform does.
 """
 
+import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -37,6 +38,37 @@ class StoredSample(NamedTuple):
     seed: int
 
 
+class LoadedBatch(Batch):
+    """A batch that the loader can place in page-locked memory, from where it is copied to a GPU faster."""
+
+    def pin_memory(self) -> "LoadedBatch":
+        """Pin every tensor in place."""
+        for name, value in vars(self).items():
+            if isinstance(value, Tensor):
+                setattr(self, name, value.pin_memory())
+        self.prepared = {name: value.pin_memory() for name, value in self.prepared.items()}
+        return self
+
+    def to(self, device: torch.device) -> "LoadedBatch":
+        """The batch on a device, itself if it is there; the host does not wait for a copy from pinned memory.
+
+        Lightning calls it. For other classes Lightning copies the object field by field, which costs the host as much
+        as several operations on the card.
+        """
+        if self.image.device == device:
+            return self
+
+        def move(value: Tensor) -> Tensor:
+            return value.to(device, non_blocking=device.type == "cuda")
+
+        moved = copy.copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, Tensor):
+                setattr(moved, name, move(value))
+        moved.prepared = {name: move(value) for name, value in self.prepared.items()}
+        return moved
+
+
 def device_batch(samples: Sequence[StoredSample], augmentation: Sequence[Augmentation], device: torch.device) -> Batch:
     """One batch of float32 tensors on the device.
 
@@ -58,13 +90,12 @@ def device_batch(samples: Sequence[StoredSample], augmentation: Sequence[Augment
     windows, count = [sample.window for sample in samples], len(samples)
     cameras = _cameras([one.intrinsics for one in windows], [one.motions for one in windows if one.motions is not None])
     parts = _cut(samples, device, cameras)
-    hidden = parts.pop("hidden")
-    if len(hidden):
+    if len(parts["hidden"]):
         parts["input_sparse_depth"] = parts["sparse_depth"].clone()
-        parts["input_sparse_depth"].view(-1).index_fill_(0, hidden, 0.0)
-    images, sources = colors(parts.pop("images"), parts.pop("white")), len(samples[0].images) - 1
+        parts["input_sparse_depth"].view(-1).index_fill_(0, parts["hidden"], 0.0)
+    images, sources = colors(parts["images"], parts["white"]), len(samples[0].images) - 1
     targets, others = images.split([count, count * sources])
-    return _batch(image=targets, sources=others.view(count, sources, *targets.shape[1:]), **parts)
+    return _batch(targets, others.view(count, sources, *targets.shape[1:]), parts)
 
 
 def check_alike(samples: Iterable[tuple[tuple[int, ...], int, bool]]) -> None:
@@ -112,7 +143,7 @@ def _augmented_batch(
         [sample["source_from_target"].numpy() for sample in augmented if "source_from_target" in sample],
     )
     parts = _send(cameras, device)
-    white = parts.pop("white")
+    white = parts["white"]
     for name in ("sparse_depth", "input_sparse_depth", "ground_truth"):
         if name in augmented[0]:
             parts[name] = torch.stack([sample[name] for sample in augmented])[:, None]
@@ -120,9 +151,9 @@ def _augmented_batch(
     if len({image.dtype for image in images}) > 1:
         images = [colors(image, white) for image in images]
     return _batch(
-        image=colors(torch.stack([image[0] for image in images]), white),
-        sources=colors(torch.stack([image[1:] for image in images]), white),
-        **parts,
+        colors(torch.stack([image[0] for image in images]), white),
+        colors(torch.stack([image[1:] for image in images]), white),
+        parts,
     )
 
 
@@ -141,9 +172,7 @@ def _send(arrays: Mapping[str, np.ndarray], device: torch.device) -> dict[str, T
     return dict(zip(arrays, shipment.send(device), strict=True))
 
 
-def _cut(
-    samples: Sequence[StoredSample], device: torch.device, arrays: Mapping[str, np.ndarray]
-) -> dict[str, Tensor]:
+def _cut(samples: Sequence[StoredSample], device: torch.device, arrays: Mapping[str, np.ndarray]) -> dict[str, Tensor]:
     """The pixels of N samples that are alike.
 
     Args:
@@ -159,9 +188,7 @@ def _cut(
     windows, shipment = [sample.window for sample in samples], Shipment()
     rows, columns = np.stack([one.rows for one in windows]), np.stack([one.columns for one in windows])
     images = [sample.images[0] for sample in samples] + [image for sample in samples for image in sample.images[1:]]
-    of_image = np.concatenate(
-        [np.arange(len(samples)), np.repeat(np.arange(len(samples)), len(samples[0].images) - 1)]
-    )
+    of_image = np.concatenate([np.arange(len(samples)), np.repeat(np.arange(len(samples)), len(samples[0].images) - 1)])
     cuts = {"images": _plan(images, rows[of_image], columns[of_image], shipment)}
     for name in samples[0].maps:
         cuts[name] = _plan([sample.maps[name] for sample in samples], rows, columns, shipment)
@@ -225,12 +252,17 @@ class _Cut:
         return self.stack.cut(sent[self.planes], sent[self.rows], sent[self.columns])
 
 
-def _batch(sparse_depth: Tensor, input_sparse_depth: Tensor | None = None, **parts: Tensor) -> Batch:
-    return Batch(
+def _batch(image: Tensor, sources: Tensor, parts: Mapping[str, Tensor]) -> LoadedBatch:
+    sparse_depth = parts["sparse_depth"]
+    return LoadedBatch(
+        image=image,
+        sources=sources,
         sparse_depth=sparse_depth,
         validity=(sparse_depth > 0).to(torch.float32),
-        input_sparse_depth=sparse_depth if input_sparse_depth is None else input_sparse_depth,
-        **({"source_from_target": None} | parts),
+        input_sparse_depth=parts.get("input_sparse_depth", sparse_depth),
+        intrinsics=parts["intrinsics"],
+        source_from_target=parts.get("source_from_target"),
+        ground_truth=parts.get("ground_truth"),
     )
 
 

@@ -48,8 +48,9 @@ class FrameStack:
     def grow(self, rows: int) -> None:
         """Make room for so many further arrays; those that are there are copied."""
         self.free += range(self.rows, self.rows + rows)
-        room = torch.empty((rows * self.channels, *self.size), dtype=self.planes.dtype, device=self.planes.device)
-        self.planes = torch.cat([self.planes, room]) if len(self.planes) else room
+        planes = self.planes.new_empty((len(self.planes) + rows * self.channels, *self.size))
+        planes[: len(self.planes)].copy_(self.planes)
+        self.planes = planes
 
     def put(self, row: int, array: np.ndarray) -> None:
         """Copy an array to its row; the host does not wait for it."""
@@ -65,10 +66,12 @@ class FrameStack:
 
         Args:
             planes: M x C x 1 x 1 int64, the numbers of their planes.
-            rows: M x 1 x h x 1 int64, of the windows, in any order.
-            columns: M x 1 x 1 x w int64.
+            rows: M x 1 x h x 1 int64, of the windows, rising or falling by one.
+            columns: M x 1 x 1 x w int64, as well.
         """
-        return self.planes[planes, rows, columns].view(self._type)
+        cut = cut_on_cpu if self.planes.device.type == "cpu" else cut_on_device
+        found = cut(self.planes, planes, rows, columns)
+        return found if found.dtype == self._type else found.view(self._type)
 
 
 class StoredFrame(NamedTuple):
@@ -143,19 +146,19 @@ class DeviceCache(FrameCache):
 
     def _store(self, key: FrameKey, array: np.ndarray) -> StoredFrame:
         """Copy an array to the device, and keep it if there is room."""
-        points = np.flatnonzero(array) if key.kind == "sparse_depth" else None
+        points = np.flatnonzero(array).astype(np.int32) if key.kind == "sparse_depth" else None
         array = np.ascontiguousarray(compact(array))
         name = array.dtype, array.shape
         stack = self._stacks.get(name) or FrameStack(array, self.device)
-        if not stack.free:
-            stack.grow(self._new_rows(key, stack, array.nbytes))
+        if not stack.free and (rows := self._new_rows(key, stack, array.nbytes)):
+            stack.grow(rows)
         if not stack.free:  # beside what is kept: a tensor of its own
             alone = FrameStack(array, self.device)
             alone.grow(1)
             alone.put(0, array)
             return StoredFrame(alone, 0, points)
         self._stacks[name] = stack
-        stored = self._stored[key] = StoredFrame(stack, stack.free.pop(0), points)
+        stored = self._stored[key] = StoredFrame(stack, stack.free.pop(), points)
         stack.put(stored.row, array)
         return stored
 
@@ -187,13 +190,29 @@ class Shipment:
         for array, begin in zip(self._arrays, begins, strict=False):
             packed[begin:].view(array.dtype)[: array.size] = array.ravel()
         integers = upload(torch.from_numpy(packed), device)
-        floats = integers.view(torch.float32)
+        whole = {np.dtype(np.int64): integers, np.dtype(np.float32): integers.view(torch.float32)}
         sent = []
         for array, begin in zip(self._arrays, begins, strict=False):
             strides = [stride // array.itemsize for stride in np.empty(array.shape, array.dtype).strides]
-            whole, start = (integers, begin) if array.dtype == np.int64 else (floats, 2 * begin)
-            sent.append(whole.as_strided(array.shape, strides, start))
+            start = begin * packed.itemsize // array.itemsize
+            sent.append(whole[array.dtype].as_strided(array.shape, strides, start))
         return sent
+
+
+def cut_on_device(frames: Tensor, planes: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Windows of planes in one operation, as `FrameStack.cut` describes them."""
+    return frames[planes, rows, columns]
+
+
+def cut_on_cpu(frames: Tensor, planes: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """The same on the CPU, where slices are copied ten times faster than single pixels."""
+    source, found = frames.numpy(), []
+    indices = planes[:, :, 0, 0].numpy(), rows[:, 0, :, 0].numpy(), columns[:, 0, 0].numpy()
+    for plane, row, column in zip(*indices, strict=True):
+        (top, bottom), (left, right) = sorted((row[0], row[-1])), sorted((column[0], column[-1]))
+        window = source[plane[0] : plane[-1] + 1, top : bottom + 1, left : right + 1]
+        found.append(window[:, :: 1 if row[0] == top else -1, :: 1 if column[0] == left else -1])
+    return torch.from_numpy(np.stack(found))
 
 
 def upload(tensor: Tensor, device: torch.device) -> Tensor:

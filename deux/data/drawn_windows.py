@@ -51,7 +51,7 @@ class Window:
     def shown(self, sparse_depth: StoredFrame) -> np.ndarray:
         """The sample's sparse points that are not hidden, as increasing indices of the h w pixels."""
         assert sparse_depth.points is not None
-        row, column = np.divmod(sparse_depth.points, sparse_depth.shape[1])
+        row, column = np.divmod(sparse_depth.points.astype(np.int64), sparse_depth.shape[1])
         row, column = _places(self.rows, row), _places(self.columns, column)
         inside = (row >= 0) & (column >= 0)
         there = np.sort(row[inside] * len(self.columns) + column[inside])

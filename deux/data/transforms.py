@@ -294,9 +294,9 @@ def _mirror_intrinsics(intrinsics: Intrinsics, axis: int) -> Intrinsics:
 
 
 def _mirror_poses(poses: RelativePoses, axis: int) -> RelativePoses:
-    motions: RelativePoses = torch.from_numpy(
-        mirrored_motions(poses.as_subclass(Tensor).numpy(), axis)
-    ).as_subclass(RelativePoses)
+    motions: RelativePoses = torch.from_numpy(mirrored_motions(poses.as_subclass(Tensor).numpy(), axis)).as_subclass(
+        RelativePoses
+    )
     return motions
 
 
@@ -351,9 +351,7 @@ def _shifted(intrinsics: Intrinsics, canvas_size: tuple[int, int], left: int, to
     return _moved(intrinsics, ((1.0, 0.0, left), (0.0, 1.0, top), (0.0, 0.0, 1.0)), canvas_size)
 
 
-def _moved(
-    intrinsics: Intrinsics, pixels: Sequence[Sequence[float]], canvas_size: tuple[int, int]
-) -> Intrinsics:
+def _moved(intrinsics: Intrinsics, pixels: Sequence[Sequence[float]], canvas_size: tuple[int, int]) -> Intrinsics:
     """The camera whose pixels are A times those of K: A K.
 
     Args:

@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
-from deux.data.device_batches import StoredSample, check_alike, device_batch
+from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, device_batch
 from deux.data.device_cache import DeviceCache
 from deux.data.drawn_windows import Window
 from deux.data.frame_cache import FrameCache, FrameKey, metres
@@ -243,18 +243,6 @@ class ShuffledDraws(Sampler[tuple[int, int]]):
     def skip(self, epoch: int, items: int) -> None:
         """Leave out the first items of one epoch, which a training has seen before it was killed."""
         self._skipped = {epoch: items}
-
-
-class LoadedBatch(Batch):
-    """A batch that the loader can place in page-locked memory, from where it is copied to a GPU faster."""
-
-    def pin_memory(self) -> "LoadedBatch":
-        """Pin every tensor in place."""
-        for name, value in vars(self).items():
-            if isinstance(value, Tensor):
-                setattr(self, name, value.pin_memory())
-        self.prepared = {name: value.pin_memory() for name, value in self.prepared.items()}
-        return self
 
 
 def collate(samples: Sequence[Batch] | Batch) -> Batch:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 import torch
@@ -41,6 +41,14 @@ _KNOWN_WARNINGS = (
     r"`isinstance\(treespec, LeafSpec\)`",
     "This DataLoader will create",
     "You have overridden `on_after_batch_transfer`",
+    "The combination of `DataLoader",
+)
+
+_NOTES = (
+    "Waiting is the device's time from the end of a step to the arrival of the next batch; a card's own work on the "
+    "batch counts as waiting.",
+    "Host seconds are those that the training process spends between two steps: making or receiving the batch, "
+    "sending it, and Lightning's own work. Where a step is bound by Python, a card waits for all of them.",
 )
 
 
@@ -51,49 +59,88 @@ class DataWaiting(Callback):
     where the card has nothing else to do. The work of the card on the batch itself counts as waiting. Without a card
     the times are the host's. What validations take between two steps is left out.
 
+    Where a step is bound by the host (Python launches its operations more slowly than the card does them), the card
+    has nothing to do whenever the host makes a batch, and waits for all of that time; `host_waits` tells it.
+
     Args:
         warm_up: steps of the whole training that are left out, in which memory is taken and algorithms are chosen.
     """
 
     def __init__(self, warm_up: int = 1) -> None:
         self._left_out = warm_up
-        self._end: Any = None
-        self._marks: list[tuple[int, Any, Any, Any]] = []  # epoch, end of the step before, arrival, end of the step
+        self._end: _Moment | None = None
+        self._marks: list[_Mark] = []
 
     def on_train_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """From here on, the epoch's first batch is waited for."""
-        self._end = _mark(pl_module.device)
+        self._end = _Moment.now(pl_module.device)
 
     def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
         """The batch is there."""
-        self._marks.append((trainer.current_epoch, self._end, _mark(pl_module.device), None))
+        assert self._end is not None
+        self._marks.append(_Mark(trainer.current_epoch, self._end, _Moment.now(pl_module.device)))
 
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
         """From here on, the next batch is waited for."""
-        self._end = _mark(pl_module.device)
-        self._marks[-1] = (*self._marks[-1][:3], self._end)
+        self._end = self._marks[-1].end = _Moment.now(pl_module.device)
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """From here on, the next batch is waited for."""
-        self._end = _mark(pl_module.device)
+        self._end = _Moment.now(pl_module.device)
 
     def waits(self, first_epoch: int = 0) -> list[float]:
-        """Seconds that each step has waited, from some epoch on."""
-        return [_seconds(before, arrival) for _, before, arrival, _ in self._counted(first_epoch)]
+        """Seconds that the device has waited before each step, from some epoch on."""
+        return [mark.before.until(mark.arrival) for mark in self._counted(first_epoch)]
+
+    def host_waits(self, first_epoch: int = 0) -> list[float]:
+        """Seconds of the host from the end of its part of a step until it has the next batch, from some epoch on."""
+        return [mark.arrival.host - mark.before.host for mark in self._counted(first_epoch)]
 
     def steps(self, first_epoch: int = 0) -> list[float]:
         """Seconds that each step has taken from the arrival of its batch, from some epoch on."""
-        return [_seconds(arrival, end) for _, _, arrival, end in self._counted(first_epoch)]
+        return [mark.arrival.until(mark.end) for mark in self._counted(first_epoch) if mark.end is not None]
 
     def share(self, first_epoch: int = 0) -> float:
         """Part of the time that was spent waiting, from some epoch on, in [0, 1]."""
         waited, worked = sum(self.waits(first_epoch)), sum(self.steps(first_epoch))
         return waited / (waited + worked)
 
-    def _counted(self, first_epoch: int) -> list[tuple[int, Any, Any, Any]]:
-        return [mark for mark in self._marks[self._left_out :] if mark[0] >= first_epoch]
+    def _counted(self, first_epoch: int) -> "list[_Mark]":
+        return [mark for mark in self._marks[self._left_out :] if mark.epoch >= first_epoch]
+
+
+class _Moment(NamedTuple):
+    """Now on the host, and on a card when it has done what it was given until now."""
+
+    host: float
+    event: Any = None
+
+    @classmethod
+    def now(cls, device: torch.device) -> "_Moment":
+        if device.type != "cuda":
+            return cls(time.perf_counter())
+        event = torch.cuda.Event(enable_timing=True)
+        event.record(torch.cuda.current_stream(device))
+        return cls(time.perf_counter(), event)
+
+    def until(self, later: "_Moment") -> float:
+        """Seconds of the device between two moments."""
+        if self.event is None:
+            return later.host - self.host
+        later.event.synchronize()
+        return float(self.event.elapsed_time(later.event)) / 1000.0
+
+
+@dataclass
+class _Mark:
+    """One step: the end of the step before, the arrival of its batch, and its own end."""
+
+    epoch: int
+    before: _Moment
+    arrival: _Moment
+    end: _Moment | None = None
 
 
 @dataclass(frozen=True)
@@ -145,6 +192,7 @@ def measure_data_waiting(
             "data.cache": choice,
             "workers": str(found[choice][0].workers),
             "seconds per step": Spread.of([s for one in found[choice] for s in one.clock.steps(1)]),
+            "host seconds per batch": Spread.of([s for one in found[choice] for s in one.clock.host_waits(1)]),
             "waiting, %": Spread.of([100 * one.clock.share(1) for one in found[choice]]),
             "in the first epoch, %": Spread.of([100 * one.clock.share() for one in found[choice]]),
         }
@@ -154,7 +202,7 @@ def measure_data_waiting(
         f"Waiting for data: {name}, {settings.frames} frames of {settings.size} x {settings.size}, "
         f"batch {settings.batch_size}"
     )
-    yield SpeedTable("data", title, rows)
+    yield SpeedTable("data", title, rows, _NOTES)
 
 
 def write_frames(folder: Path, count: int, size: int) -> Path:
@@ -224,20 +272,3 @@ def _train(name: str, dataset: Path, cache: CacheChoice, settings: WaitingSettin
         )
         trainer.fit(DepthCompletion(model, objective), datamodule=data)
     return _Run(clock, data.train_dataloader().num_workers)
-
-
-def _mark(device: torch.device) -> Any:
-    """A moment: on a card, when it has done what it was given until now; else now."""
-    if device.type != "cuda":
-        return time.perf_counter()
-    event = torch.cuda.Event(enable_timing=True)
-    event.record(torch.cuda.current_stream(device))
-    return event
-
-
-def _seconds(first: Any, last: Any) -> float:
-    """The time between two moments."""
-    if isinstance(first, float):
-        return float(last - first)
-    last.synchronize()
-    return float(first.elapsed_time(last)) / 1000.0

@@ -1,76 +1,101 @@
 """Batches made on a device from frames that lie there; equal to what `deux.data.triplets` makes on the CPU.
 
-The draws of crops and augmentation are the CPU's, each sample with its own seed. Intrinsics and poses stay on the CPU
-until the batch is stacked and go to the device in one copy. The host waits for the device nowhere, unless a transform
-of the augmentation does.
+All images of a batch are cut out of the cache in one operation, and so are all depth maps of a kind; what that takes,
+intrinsics and poses among it, goes to the device in one copy. The draws of crops and augmentation are the CPU's, each
+sample with its own seed. Only an augmentation of other transforms than flips and `DropPoints` is applied to one sample
+after the other. The host waits for the device nowhere, unless such a transform does.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import copy
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from deux.contracts import Augmentation, Batch
-from deux.data.device_cache import colors, metres_on_device, upload
+from deux.data.device_cache import FrameStack, Shipment, StoredFrame, colors, metres_on_device
+from deux.data.drawn_windows import Window, draw, is_drawn
 from deux.data.transforms import augment_tensors
 from deux.errors import DeuxError
 
 
-def device_sample(
-    images: Sequence[Tensor],
-    maps: Mapping[str, Tensor],
-    intrinsics: np.ndarray,
-    motions: np.ndarray | None,
-    points: int | None,
-    augmentation: Sequence[Augmentation],
-    seed: int,
-) -> dict[str, Tensor]:
-    """A training sample as `deux.data.transforms` describes it, intrinsics and poses on the CPU.
+class StoredSample(NamedTuple):
+    """A sample before its augmentation.
 
     Args:
-        images: 3 x H x W uint8 each, the target first.
-        maps: H x W each, as the cache holds them.
-        intrinsics: 3 x 3 float64.
-        motions: S x 4 x 4 float64, or None.
-        points: number of points of the sparse depth, if it is known.
-        augmentation: is applied if there is any.
+        images: where the images lie, the target's first.
+        maps: where "sparse_depth" and, where it is read, "ground_truth" lie.
+        window: what is cut out of them; augmentations that are drawn change it.
         seed: of the augmentation.
     """
-    sample = {"images": torch.stack(list(images))}
-    sample |= {name: metres_on_device(depth) for name, depth in maps.items()}
-    sample["intrinsics"] = torch.from_numpy(intrinsics)
-    if motions is not None:
-        sample["source_from_target"] = torch.from_numpy(motions.copy())
-    return augment_tensors(sample, augmentation, seed, points) if augmentation else sample
+
+    images: Sequence[StoredFrame]
+    maps: Mapping[str, StoredFrame]
+    window: Window
+    seed: int
 
 
-def stack_samples(samples: Sequence[Mapping[str, Tensor]], device: torch.device) -> Batch:
-    """Samples of `device_sample` as one batch of float32 tensors on the device.
+class LoadedBatch(Batch):
+    """A batch that the loader can place in page-locked memory, from where it is copied to a GPU faster."""
+
+    def pin_memory(self) -> "LoadedBatch":
+        """Pin every tensor in place."""
+        for name, value in vars(self).items():
+            if isinstance(value, Tensor):
+                setattr(self, name, value.pin_memory())
+        self.prepared = {name: value.pin_memory() for name, value in self.prepared.items()}
+        return self
+
+    def to(self, device: torch.device) -> "LoadedBatch":
+        """The batch on a device, itself if it is there; the host does not wait for a copy from pinned memory.
+
+        Lightning calls it. For other classes Lightning copies the object field by field, which costs the host as much
+        as several operations on the card.
+        """
+        if self.image.device == device:
+            return self
+
+        def move(value: Tensor) -> Tensor:
+            return value.to(device, non_blocking=device.type == "cuda")
+
+        moved = copy.copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, Tensor):
+                setattr(moved, name, move(value))
+        moved.prepared = {name: move(value) for name, value in self.prepared.items()}
+        return moved
+
+
+def device_batch(samples: Sequence[StoredSample], augmentation: Sequence[Augmentation], device: torch.device) -> Batch:
+    """One batch of float32 tensors on the device.
+
+    Args:
+        samples: of the batch; their windows are changed.
+        augmentation: is applied if there is any.
+        device: where the frames lie.
 
     Raises:
-        DeuxError: as `check_alike`.
+        DeuxError: as `check_alike`, and as `augment_tensors`.
     """
-    check_alike(
-        (tuple(sample["images"].shape[-2:]), len(sample["images"]) - 1, "source_from_target" in sample)
-        for sample in samples
-    )
-
-    def maps(name: str) -> Tensor:
-        return torch.stack([sample[name] for sample in samples])[:, None]
-
-    sparse_depth = maps("sparse_depth")
-    intrinsics, motions = _cameras(samples, device)
-    return Batch(
-        image=colors([sample["images"][0] for sample in samples]),
-        sources=colors([sample["images"][1:] for sample in samples]),
-        sparse_depth=sparse_depth,
-        validity=(sparse_depth > 0).to(torch.float32),
-        input_sparse_depth=maps("input_sparse_depth") if "input_sparse_depth" in samples[0] else sparse_depth,
-        intrinsics=intrinsics,
-        source_from_target=motions,
-        ground_truth=maps("ground_truth") if "ground_truth" in samples[0] else None,
-    )
+    if not is_drawn(augmentation):
+        return _augmented_batch(samples, augmentation, device)
+    if augmentation:
+        generator = torch.Generator()
+        for sample in samples:
+            draw(sample.window, augmentation, generator.manual_seed(sample.seed), sample.maps["sparse_depth"])
+    check_alike(_kind(sample) for sample in samples)
+    windows, count = [sample.window for sample in samples], len(samples)
+    cameras = _cameras([one.intrinsics for one in windows], [one.motions for one in windows if one.motions is not None])
+    parts = _cut(samples, device, cameras)
+    if len(parts["hidden"]):
+        parts["input_sparse_depth"] = parts["sparse_depth"].clone()
+        parts["input_sparse_depth"].view(-1).index_fill_(0, parts["hidden"], 0.0)
+    images, sources = colors(parts["images"], parts["white"]), len(samples[0].images) - 1
+    targets, others = images.split([count, count * sources])
+    return _batch(targets, others.view(count, sources, *targets.shape[1:]), parts)
 
 
 def check_alike(samples: Iterable[tuple[tuple[int, ...], int, bool]]) -> None:
@@ -91,12 +116,157 @@ def check_alike(samples: Iterable[tuple[tuple[int, ...], int, bool]]) -> None:
         )
 
 
-def _cameras(samples: Sequence[Mapping[str, Tensor]], device: torch.device) -> tuple[Tensor, Tensor | None]:
-    """Intrinsics N x 3 x 3 and, if there are any, poses N x S x 4 x 4, sent to the device together."""
-    intrinsics = torch.stack([sample["intrinsics"] for sample in samples]).to(torch.float32)
-    if "source_from_target" not in samples[0]:
-        return upload(intrinsics, device), None
-    motions = torch.stack([sample["source_from_target"] for sample in samples]).to(torch.float32)
-    sent = upload(torch.cat([intrinsics.flatten(), motions.flatten()]), device)
-    cameras, poses = sent.split([intrinsics.numel(), motions.numel()])
-    return cameras.view(intrinsics.shape), poses.view(motions.shape)
+def _augmented_batch(
+    samples: Sequence[StoredSample], augmentation: Sequence[Augmentation], device: torch.device
+) -> Batch:
+    """A batch of samples that are augmented one by one; only after that they have to be of one size."""
+    augmented = []
+    alike = len({_kind(sample) for sample in samples}) == 1
+    for together in [samples] if alike else [[sample] for sample in samples]:
+        parts = _cut(together, device, {})
+        targets, sources = parts["images"].tensor_split([len(together)])
+        for number, sample in enumerate(together):
+            its = slice(number * (len(sample.images) - 1), (number + 1) * (len(sample.images) - 1))
+            tensors = {"images": torch.cat([targets[number : number + 1], sources[its]])}
+            tensors |= {name: parts[name][number, 0] for name in sample.maps}
+            tensors["intrinsics"] = torch.from_numpy(sample.window.intrinsics)
+            if sample.window.motions is not None:
+                tensors["source_from_target"] = torch.from_numpy(sample.window.motions.copy())
+            points = len(sample.window.shown(sample.maps["sparse_depth"]))
+            augmented.append(augment_tensors(tensors, augmentation, sample.seed, points))
+    check_alike(
+        (tuple(sample["images"].shape[-2:]), len(sample["images"]) - 1, "source_from_target" in sample)
+        for sample in augmented
+    )
+    cameras = _cameras(
+        [sample["intrinsics"].numpy() for sample in augmented],
+        [sample["source_from_target"].numpy() for sample in augmented if "source_from_target" in sample],
+    )
+    parts = _send(cameras, device)
+    white = parts["white"]
+    for name in ("sparse_depth", "input_sparse_depth", "ground_truth"):
+        if name in augmented[0]:
+            parts[name] = torch.stack([sample[name] for sample in augmented])[:, None]
+    images = [sample["images"] for sample in augmented]
+    if len({image.dtype for image in images}) > 1:
+        images = [colors(image, white) for image in images]
+    return _batch(
+        colors(torch.stack([image[0] for image in images]), white),
+        colors(torch.stack([image[1:] for image in images]), white),
+        parts,
+    )
+
+
+def _cameras(intrinsics: Sequence[np.ndarray], motions: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
+    """What a batch needs beside its pixels, in float32: the cameras, the poses if there are any, and 255."""
+    arrays = {"intrinsics": np.stack(intrinsics), "white": np.array(255.0)}
+    if motions:
+        arrays["source_from_target"] = np.stack(motions)
+    return {name: array.astype(np.float32) for name, array in arrays.items()}
+
+
+def _send(arrays: Mapping[str, np.ndarray], device: torch.device) -> dict[str, Tensor]:
+    shipment = Shipment()
+    for array in arrays.values():
+        shipment.add(array)
+    return dict(zip(arrays, shipment.send(device), strict=True))
+
+
+def _cut(samples: Sequence[StoredSample], device: torch.device, arrays: Mapping[str, np.ndarray]) -> dict[str, Tensor]:
+    """The pixels of N samples that are alike.
+
+    Args:
+        samples: of one size, with S source frames each.
+        device: where the frames lie.
+        arrays: are sent as well.
+
+    Returns:
+        "images", the N targets and then the N S sources, as they are stored, each 3 x h x w; "sparse_depth" and
+        "ground_truth", N x 1 x h x w metres; "hidden", indices of all N h w pixels whose points are hidden; and the
+        arrays.
+    """
+    windows, shipment = [sample.window for sample in samples], Shipment()
+    rows, columns = np.stack([one.rows for one in windows]), np.stack([one.columns for one in windows])
+    images = [sample.images[0] for sample in samples] + [image for sample in samples for image in sample.images[1:]]
+    of_image = np.concatenate([np.arange(len(samples)), np.repeat(np.arange(len(samples)), len(samples[0].images) - 1)])
+    cuts = {"images": _plan(images, rows[of_image], columns[of_image], shipment)}
+    for name in samples[0].maps:
+        cuts[name] = _plan([sample.maps[name] for sample in samples], rows, columns, shipment)
+    area = rows.shape[1] * columns.shape[1]
+    arrays = {"hidden": np.concatenate([n * area + one.hidden for n, one in enumerate(windows)]), **arrays}
+    numbers = {name: shipment.add(array) for name, array in arrays.items()}
+    sent = shipment.send(device)
+    parts = {name: cut(sent) for name, cut in cuts.items()}
+    for name in samples[0].maps:
+        parts[name] = metres_on_device(parts[name])
+    return parts | {name: sent[number] for name, number in numbers.items()}
+
+
+def _plan(
+    frames: Sequence[StoredFrame], rows: np.ndarray, columns: np.ndarray, shipment: Shipment
+) -> Callable[[Sequence[Tensor]], Tensor]:
+    """What cuts a window out of each of M arrays once the shipment has arrived: M x C x h x w.
+
+    Args:
+        frames: the M arrays; those that lie in one tensor are cut together.
+        rows: M x h.
+        columns: M x w.
+        shipment: takes the indices.
+    """
+    groups: dict[int, list[int]] = {}
+    for number, frame in enumerate(frames):
+        groups.setdefault(id(frame.stack), []).append(number)
+    cuts = []
+    for members in groups.values():
+        stack = frames[members[0]].stack
+        first = stack.channels * np.array([frames[number].row for number in members])
+        indices = (
+            (first[:, None] + np.arange(stack.channels))[:, :, None, None],
+            rows[members][:, None, :, None],
+            columns[members][:, None, None, :],
+        )
+        cuts.append(_Cut(stack, *(shipment.add(array) for array in indices)))
+    if len(cuts) == 1:
+        return cuts[0]
+    order = shipment.add(np.argsort(np.concatenate(list(groups.values()))))
+
+    def cut_all(sent: Sequence[Tensor]) -> Tensor:
+        parts = [cut(sent) for cut in cuts]
+        if len({part.dtype for part in parts}) > 1:  # depth that 16 bits hold, and depth that they do not
+            parts = [metres_on_device(part) for part in parts]
+        return torch.cat(parts)[sent[order]]
+
+    return cut_all
+
+
+@dataclass(frozen=True)
+class _Cut:
+    """One operation on one stack, with the numbers of its indices in the shipment."""
+
+    stack: FrameStack
+    planes: int
+    rows: int
+    columns: int
+
+    def __call__(self, sent: Sequence[Tensor]) -> Tensor:
+        return self.stack.cut(sent[self.planes], sent[self.rows], sent[self.columns])
+
+
+def _batch(image: Tensor, sources: Tensor, parts: Mapping[str, Tensor]) -> LoadedBatch:
+    sparse_depth = parts["sparse_depth"]
+    return LoadedBatch(
+        image=image,
+        sources=sources,
+        sparse_depth=sparse_depth,
+        validity=(sparse_depth > 0).to(torch.float32),
+        input_sparse_depth=parts.get("input_sparse_depth", sparse_depth),
+        intrinsics=parts["intrinsics"],
+        source_from_target=parts.get("source_from_target"),
+        ground_truth=parts.get("ground_truth"),
+    )
+
+
+def _kind(sample: StoredSample) -> tuple[tuple[int, ...], int, bool]:
+    """What `check_alike` compares."""
+    window = sample.window
+    return (len(window.rows), len(window.columns)), len(sample.images) - 1, window.motions is not None

@@ -16,6 +16,7 @@ scene still lies on its pixel in every frame. Transforms after which the camera 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NoReturn
 
 import numpy as np
@@ -134,11 +135,20 @@ class DropPoints(v2.Transform):
             check_range(f"DropPoints: {name}", value, 0.0, 1.0)
         self.fraction, self.p = fraction, p
 
+    def draw_fraction(self, generator: torch.Generator | None = None) -> float:
+        """The fraction that a sample loses; by default drawn from torch's default generator."""
+        drop, position = torch.rand(2, generator=generator).tolist()
+        least, most = self.fraction
+        return float(least + (most - least) * position) if drop < self.p else 0.0
+
+    @staticmethod
+    def draw_points(count: int, fraction: float, generator: torch.Generator | None = None) -> Tensor:
+        """Which of so many points are hidden, numbered row by row from 0; not sorted."""
+        return torch.randperm(count, generator=generator)[: round(fraction * count)]
+
     def make_params(self, flat_inputs: list[Any]) -> dict[str, float]:
         """Draw the fraction that this sample loses."""
-        drop, position = torch.rand(2).tolist()
-        least, most = self.fraction
-        return {"fraction": least + (most - least) * position if drop < self.p else 0.0}
+        return {"fraction": self.draw_fraction()}
 
     def transform(self, inpt: Any, params: dict[str, float]) -> Any:
         """Remove the points from an `InputSparseDepth`; everything else is left as it is."""
@@ -146,7 +156,7 @@ class DropPoints(v2.Transform):
             return inpt
         depth = inpt.as_subclass(Tensor)
         count = int(torch.count_nonzero(depth)) if inpt.points is None else inpt.points
-        hidden = torch.randperm(count)[: round(params["fraction"] * count)]
+        hidden = self.draw_points(count, params["fraction"])
         if len(hidden) == 0:
             return inpt
         remove = _remove_points if depth.device.type == "cpu" else remove_points_on_device
@@ -251,30 +261,48 @@ def resized_crop_intrinsics(
     return resize_intrinsics(crop_intrinsics(intrinsics, top, left, height, width), size)
 
 
-@functional.register_kernel(functional.horizontal_flip, Intrinsics)
-def horizontal_flip_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
-    """The camera of the mirrored world, in which x is -x: cx becomes W - 1 - cx, and the skew changes its sign."""
-    pixels = ((-1.0, 0.0, intrinsics.canvas_size[1] - 1.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-    return _moved(intrinsics, pixels, intrinsics.canvas_size, mirror=(-1.0, 1.0, 1.0))
+def mirrored_matrix(matrix: np.ndarray, canvas_size: tuple[int, int], axis: int) -> np.ndarray:
+    """The intrinsics of a mirror image, in the mirrored world in which the axis points the other way.
+
+    Along x (axis 0) cx becomes W - 1 - cx, along y (axis 1) cy becomes H - 1 - cy; the skew changes its sign.
+
+    Args:
+        matrix: 3 x 3.
+        canvas_size: height and width of the image.
+        axis: 0 for left to right, 1 for top to bottom.
+    """
+    pixels, mirror = np.eye(3), np.ones(3)
+    pixels[axis, axis], pixels[axis, 2], mirror[axis] = -1.0, canvas_size[1 - axis] - 1.0, -1.0
+    return pixels @ matrix * mirror
 
 
-@functional.register_kernel(functional.vertical_flip, Intrinsics)
-def vertical_flip_intrinsics(intrinsics: Intrinsics) -> Intrinsics:
-    """The camera of the mirrored world, in which y is -y: cy becomes H - 1 - cy, and the skew changes its sign."""
-    pixels = ((1.0, 0.0, 0.0), (0.0, -1.0, intrinsics.canvas_size[0] - 1.0), (0.0, 0.0, 1.0))
-    return _moved(intrinsics, pixels, intrinsics.canvas_size, mirror=(1.0, -1.0, 1.0))
+def mirrored_motions(motions: np.ndarray, axis: int) -> np.ndarray:
+    """The motions of the mirrored world: T becomes M T M, where M is the identity with -1 on the axis.
+
+    Args:
+        motions: S x 4 x 4.
+        axis: 0 for x, 1 for y.
+    """
+    mirror = np.ones(4)
+    mirror[axis] = -1.0
+    return mirror[:, None] * motions * mirror
 
 
-@functional.register_kernel(functional.horizontal_flip, RelativePoses)
-def horizontal_flip_poses(poses: RelativePoses) -> RelativePoses:
-    """The motions of the mirrored world: T becomes M T M with M = diag(-1, 1, 1, 1)."""
-    return _conjugated(poses, (-1.0, 1.0, 1.0, 1.0))
+def _mirror_intrinsics(intrinsics: Intrinsics, axis: int) -> Intrinsics:
+    matrix = mirrored_matrix(intrinsics.as_subclass(Tensor).numpy(), intrinsics.canvas_size, axis)
+    return Intrinsics(torch.from_numpy(matrix), intrinsics.canvas_size)
 
 
-@functional.register_kernel(functional.vertical_flip, RelativePoses)
-def vertical_flip_poses(poses: RelativePoses) -> RelativePoses:
-    """The motions of the mirrored world: T becomes M T M with M = diag(1, -1, 1, 1)."""
-    return _conjugated(poses, (1.0, -1.0, 1.0, 1.0))
+def _mirror_poses(poses: RelativePoses, axis: int) -> RelativePoses:
+    motions: RelativePoses = torch.from_numpy(mirrored_motions(poses.as_subclass(Tensor).numpy(), axis)).as_subclass(
+        RelativePoses
+    )
+    return motions
+
+
+for _axis, _flip in enumerate((functional.horizontal_flip, functional.vertical_flip)):
+    functional.register_kernel(_flip, Intrinsics)(partial(_mirror_intrinsics, axis=_axis))
+    functional.register_kernel(_flip, RelativePoses)(partial(_mirror_poses, axis=_axis))
 
 
 @functional.register_kernel(functional.pad, DepthMap)
@@ -323,30 +351,17 @@ def _shifted(intrinsics: Intrinsics, canvas_size: tuple[int, int], left: int, to
     return _moved(intrinsics, ((1.0, 0.0, left), (0.0, 1.0, top), (0.0, 0.0, 1.0)), canvas_size)
 
 
-def _moved(
-    intrinsics: Intrinsics,
-    pixels: Sequence[Sequence[float]],
-    canvas_size: tuple[int, int],
-    mirror: Sequence[float] = (1.0, 1.0, 1.0),
-) -> Intrinsics:
-    """The camera whose pixels are A times those of K, in a mirrored world: A K M.
+def _moved(intrinsics: Intrinsics, pixels: Sequence[Sequence[float]], canvas_size: tuple[int, int]) -> Intrinsics:
+    """The camera whose pixels are A times those of K: A K.
 
     Args:
         intrinsics: K.
         pixels: A, 3 x 3, carries homogeneous pixels to where they are now.
         canvas_size: height and width of the images now.
-        mirror: the diagonal of M.
     """
     # In numpy, for which nine numbers are less work.
-    matrix = np.array(pixels) @ intrinsics.as_subclass(Tensor).numpy() * np.array(mirror)
+    matrix = np.array(pixels) @ intrinsics.as_subclass(Tensor).numpy()
     return Intrinsics(torch.from_numpy(matrix), canvas_size)
-
-
-def _conjugated(poses: RelativePoses, mirror: Sequence[float]) -> RelativePoses:
-    """Each T as M T M, where `mirror` is the diagonal of M."""
-    sign = np.array(mirror)
-    motions = sign[:, None] * poses.as_subclass(Tensor).numpy() * sign
-    return torch.from_numpy(motions).as_subclass(RelativePoses)
 
 
 def _check_sizes(sample: Mapping[str, Tensor], canvas_size: tuple[int, int] | None) -> None:

@@ -1,6 +1,6 @@
 """The torch dataset of triplets and how its samples become batches."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Any, Literal, NamedTuple
@@ -11,8 +11,9 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
-from deux.data.device_batches import check_alike, device_sample, stack_samples
+from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, device_batch
 from deux.data.device_cache import DeviceCache
+from deux.data.drawn_windows import Window
 from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.transforms import augment
 from deux.errors import DeuxError
@@ -48,22 +49,16 @@ class SampleSettings:
     prepare: Prepare | None = None
 
 
-class Crop(NamedTuple):
-    """What is cut out of a triplet's frames: views of what the cache holds, arrays or tensors, not to be changed.
+class Frames(NamedTuple):
+    """What a sample is cut out of: whole arrays as the cache holds them, not to be changed.
 
     Args:
         images: 3 x H x W uint8 each, the target first.
-        maps: H x W each, "sparse_depth" and, where it is read, "ground_truth", as the cache holds them.
-        intrinsics: 3 x 3 float64, of the crop.
-        motions: S x 4 x 4 float64; None where poses are not read, or there are none.
-        points: number of points in the sparse depth, where it is known without looking at it.
+        maps: H x W each, "sparse_depth" and, where it is read, "ground_truth".
     """
 
     images: list[Any]
     maps: dict[str, Any]
-    intrinsics: np.ndarray
-    motions: np.ndarray | None
-    points: int | None = None
 
 
 class TripletDataset(Dataset[Batch]):
@@ -110,7 +105,7 @@ class TripletDataset(Dataset[Batch]):
 
     def __getitem__(self, item: int | tuple[int, int]) -> Batch:
         index, seed = _index_and_seed(item)
-        sample = _on_host(self._crop(*self._triplet(index), seed, self.settings.poses))
+        sample = self._host_sample(*self._triplet(index), seed, self.settings.poses)
         if self._augmentation:
             sample = augment(sample, self._augmentation, seed)
         return _batch(sample, self.settings.prepare)
@@ -119,15 +114,19 @@ class TripletDataset(Dataset[Batch]):
         """The items one by one; with a cache on a device, as one batch that is made there."""
         if not isinstance(self.cache, DeviceCache):
             return [self[item] for item in items]
-        drawn = [_index_and_seed(item) for item in items]
-        self.cache.read_together([key for index, _ in drawn for key in self._keys(*self._triplet(index))])
-        crops = [(self._crop(*self._triplet(index), seed, self.settings.poses), seed) for index, seed in drawn]
-        samples = [device_sample(*crop, self._augmentation, seed) for crop, seed in crops]
-        return stack_samples(samples, self.cache.device)
+        drawn = [(*self._triplet(index), seed) for index, seed in map(_index_and_seed, items)]
+        keys = [list(self._keys(reader, triplet)) for reader, triplet, _ in drawn]
+        stored = iter(self.cache.load([key for one in keys for key in one]))
+        samples = []
+        for (reader, triplet, seed), its in zip(drawn, keys, strict=True):
+            frames = _frames(reader, triplet, [(key, next(stored)) for key in its])
+            window = self._window(frames.images[0].shape[-2:], reader, triplet, seed, self.settings.poses)
+            samples.append(StoredSample(*frames, window, seed))
+        return device_batch(samples, self._augmentation, self.cache.device)
 
     def with_sources(self, index: int) -> Batch:
         """The item of that index with the source frames and poses that there are, also where samples hold none."""
-        return _batch(_on_host(self._crop(*self.triplets[index], seed=0, poses=True)), self.settings.prepare)
+        return _batch(self._host_sample(*self.triplets[index], seed=0, poses=True), self.settings.prepare)
 
     @property
     def keys(self) -> list[FrameKey]:
@@ -152,39 +151,18 @@ class TripletDataset(Dataset[Batch]):
         if self.settings.ground_truth:
             yield FrameKey(reader, "ground_truth", triplet.target)
 
-    def _crop(self, reader: Reader, triplet: Triplet, seed: int, poses: bool) -> Crop:
-        """Read a triplet's frames and cut the same part out of all of them."""
-        images, maps = [], {}
-        for key in self._keys(reader, triplet):
-            array = self.cache.read(key)
-            if array is None:
-                raise DeuxError(
-                    f"{reader.folder} has no ground truth of {triplet.target.sequence}: evaluation and supervised "
-                    "training need it."
-                )
-            if key.kind == "image":
-                images.append(array)
-            else:
-                maps[str(key.kind)] = array
-        size = images[0].shape[1], images[0].shape[2]
-        for shape in [image.shape[1:] for image in images] + [depth.shape for depth in maps.values()]:
-            if tuple(shape) != size:
-                raise DeuxError(
-                    f"{_named(reader, triplet)} has something of {shape[0]} x {shape[1]} pixels where its image has "
-                    f"{size[0]} x {size[1]}."
-                )
-        top, left, height, width = window = self._window(size, seed, reader, triplet)
-        rows, columns = slice(top, top + height), slice(left, left + width)
-        intrinsics = self._camera(reader, triplet).copy()
-        intrinsics[:2, 2] -= left, top
-        sparse = FrameKey(reader, "sparse_depth", triplet.target)
-        return Crop(
-            [image[:, rows, columns] for image in images],
-            {name: depth[rows, columns] for name, depth in maps.items()},
-            intrinsics,
-            self._relative_poses(reader, triplet) if poses else None,
-            self.cache.points_within(sparse, *window) if isinstance(self.cache, DeviceCache) else None,
-        )
+    def _host_sample(self, reader: Reader, triplet: Triplet, seed: int, poses: bool) -> dict[str, np.ndarray]:
+        """A sample without augmentation as arrays of its own; see `deux.data.transforms`."""
+        keys = self._keys(reader, triplet)
+        images, maps = _frames(reader, triplet, [(key, _array(self.cache.read(key))) for key in keys])
+        window = self._window(images[0].shape[-2:], reader, triplet, seed, poses)
+        part = slice(window.rows[0], window.rows[-1] + 1), slice(window.columns[0], window.columns[-1] + 1)
+        sample = {"images": np.stack([image[:, *part] for image in images])}
+        sample |= {name: metres(depth[part]) for name, depth in maps.items()}
+        sample["intrinsics"] = window.intrinsics
+        if window.motions is not None:
+            sample["source_from_target"] = window.motions.copy()
+        return sample
 
     def _camera(self, reader: Reader, triplet: Triplet) -> np.ndarray:
         """3 x 3, of the whole target; not to be changed."""
@@ -200,8 +178,8 @@ class TripletDataset(Dataset[Batch]):
             self._motions[key] = _motions(reader, triplet)
         return self._motions[key]
 
-    def _window(self, size: tuple[int, int], seed: int, reader: Reader, triplet: Triplet) -> tuple[int, int, int, int]:
-        """The part of a frame that is cut out: top, left, height and width."""
+    def _window(self, size: tuple[int, int], reader: Reader, triplet: Triplet, seed: int, poses: bool) -> Window:
+        """The part of a triplet's frames that is cut out, and its camera."""
         height, width = self.settings.crop or size
         room = size[0] - height, size[1] - width
         if min(room) < 0:
@@ -209,10 +187,15 @@ class TripletDataset(Dataset[Batch]):
                 f"{_named(reader, triplet)} has {size[0]} x {size[1]} pixels, in which a crop of {height} x {width} "
                 "does not fit."
             )
-        if not self.settings.training or self.settings.crop is None:
-            return room[0] // 2, room[1] // 2, height, width
-        rng = np.random.default_rng(seed)
-        return int(rng.integers(room[0] + 1)), int(rng.integers(room[1] + 1)), height, width
+        if self.settings.training and self.settings.crop is not None:
+            rng = np.random.default_rng(seed)
+            top, left = int(rng.integers(room[0] + 1)), int(rng.integers(room[1] + 1))
+        else:
+            top, left = room[0] // 2, room[1] // 2
+        intrinsics = self._camera(reader, triplet).copy()
+        intrinsics[:2, 2] -= left, top
+        motions = self._relative_poses(reader, triplet) if poses else None
+        return Window(np.arange(top, top + height), np.arange(left, left + width), intrinsics, motions)
 
 
 class ShuffledDraws(Sampler[tuple[int, int]]):
@@ -262,18 +245,6 @@ class ShuffledDraws(Sampler[tuple[int, int]]):
         self._skipped = {epoch: items}
 
 
-class LoadedBatch(Batch):
-    """A batch that the loader can place in page-locked memory, from where it is copied to a GPU faster."""
-
-    def pin_memory(self) -> "LoadedBatch":
-        """Pin every tensor in place."""
-        for name, value in vars(self).items():
-            if isinstance(value, Tensor):
-                setattr(self, name, value.pin_memory())
-        self.prepared = {name: value.pin_memory() for name, value in self.prepared.items()}
-        return self
-
-
 def collate(samples: Sequence[Batch] | Batch) -> Batch:
     """Stack samples to a batch; what is a batch already stays it.
 
@@ -317,16 +288,41 @@ def _index_and_seed(item: int | tuple[int, int]) -> tuple[int, int]:
     return item if isinstance(item, tuple) else (item, 0)
 
 
-def _on_host(crop: Crop) -> dict[str, np.ndarray]:
-    """A crop as arrays of its own; see `deux.data.transforms`."""
-    images = [image.cpu().numpy() if isinstance(image, Tensor) else image for image in crop.images]
-    sample = {"images": np.stack(images)}
-    for name, depth in crop.maps.items():
-        sample[name] = metres(depth.cpu().numpy() if isinstance(depth, Tensor) else depth)
-    sample["intrinsics"] = crop.intrinsics
-    if crop.motions is not None:
-        sample["source_from_target"] = crop.motions.copy()
-    return sample
+def _frames(reader: Reader, triplet: Triplet, arrays: Iterable[tuple[FrameKey, Any]]) -> Frames:
+    """A triplet's arrays, all of one size.
+
+    Args:
+        reader: of the triplet.
+        triplet: a target and its source frames.
+        arrays: as `TripletDataset._keys` names them; anything that has a shape, or None.
+
+    Raises:
+        DeuxError: there is no ground truth, or something is of another size than the target's image.
+    """
+    frames = Frames([], {})
+    for key, array in arrays:
+        if array is None:
+            raise DeuxError(
+                f"{reader.folder} has no ground truth of {triplet.target.sequence}: evaluation and supervised "
+                "training need it."
+            )
+        if key.kind == "image":
+            frames.images.append(array)
+        else:
+            frames.maps[key.kind] = array
+    size = tuple(frames.images[0].shape[-2:])
+    for array in (*frames.images, *frames.maps.values()):
+        height, width = array.shape[-2:]
+        if (height, width) != size:
+            raise DeuxError(
+                f"{_named(reader, triplet)} has something of {height} x {width} pixels where its image has "
+                f"{size[0]} x {size[1]}."
+            )
+    return frames
+
+
+def _array(read: np.ndarray | Tensor | None) -> np.ndarray | None:
+    return read.cpu().numpy() if isinstance(read, Tensor) else read
 
 
 def _named(reader: Reader, triplet: Triplet) -> str:

@@ -31,6 +31,7 @@ def quieten_libraries() -> None:
         "You have overridden `on_after_batch_transfer`",  # the module's is the one that is meant
         "`isinstance.treespec, LeafSpec.` is deprecated",  # Lightning's own use of torch
         r"Found \d+ module\(s\) in eval mode",  # a frozen part of a model
+        "The combination of `DataLoader",  # a loader and its workers are kept until the datasets change, and ended then
         "It is recommended to use .*sync_dist=True",  # all processes validate on the same frames
         "Checkpoint directory .* exists and is not empty",  # a run that goes on where it was killed
         "The `srun` command is available",  # on a machine of a Slurm cluster, without a job or in a job of one process

@@ -19,7 +19,7 @@ def test_every_cache_is_measured() -> None:
     assert [row["data.cache"] for row in table.rows] == ["auto", "device", "memory", "none"]
     assert [row["workers"] for row in table.rows][:3] == ["0", "0", "0"]
     for row in table.rows:
-        for column in ("seconds per step", "waiting, %", "in the first epoch, %"):
+        for column in ("seconds per step", "host seconds per batch", "waiting, %", "in the first epoch, %"):
             value = row[column]
             assert isinstance(value, Spread)
             assert 0.0 < value.median < 100.0
@@ -53,8 +53,40 @@ def test_the_clock_tells_waiting_from_working(monkeypatch: pytest.MonkeyPatch) -
         now += seconds
         event()
     assert clock.waits() == [1.0, 2.0, 2.0]  # neither the first step nor the validations
+    assert clock.host_waits() == clock.waits()
     assert clock.steps() == [3.0, 3.0, 3.0]
     assert clock.share(first_epoch=1) == pytest.approx(0.4)
+
+
+class FakeEvent:
+    """A card whose clock runs twice as fast as the host's."""
+
+    def __init__(self, enable_timing: bool) -> None:
+        assert enable_timing
+
+    def record(self, stream: object) -> None:
+        self.time = time.perf_counter() * 2
+
+    def synchronize(self) -> None:
+        pass
+
+    def elapsed_time(self, later: "FakeEvent") -> float:
+        return 1000.0 * (later.time - self.time)
+
+
+def test_a_card_and_its_host_have_their_own_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(time, "perf_counter", lambda: now)
+    monkeypatch.setattr(torch.cuda, "Event", FakeEvent)
+    monkeypatch.setattr(torch.cuda, "current_stream", lambda device: None)
+    module = SimpleNamespace(device=torch.device("cuda"))
+    clock, trainer = DataWaiting(warm_up=0), SimpleNamespace(current_epoch=0)
+    clock.on_train_epoch_start(trainer, module)
+    now = 3.0
+    clock.on_train_batch_start(trainer, module, None, 0)
+    now = 7.0
+    clock.on_train_batch_end(trainer, module, None, None, 0)
+    assert (clock.host_waits(), clock.waits(), clock.steps()) == ([3.0], [6.0], [8.0])
 
 
 CPU = torch.device("cpu")

@@ -3,17 +3,21 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+from torch.utils._pytree import tree_leaves
 from torchvision.transforms import v2
 from void_layout import dataset
 
 from deux.contracts import Augmentation, Batch
 from deux.data.dataset_reader import DatasetReader
-from deux.data.device_cache import DeviceCache, colors, metres_on_device
+from deux.data.device_batches import LoadedBatch
+from deux.data.device_cache import DeviceCache, colors, cut_on_device, metres_on_device
 from deux.data.frame_cache import metres
 from deux.data.transforms import DropPoints, InputSparseDepth, augment_tensors, remove_points_on_device
 from deux.data.triplets import SampleSettings, TripletDataset, collate
@@ -26,6 +30,7 @@ AUGMENTATIONS: dict[str, Sequence[Augmentation]] = {
     "none": (),
     "points": (DropPoints((0.3, 0.6), p=0.8),),
     "flips and points": (*FLIPS, DropPoints((0.3, 0.6), p=0.8)),
+    "points, flips and points": (DropPoints((0.3, 0.6), p=0.8), *FLIPS, DropPoints((0.0, 1.0), p=0.8)),
     "colours": (v2.ColorJitter(0.3, 0.3, 0.3), v2.RandomGrayscale(0.3), v2.GaussianBlur(3)),
     "geometry": (v2.RandomCrop((12, 16)), v2.RandomResizedCrop((16, 16), antialias=True), DropPoints((0.5, 0.5), p=1)),
     "floats": (v2.RandomApply([v2.ToDtype(torch.float32, scale=True)], p=0.5),),
@@ -49,8 +54,13 @@ def assert_equal(one: Batch, two: Batch) -> None:
             assert value == other
 
 
+@pytest.mark.parametrize("as_on_a_card", [False, True])
 @pytest.mark.parametrize("name", AUGMENTATIONS)
-def test_every_augmentation_gives_the_same_batches(folder: Path, name: str) -> None:
+def test_every_augmentation_gives_the_same_batches(
+    folder: Path, name: str, as_on_a_card: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if as_on_a_card:
+        monkeypatch.setattr("deux.data.device_cache.cut_on_cpu", cut_on_device)
     settings = replace(TRAINING, augmentation=AUGMENTATIONS[name])
     readers = [DatasetReader(folder)]
     host = TripletDataset(readers, "train", settings)
@@ -80,6 +90,62 @@ def test_other_units_than_the_files_own_lose_nothing(folder: Path) -> None:
     assert_equal(device.__getitems__([(0, 1), (4, 2)]), collate(host.__getitems__([(0, 1), (4, 2)])))  # type: ignore[arg-type]
     key = next(key for key in device.keys if key.kind == "sparse_depth")
     assert cache.read(key).dtype == torch.float32  # type: ignore[union-attr]
+
+
+def test_depth_of_several_types_and_frames_that_are_not_kept_go_into_one_batch(folder: Path) -> None:
+    millimetres, metres = DatasetReader(folder, scale=1000.0), DatasetReader(folder)
+    host = TripletDataset([millimetres, metres], "train", TRAINING)
+    items = [(11, 1), (20, 2), (0, 3), (12, 4), (11, 5)]
+    expected = collate(host.__getitems__(items))  # type: ignore[arg-type]
+    for capacity in (10**8, 9 * 3 * 40 * 48, 0):
+        device = TripletDataset([millimetres, metres], "train", TRAINING, DeviceCache(CPU, capacity))
+        for _ in range(2):
+            assert_equal(device.__getitems__(items), expected)  # type: ignore[arg-type]
+        assert device.cache.size <= capacity
+
+
+class CountedOperations(TorchDispatchMode):
+    """Counts the operations, and those among them that are work for the device, which views are not."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.all = self.on_device = 0
+
+    def __torch_dispatch__(self, operation: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        result = operation(*args, **(kwargs or {}))
+        there = any(isinstance(one, Tensor) and one.is_meta for one in tree_leaves((args, kwargs, result)))
+        makes_view = any(one.alias_info and not one.alias_info.is_write for one in operation._schema.returns)
+        self.all += 1
+        self.on_device += there and not makes_view
+        return result
+
+
+@pytest.mark.parametrize(("name", "most", "per_sample"), [("none", 25, 0), ("flips", 25, 4), ("points", 29, 4)])
+def test_a_larger_batch_is_no_more_work_for_the_host_on_a_card(
+    folder: Path, name: str, most: int, per_sample: int
+) -> None:
+    """Counted on torch's device without memory, whose tensors take the ways of a card's."""
+    augmentation = {**AUGMENTATIONS, "flips": FLIPS, "points": (DropPoints((0.3, 0.6), p=1.0),)}[name]
+    settings = replace(TRAINING, ground_truth=False, augmentation=augmentation)
+    device = TripletDataset([DatasetReader(folder)], "train", settings, DeviceCache(torch.device("meta"), 10**8))
+    device.__getitems__(range(12))
+    launched = set()
+    for size in (2, 4, 8, 12):
+        with CountedOperations() as counted:
+            device.__getitems__([(index, 7 * index) for index in range(size)])
+        assert counted.all <= most + per_sample * size
+        launched.add(counted.on_device)
+    assert len(launched) == 1
+    assert launched.pop() <= 10
+
+
+def test_a_batch_that_is_on_the_device_stays_as_it_is(folder: Path) -> None:
+    batch = TripletDataset([DatasetReader(folder)], "train", TRAINING, DeviceCache(CPU, 10**8)).__getitems__([0, 1])
+    assert isinstance(batch, LoadedBatch)
+    assert batch.to(CPU) is batch
+    moved = batch.to(torch.device("meta"))
+    assert all(value.is_meta for value in vars(moved).values() if isinstance(value, Tensor))
+    assert not any(value.is_meta for value in vars(batch).values() if isinstance(value, Tensor))
 
 
 def test_frames_that_do_not_fit_together_are_the_same_error(tmp_path: Path) -> None:
@@ -133,7 +199,7 @@ def test_all_bytes_and_all_stored_depths_come_out_alike() -> None:
     code = np.arange(2**16, dtype=np.uint16).reshape(256, 256)
     assert torch.equal(metres_on_device(torch.from_numpy(code)), torch.from_numpy(metres(code)))
     gray = np.arange(256, dtype=np.uint8).reshape(1, 16, 16)
-    np.testing.assert_array_equal(colors([torch.from_numpy(gray)])[0], gray / np.float32(255.0))
+    np.testing.assert_array_equal(colors(torch.from_numpy(gray), torch.tensor(255.0)), gray / np.float32(255.0))
 
 
 @pytest.mark.gpu

@@ -171,7 +171,7 @@ def check_plugin_options(cfg: DictConfig) -> None:
     Plugins with all options at their defaults are not imported. Call `check_plugins` first.
     """
     for name, kind in PLUGIN_SECTIONS.items():
-        if name in TASKS[cfg.task].sections and len(cfg[name]) > 1:  # the name alone is always right
+        if name in TASKS[cfg.task].sections and set(cfg[name]) - {"name", *KINDS[kind].reserved}:
             registry().choose(kind, cfg[name], name)
 
 

@@ -29,6 +29,7 @@ def no_ray(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process_speed, "make_executor", make)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("tiny_models", "no_ray")
 def test_one_process_and_two_are_compared_with_a_model_and_without(
     monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest

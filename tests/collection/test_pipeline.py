@@ -191,6 +191,7 @@ def test_a_scene_is_loaded_once_to_count_its_floors_however_often_a_build_goes_o
     assert tree(at_once) == tree(dataset)
 
 
+@pytest.mark.slow
 def test_floors_are_counted_by_the_processes_that_collect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viewpoints, "_FEW", 0)
     scenes = tuple(replace(scene, area=SceneArea(floor="all")) for scene in specification().scenes)

@@ -151,6 +151,7 @@ def test_a_killed_run_goes_on_and_keeps_the_episodes_that_were_finished(tmp_path
     assert {path: path.stat().st_mtime_ns for path in finished} == finished
 
 
+@pytest.mark.slow
 def test_viewpoints_and_robots_of_one_batch_are_shared_out_and_sent_back(
     tmp_path: Path, cluster: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

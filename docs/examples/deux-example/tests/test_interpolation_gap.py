@@ -10,6 +10,8 @@ TOO_FAR = torch.full((1, 1, HEIGHT, WIDTH), 1.1 * WALL)
 
 
 class TestInterpolationGap(UncertaintySuite):
+    computes_on_host = True  # by scipy
+
     def make_uncertainty(self) -> Uncertainty:
         return InterpolationGap()
 

@@ -4,8 +4,9 @@ import argparse
 import os
 import sys
 from collections.abc import Iterator, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from deux.errors import DeuxError
 from deux.thread_waiting import let_waiting_threads_sleep
@@ -13,18 +14,34 @@ from deux.thread_waiting import let_waiting_threads_sleep
 if TYPE_CHECKING:
     from deux.bench.speed_tables import SpeedTable
 
-BENCHMARKS = (
-    "render",
-    "batching",
-    "explore",
-    "processes",
-    "environment",
-    "models",
-    "published",
-    "limits",
-    "data",
-    "peers",
-)
+
+class Benchmark(NamedTuple):
+    """Where a benchmark is, imported only when it is asked for.
+
+    Args:
+        module: in `deux.bench`; it has the settings `QUICK`, of the same class as the default ones.
+        measure: the function that yields its tables, called with the settings and then `options`.
+        options: the options of the command line that it is given.
+    """
+
+    module: str
+    measure: str
+    options: tuple[str, ...] = ()
+
+
+BENCHMARKS = {
+    "render": Benchmark("render_speed", "measure_rendering", ("scene",)),
+    "batching": Benchmark("batching_speed", "measure_batching", ("model", "device")),
+    "explore": Benchmark("exploration_speed", "measure_exploration", ("model", "device")),
+    "processes": Benchmark("process_speed", "measure_processes", ("model", "device")),
+    "environment": Benchmark("environment_speed", "measure_environment"),
+    "models": Benchmark("model_speed", "measure_models", ("device",)),
+    "published": Benchmark("published_way", "measure_published_way", ("device",)),
+    "limits": Benchmark("step_limits", "measure_limits", ("device",)),
+    "data": Benchmark("data_waiting", "measure_data_waiting", ("model", "device")),
+    "peers": Benchmark("peer_figures", "measure_peers", ("scene", "device")),
+}
+"""The benchmarks by name, in the order in which all of them run."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -46,7 +63,7 @@ def _parser() -> argparse.ArgumentParser:
         "run, so ratios hold on a busy machine too; each number is a median with its 10th and 90th percentile.",
     )
     parser.add_argument("benchmark", nargs="?", default="all", choices=[*BENCHMARKS, "all"], help="default: all")
-    parser.add_argument("--quick", action="store_true", help="small and short: two minutes for all")
+    parser.add_argument("--quick", action="store_true", help="small and short")
     parser.add_argument("--json", type=Path, metavar="PATH", help="write the numbers to this file, too")
     parser.add_argument(
         "--scene",
@@ -99,59 +116,13 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _tables(name: str, options: argparse.Namespace) -> "Iterator[SpeedTable]":
-    if name == "render":
-        from deux.bench import render_speed as render
-
-        return render.measure_rendering(render.QUICK if options.quick else render.RenderSettings(), options.scene)
-    if name == "batching":
-        from deux.bench import batching_speed as batching
-
-        return batching.measure_batching(
-            batching.QUICK if options.quick else batching.BatchingSettings(), options.model, options.device
-        )
-    if name == "explore":
-        from deux.bench import exploration_speed as exploration
-
-        return exploration.measure_exploration(
-            exploration.QUICK if options.quick else exploration.ExploreSettings(), options.model, options.device
-        )
-    if name == "environment":
-        from deux.bench import environment_speed as environment
-
-        return environment.measure_environment(
-            environment.QUICK if options.quick else environment.EnvironmentSettings()
-        )
-    if name == "published":
-        from deux.bench import published_way as published
-
-        return published.measure_published_way(
-            published.QUICK if options.quick else published.PublishedSettings(), options.device
-        )
-    if name == "data":
-        from deux.bench import data_waiting as data
-
-        return data.measure_data_waiting(
-            data.QUICK if options.quick else data.WaitingSettings(), options.model, options.device
-        )
-    if name == "limits":
-        from deux.bench import step_limits as limits
-
-        return limits.measure_limits(limits.QUICK if options.quick else limits.LimitSettings(), options.device)
-    if name == "peers":
-        from deux.bench import peer_figures as peers
-
-        return peers.measure_peers(
-            peers.QUICK if options.quick else peers.PeerSettings(), options.scene, options.device
-        )
-    if name == "processes":
-        from deux.bench import process_speed as processes
-
-        return processes.measure_processes(
-            processes.QUICK if options.quick else processes.ProcessSettings(), options.model, options.device
-        )
-    from deux.bench import model_speed as models
-
-    return models.measure_models(models.QUICK if options.quick else models.ModelSettings(), options.device)
+    chosen = BENCHMARKS[name]
+    module = import_module(f"deux.bench.{chosen.module}")
+    settings = module.QUICK if options.quick else type(module.QUICK)()
+    tables: Iterator[SpeedTable] = getattr(module, chosen.measure)(
+        settings, *(getattr(options, option) for option in chosen.options)
+    )
+    return tables
 
 
 if __name__ == "__main__":

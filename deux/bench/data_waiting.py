@@ -16,6 +16,7 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 
 from deux.bench.bench_scenes import default_simulation, flats
 from deux.bench.installed_plugins import default_model
+from deux.bench.model_speed import KNOWN_WARNINGS
 from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.timing import Spread, in_turn
 from deux.collection.sparse import SparseSettings, sample_sparse
@@ -35,10 +36,7 @@ from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
 
 _KNOWN_WARNINGS = (
-    "You defined a `validation_step`",
-    ".*does not have many workers",
-    r"Found \d+ module\(s\) in eval mode",
-    r"`isinstance\(treespec, LeafSpec\)`",
+    *KNOWN_WARNINGS,
     "This DataLoader will create",
     "You have overridden `on_after_batch_transfer`",
     "The combination of `DataLoader",

@@ -31,7 +31,7 @@ PRECISIONS: dict[str, Literal["32-true", "bf16-mixed"]] = {"float32": "32-true",
 POSES: tuple[PoseKind, ...] = ("simulator", "learned")
 
 # What Lightning says of any training without validation data or loader processes, and of its own code.
-_KNOWN_WARNINGS = (
+KNOWN_WARNINGS = (
     "You defined a `validation_step`",
     ".*does not have many workers",
     r"Found \d+ module\(s\) in eval mode",
@@ -133,7 +133,7 @@ def train_steps(variant: StepVariant, batch: Batch, steps: int, watch: Callback,
     module = DepthCompletion(model, make_objective(model), make_pose_source(variant.poses, model))
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     with warnings.catch_warnings():
-        for message in _KNOWN_WARNINGS:
+        for message in KNOWN_WARNINGS:
             warnings.filterwarnings("ignore", message)
         trainer = Trainer(
             accelerator=accelerator,

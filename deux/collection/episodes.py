@@ -26,15 +26,6 @@ MakeExplorer = Callable[[], Explorer]
 """Makes one explorer, for one episode."""
 
 
-def count_floors(scene: SceneReference, make_simulator: MakeSimulator) -> int:
-    """The number of floors on which episodes take place; the scene is loaded only where its `area` asks for all.
-
-    Raises:
-        DeuxError: the scene cannot be loaded.
-    """
-    return len(make_simulator(scene).floors) if scene.area.floor == "all" else 1
-
-
 @dataclass(frozen=True)
 class EpisodePlan(Plan):
     """An episode that is to be collected.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.collection.episodes import count_floors
+from deux.collection.floor_counts import count_all_floors
 from deux.collection.perception import MODEL_NEEDS, SOURCES, Perception
 from deux.collection.sparse import SparseSettings
 from deux.collection.specification import episode_seed, place_name
@@ -89,7 +89,8 @@ def study_uncertainty(
     walks = _Walks(simulation, explorer, Perception(predict_depth, sparse, guide), made, seed, steps)
     make_folder(folder)
     judged = []
-    places = [(scene, floor) for scene in scenes for floor in range(count_floors(scene, simulation.make))]
+    floors = count_all_floors(scenes, folder / "floors", simulation.make)
+    places = [(scene, floor) for scene in scenes for floor in range(floors[scene.name])]
     for number, (scene, floor) in enumerate(places):
         record = folder / f"{place_name(scene, floor)}.json"
         if not record.exists():

@@ -98,7 +98,6 @@ class ActiveCollection(Callback):
             step=trainer.global_step,
             model=model,
             precision=str(trainer.precision),
-            context=trainer.precision_plugin.forward_context,
             rank=trainer.global_rank,
             world_size=trainer.world_size,
         )

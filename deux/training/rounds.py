@@ -1,8 +1,7 @@
 """The rounds of active collection: when they come, what each process is asked for and what they make together."""
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -65,7 +64,6 @@ class RoundRequest:
         step: optimiser steps done so far.
         model: the model as it is now, in eval mode on its device; it must not be changed.
         precision: the precision that the model trains in, by Lightning's name.
-        context: makes the context in which the model has to be called for that precision.
         rank: number of this process among those that train together; it explores scenes[rank::world_size].
         world_size: number of processes that train together.
     """
@@ -74,7 +72,6 @@ class RoundRequest:
     step: int
     model: DepthModel
     precision: str
-    context: Callable[[], AbstractContextManager[Any]]
     rank: int = 0
     world_size: int = 1
 

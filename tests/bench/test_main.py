@@ -58,6 +58,8 @@ def test_quick_is_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
         ("limits", "step_limits", "measure_limits"),
         ("peers", "peer_figures", "measure_peers"),
         ("processes", "process_speed", "measure_processes"),
+        ("published", "published_way", "measure_published_way"),
+        ("data", "data_waiting", "measure_data_waiting"),
     ],
 )
 def test_each_part_runs_alone(part: str, module: str, function: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,7 +67,7 @@ def test_each_part_runs_alone(part: str, module: str, function: str, monkeypatch
     measuring = importlib.import_module(f"deux.bench.{module}")
     monkeypatch.setattr(measuring, function, lambda *given: asked.append(given) or iter([]))
     assert main([part, "--quick", "--model", "tiny", "--device", "cpu", *THREADS]) == 0
-    guided = dict.fromkeys(("batching", "explore", "processes"), ("tiny", "cpu"))
+    guided = dict.fromkeys(("batching", "explore", "processes", "data"), ("tiny", "cpu"))
     given = {"render": (None,), "environment": (), "peers": (None, "cpu"), **guided}.get(part, ("cpu",))
     assert asked == [(measuring.QUICK, *given)]
 

@@ -1,5 +1,6 @@
-"""Scenes and views that several tests look at."""
+"""Scenes and views that several tests look at; makes the helper module `opengl_suite` importable by its name."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from deux.geometry.poses import camera_pose
 from deux.scenes.free_space import free_space
 from deux.simulator.starts import random_starts
 from deux_plugins.scenes.apartments import apartment
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 
 def quads(corners: np.ndarray, materials: tuple[Material, ...], vertex_colors: np.ndarray | None = None) -> Scene:

@@ -4,7 +4,6 @@ import csv
 import json
 import math
 import pickle
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -132,7 +131,7 @@ def collector(active, tiny_arguments) -> RoundCollector:
 
 
 def request(collector: RoundCollector, number: int, **changes) -> RoundRequest:
-    return RoundRequest(number, 1, collector.recipe.model.create().eval(), "32-true", nullcontext, **changes)
+    return RoundRequest(number, 1, collector.recipe.model.create().eval(), "32-true", **changes)
 
 
 def test_a_round_that_was_begun_is_finished_with_the_weights_of_its_beginning(collector):

@@ -24,6 +24,7 @@ from toy_world import L1, ToySimulator, guided_explorer, specification
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.contracts import DepthModel, LossSettings, Prediction
 from deux.data.dataset_reader import DatasetReader
+from deux.inference.precision import AUTOCAST
 from deux.io.layout import sequences
 from deux.training.active_collection import ActiveCollection, Collect
 from deux.training.fit import fit
@@ -90,7 +91,8 @@ def collect_in(root: Path, explorations: list[int]) -> Collect:
     def collect(request: RoundRequest) -> RankResult:
         explorations.append(request.number)
         scenes = specification().scenes[request.rank :: request.world_size]
-        with request.context():
+        dtype = AUTOCAST.get(request.precision)
+        with torch.autocast("cpu", dtype, enabled=dtype is not None):
             changes = {"scenes": scenes, "seed": 100 + request.number}
             found = dataset(root, f"round{request.number}", request.model, **changes)
         count = read_manifest(found)["triplets"]

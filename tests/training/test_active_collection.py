@@ -217,9 +217,6 @@ def test_a_round_leaves_no_trace_in_the_model_and_in_what_is_random(tmp_path):
         np.random.rand(3)
         asked.append(request)
         assert not any(module.training for module in request.model.modules())
-        with request.context():
-            arithmetic = torch.nn.functional.linear(torch.ones(1, 1), torch.ones(1, 1)).dtype
-        assert arithmetic is torch.bfloat16
         return active_run.collect_in(tmp_path / "with" / "rounds", [])(request)
 
     with_rounds, without = States(), States()
@@ -288,7 +285,7 @@ def test_settings_that_make_no_rounds(settings, sentence):
 
 
 def test_the_results_of_the_processes_are_weighted_by_their_frames():
-    request = RoundRequest(2, 40, None, "32-true", None)
+    request = RoundRequest(2, 40, None, "32-true")
     results = [
         RankResult(Path("/r/a"), 30, 5.0, 0.1, 250.0),
         RankResult(Path("/r/b"), 10, 2.0, 0.5),

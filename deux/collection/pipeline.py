@@ -6,7 +6,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,12 @@ from deux.collection.floor_counts import count_all_floors
 from deux.collection.jobs import Executor, run_here
 from deux.collection.sparse import sample_sequences
 from deux.collection.specification import VIEWPOINTS, DatasetSpec, place_name
-from deux.collection.verification import Rejection, verify_sequences
+from deux.collection.verification import Verdicts, verify_sequences
 from deux.collection.viewpoints import ViewpointPlan, collect_viewpoints, plan_viewpoints
 from deux.contracts import DepthPredictor
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_json
-from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, list_file, neighbours, sequences
+from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, TRIPLET_LISTS, SourceChoice, list_file, sequences
 from deux.io.locking import locked
 from deux.io.progress import Progress, ignore_progress
 
@@ -113,14 +113,15 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
     found = sequences(partial)
     sample_sequences(found, spec.sparse, progress)
     clock.lap("sparse depth")
-    verdicts = verify_sequences(found, spec.verification, spec.sparse, progress=progress)
+    viewpoints = spec.explorer == VIEWPOINTS
+    verdicts = verify_sequences(found, spec.verification, spec.sparse, every_frame=not viewpoints, progress=progress)
     clock.lap("verification")
-    frames = {paths.name: paths.frames() for paths in found}
-    triplets = write_lists(partial, spec.folder_name, spec.split, frames, verdicts)
+    frames = {paths.name: len(paths.frames()) for paths in found}
+    write_lists(partial, spec.folder_name, spec.split, verdicts)
     clock.lap("preprocessing")
-    rejected = Counter(str(reason) for verdict in verdicts.values() for reason in verdict.values() if reason)
-    if not triplets:
-        reasons = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in rejected.items())
+    recent, baseline = (_counted(verdicts, choice) for choice in ("recent", "baseline"))
+    if not recent["triplets"]:
+        reasons = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in recent["rejected"].items())
         raise DeuxError(
             f"Dataset {spec.folder_name} has no frame that passes verification ({reasons or 'there are too few'}): "
             "collect more steps or loosen the settings under verification."
@@ -129,53 +130,55 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
         "name": spec.name,
         "hash": spec.key(),
         "specification": spec.description(),
-        "sequences": {name: len(names) for name, names in frames.items()},
-        "frames": sum(map(len, frames.values())),
-        "candidates": sum(len(verdict) for verdict in verdicts.values()),
-        "triplets": triplets,
-        "rejected": dict(sorted(rejected.items())),
+        "sequences": frames,
+        "frames": sum(frames.values()),
+        **recent,
+        "baseline": baseline,
         "seconds": clock.seconds,
     }
     write_json(partial / MANIFEST, manifest)
 
 
-def write_lists(
-    dataset: Path,
-    name: str,
-    split: str,
-    frames: Mapping[str, Sequence[str]],
-    verdicts: Mapping[str, Mapping[str, Rejection | None]],
-    offsets: tuple[int, ...] = (-1, -2),
-) -> int:
-    """Stage 4: write a split's six list files as the VOID release has them and the triplet list, in the same order.
+def _counted(verdicts: Mapping[str, Verdicts], choice: SourceChoice) -> dict[str, Any]:
+    """What became of the frames, for the manifest."""
+    judged = [one for verdict in verdicts.values() for one in verdict[choice].values()]
+    accepted = [one for one in judged if one.rejection is None]
+    return {
+        "candidates": len(judged),
+        "triplets": len(accepted),
+        "parallax": sum(one.parallax for one in accepted),
+        "rejected": dict(sorted(Counter(str(one.rejection) for one in judged if one.rejection).items())),
+    }
 
-    A line of a list file names one target frame's file, from the dataset's own folder name on. A line of the triplet
-    list names the images of a target and of its source frames, separated by tabs.
+
+def write_lists(dataset: Path, name: str, split: str, verdicts: Mapping[str, Verdicts]) -> None:
+    """Stage 4: write a split's six list files as the VOID release has them and the two triplet lists.
+
+    A line of a list file names one target frame's file, from the dataset's own folder name on. A line of a triplet
+    list names the images of a target and of its source frames, separated by tabs. The six lists and that of the recent
+    source frames have the same order; that of the source frames by baseline has targets of its own, since a frame may
+    have moved against one kind of source frames and not against the other.
 
     Args:
         dataset: the dataset's folder, as it is now.
         name: the name of that folder once it is complete.
         split: "train", "validation" or "test".
-        frames: for each sequence's name, its frames in the order of time.
-        verdicts: for each sequence's name, for each target frame, why it is rejected or None.
-        offsets: the source frames, in frames from the target.
-
-    Returns:
-        The number of triplets.
+        verdicts: of each sequence, by its name.
     """
-    lines: dict[str, list[str]] = {kind: [] for kind in (*PUBLISHED_KINDS, "intrinsics", "triplets")}
-    for sequence, names in frames.items():
+    lines: dict[str, list[str]] = {kind: [] for kind in (*PUBLISHED_KINDS, "intrinsics", *TRIPLET_LISTS.values())}
+    for sequence, verdict in verdicts.items():
         folder = f"{name}/data/{sequence}"
-        for triplet in neighbours(names, offsets):
-            if verdicts[sequence][triplet[0]] is not None:
-                continue
+        for choice, kind in TRIPLET_LISTS.items():
+            for target, judged in verdict[choice].items():
+                if judged.rejection is None:
+                    images = (f"{folder}/image/{frame}{SUFFIXES['image']}" for frame in (target, *judged.sources))
+                    lines[kind].append("\t".join(images))
+        for target in (target for target, judged in verdict["recent"].items() if judged.rejection is None):
             for kind in PUBLISHED_KINDS:
-                lines[kind].append(f"{folder}/{kind}/{triplet[0]}{SUFFIXES[kind]}")
+                lines[kind].append(f"{folder}/{kind}/{target}{SUFFIXES[kind]}")
             lines["intrinsics"].append(f"{folder}/K.txt")
-            lines["triplets"].append("\t".join(f"{folder}/image/{frame}{SUFFIXES['image']}" for frame in triplet))
     for kind, content in lines.items():
         write_atomically(list_file(dataset, split, kind), "".join(f"{line}\n" for line in content).encode())
-    return len(lines["triplets"])
 
 
 def _episode_plans(spec: DatasetSpec, partial: Path, floors: Mapping[str, int]) -> list[EpisodePlan]:

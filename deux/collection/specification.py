@@ -13,7 +13,7 @@ from deux.contracts import SceneArea, SceneReference
 from deux.registry import PluginChoice
 from deux.simulator.simulation import Simulation
 
-DATASET_VERSION = 5
+DATASET_VERSION = 6
 """Raised by every change of the code that changes the datasets it makes."""
 
 VIEWPOINTS = "viewpoints"

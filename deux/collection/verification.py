@@ -2,20 +2,22 @@
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from deux.collection.sparse import SparseSettings, point_count
 from deux.errors import DeuxError, check_range
 from deux.geometry.poses import motion
+from deux.geometry.source_frames import SourceRule, SourceView, choose_sources, has_parallax
 from deux.io.atomic import write_json
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import read_depth, read_image
-from deux.io.layout import SequencePaths, neighbours
+from deux.io.layout import SequencePaths, SourceChoice, neighbours
 from deux.io.progress import Progress, ignore_progress
 
 
@@ -57,12 +59,30 @@ class VerificationSettings:
         check_range("verification.min_angle", self.min_angle, 0)
 
 
+class Judged(NamedTuple):
+    """A target with the source frames that it was judged by.
+
+    Args:
+        sources: names of its source frames.
+        rejection: why it is rejected, or None.
+        parallax: whether a source frame qualifies by `deux.geometry.source_frames.SourceRule`.
+    """
+
+    sources: tuple[str, ...]
+    rejection: Rejection | None
+    parallax: bool
+
+
+Verdicts = Mapping[SourceChoice, Mapping[str, Judged]]
+"""For each way to choose source frames, the judged targets of a sequence by name, in the order of time."""
+
+
 @dataclass(frozen=True)
 class _Checked:
-    """What was found of one frame by itself; no pose if it could not be read."""
+    """What was found of one frame by itself; no view if it could not be read."""
 
     rejection: Rejection | None
-    pose: np.ndarray | None = None
+    view: SourceView | None = None
 
 
 def verify_sequences(
@@ -70,26 +90,31 @@ def verify_sequences(
     settings: VerificationSettings,
     sparse: SparseSettings,
     offsets: tuple[int, ...] = (-1, -2),
+    every_frame: bool = True,
     progress: Progress = ignore_progress,
-) -> dict[str, dict[str, Rejection | None]]:
-    """Judge every frame that has all its source frames, and note the result in the sequence's `verification.json`.
+) -> dict[str, Verdicts]:
+    """Judge every frame by its source frames, and note the result in the sequence's `verification.json`.
 
-    A sequence that was judged before by the same settings is not read again.
+    It is judged twice: "recent" by the frames at the offsets, if it has them all, and "baseline" by those that
+    `deux.geometry.source_frames` chooses around it. A sequence that was judged before by the same settings is not read
+    again.
 
     Args:
         found: the sequences.
         settings: what a frame must have.
         sparse: how many sparse points were asked for.
-        offsets: the source frames, in frames from the target.
+        offsets: the recent source frames, in frames from the target.
+        every_frame: whether frames without all their recent source frames may be targets by baseline; not so of
+            viewpoints, whose first frames were recorded to be source frames only.
         progress: told the number of sequences.
 
     Returns:
-        For each sequence's name, for each target frame in the order of time: why it is rejected, or None.
+        The verdicts of each sequence, by its name.
     """
-    verdicts = {}
+    verdicts: dict[str, Verdicts] = {}
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the interpreter's lock
         for done, paths in enumerate(found, start=1):
-            verdicts[paths.name] = _verify_sequence(paths, settings, sparse, offsets, pool)
+            verdicts[paths.name] = _verify_sequence(paths, settings, sparse, offsets, every_frame, pool)
             progress("verification", done, len(found))
     return verdicts
 
@@ -99,36 +124,65 @@ def _verify_sequence(
     settings: VerificationSettings,
     sparse: SparseSettings,
     offsets: tuple[int, ...],
+    every_frame: bool,
     pool: ThreadPoolExecutor,
-) -> dict[str, Rejection | None]:
-    record = paths.folder / "verification.json"
-    made_by = {"settings": asdict(settings), "sparse": asdict(sparse), "offsets": list(offsets)}
+) -> Verdicts:
+    record, rule = paths.folder / "verification.json", SourceRule()
+    made_by = {"settings": asdict(settings), "sparse": asdict(sparse), "offsets": list(offsets), "rule": asdict(rule)}
     if record.exists():
         earlier = json.loads(record.read_text())
         if earlier["made_by"] == made_by:
-            return {name: Rejection(reason) if reason else None for name, reason in earlier["frames"].items()}
+            return _read_verdicts(earlier["frames"])
     frames = paths.frames()
-    if _has_intrinsics(paths):
-        results = pool.map(lambda name: _check(paths, name, settings, sparse), frames)
-        checked = dict(zip(frames, results, strict=True))
-    else:
-        checked = dict.fromkeys(frames, _Checked(Rejection.INCONSISTENT))
-    verdict = {
-        triplet[0]: _judge([checked[name] for name in triplet], settings) for triplet in neighbours(frames, offsets)
-    }
-    write_json(record, {"made_by": made_by, "frames": verdict})
-    return verdict
-
-
-def _has_intrinsics(paths: SequencePaths) -> bool:
     try:
-        read_intrinsics(paths.intrinsics)
+        intrinsics = read_intrinsics(paths.intrinsics)
     except DeuxError:
-        return False
-    return True
+        checked = dict.fromkeys(frames, _Checked(Rejection.INCONSISTENT))
+    else:
+        results = pool.map(lambda name: _check(paths, name, intrinsics, settings, sparse), frames)
+        checked = dict(zip(frames, results, strict=True))
+    recent = {target: tuple(sources) for target, *sources in neighbours(frames, offsets)}
+    chosen = _choose(frames, checked, rule, frames if every_frame else list(recent))
+    verdicts: Verdicts = {
+        "recent": {target: _judge(target, sources, checked, settings, rule) for target, sources in recent.items()},
+        "baseline": {target: _judge(target, sources, checked, settings, rule) for target, sources in chosen.items()},
+    }
+    judged = {choice: {name: one._asdict() for name, one in targets.items()} for choice, targets in verdicts.items()}
+    write_json(record, {"made_by": made_by, "frames": judged})
+    return verdicts
 
 
-def _check(paths: SequencePaths, name: str, settings: VerificationSettings, sparse: SparseSettings) -> _Checked:
+def _read_verdicts(stored: Mapping[SourceChoice, Mapping[str, Mapping[str, Any]]]) -> Verdicts:
+    def judged(one: Mapping[str, Any]) -> Judged:
+        rejection = Rejection(one["rejection"]) if one["rejection"] else None
+        return Judged(tuple(one["sources"]), rejection, one["parallax"])
+
+    return {choice: {name: judged(one) for name, one in targets.items()} for choice, targets in stored.items()}
+
+
+def _choose(
+    frames: Sequence[str], checked: Mapping[str, _Checked], rule: SourceRule, targets: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """The source frames by baseline of each target that has enough frames around it."""
+    place = {name: number for number, name in enumerate(frames)}
+    chosen: dict[str, tuple[str, ...]] = {}
+    for name in targets:
+        view, around = checked[name].view, {}
+        for step in (step for step in range(-rule.reach, rule.reach + 1) if step):
+            if 0 <= place[name] + step < len(frames):
+                other = checked[frames[place[name] + step]]
+                if other.view is not None and other.rejection != Rejection.ONE_COLOR:
+                    around[step] = other.view
+        if view is None:
+            chosen[name] = ()
+        elif steps := choose_sources(view, around, rule).steps:
+            chosen[name] = tuple(frames[place[name] + step] for step in steps)
+    return chosen
+
+
+def _check(
+    paths: SequencePaths, name: str, intrinsics: np.ndarray, settings: VerificationSettings, sparse: SparseSettings
+) -> _Checked:
     """Judge one frame by itself."""
     files = {kind: paths.file(kind, name) for kind in ("image", "sparse_depth", "validity_map", "ground_truth")}
     if not (paths.folder / "ground_truth").is_dir():
@@ -144,25 +198,33 @@ def _check(paths: SequencePaths, name: str, settings: VerificationSettings, spar
     points = maps["sparse_depth"] > 0
     if any(depth.shape != image.shape[:2] for depth in maps.values()) or (points != (maps["validity_map"] > 0)).any():
         return _Checked(Rejection.INCONSISTENT)
+    view = SourceView.of(pose, intrinsics, maps["sparse_depth"])
     if (image == image[0, 0]).all():  # no photometric error tells one depth from another
-        return _Checked(Rejection.ONE_COLOR, pose)
+        return _Checked(Rejection.ONE_COLOR, view)
     if points.sum() < settings.min_points * point_count(points.shape, sparse):
-        return _Checked(Rejection.TOO_FEW_POINTS, pose)
+        return _Checked(Rejection.TOO_FEW_POINTS, view)
     if "ground_truth" in maps and np.mean(maps["ground_truth"] > 0) < settings.min_depth:
-        return _Checked(Rejection.TOO_LITTLE_DEPTH, pose)
-    return _Checked(None, pose)
+        return _Checked(Rejection.TOO_LITTLE_DEPTH, view)
+    return _Checked(None, view)
 
 
-def _judge(triplet: Sequence[_Checked], settings: VerificationSettings) -> Rejection | None:
-    """Judge a target (first) together with its source frames, of which only image and pose are used."""
-    for frame in triplet:
-        if frame.pose is None:
-            return frame.rejection
-    if triplet[0].rejection:
-        return triplet[0].rejection
-    target, *sources = (frame.pose for frame in triplet if frame.pose is not None)
-    moved = [
-        distance >= settings.min_distance or angle >= settings.min_angle
-        for distance, angle in (motion(target, source) for source in sources)
-    ]
-    return None if any(moved) else Rejection.NO_MOTION
+def _judge(
+    target: str,
+    sources: tuple[str, ...],
+    checked: Mapping[str, _Checked],
+    settings: VerificationSettings,
+    rule: SourceRule,
+) -> Judged:
+    """Judge a target together with its source frames, of which only image, pose and points are used."""
+    views = []
+    for name in (target, *sources):
+        view = checked[name].view
+        if view is None:
+            return Judged(sources, checked[name].rejection, False)
+        views.append(view)
+    rejection = checked[target].rejection
+    if rejection is None:
+        moved = (motion(views[0].pose, source.pose) for source in views[1:])
+        if not any(d >= settings.min_distance or angle >= settings.min_angle for d, angle in moved):
+            rejection = Rejection.NO_MOTION
+    return Judged(sources, rejection, has_parallax(views[0], views[1:], rule))

@@ -8,7 +8,7 @@ metres, the world is Y-up, depth runs along the optical axis and 0 means "no val
 from deux.contracts.depth_model import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux.contracts.explorer import Episode, Explorer, ExplorerMap, Need, Observation
 from deux.contracts.loss import Batch, LossInputs, LossNeed, LossTerm, Reconstructions
-from deux.contracts.reader import FrameReference, Reader, Triplet
+from deux.contracts.reader import FrameReference, Neighbourhood, Reader, Triplet
 from deux.contracts.reward import Experience, Reward
 from deux.contracts.scene import (
     Floor,
@@ -49,6 +49,7 @@ __all__ = [
     "LossTerm",
     "Material",
     "Need",
+    "Neighbourhood",
     "Observation",
     "Prediction",
     "Reader",

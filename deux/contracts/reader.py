@@ -1,6 +1,7 @@
 """The contract of a reader: frames on disk, recorded or collected, in somebody's layout."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,6 +34,18 @@ class Triplet(NamedTuple):
     sources: tuple[FrameReference, ...]
 
 
+class Neighbourhood(NamedTuple):
+    """A target frame and the frames around it, of which source frames can be chosen.
+
+    Args:
+        target: frame t.
+        frames: frames of the same sequence, by their distance from the target in time, in frames.
+    """
+
+    target: FrameReference
+    frames: Mapping[int, FrameReference]
+
+
 class Reader(ABC):
     """Reads the frames of one folder: images, the camera's matrix, sparse points, and truth and poses if there are any.
 
@@ -58,6 +71,27 @@ class Reader(ABC):
         Raises:
             DeuxError: the folder has no such split, or the split no frame.
         """
+
+    def neighbourhoods(self, split: str, reach: int) -> list[Neighbourhood]:
+        """The targets of a split with up to `reach` frames before and after each, in the order of the split.
+
+        A reader that lists each target's source frames itself gives these.
+
+        Raises:
+            DeuxError: as `triplets`.
+        """
+        found: dict[FrameReference, dict[int, FrameReference]] = {}
+        for step in (step for distance in range(1, reach + 1) for step in (-distance, distance)):
+            for target, sources in self.triplets(split, (step,)):
+                around = found.setdefault(target, {})
+                for number, source in enumerate(sources, start=1):
+                    if source not in around.values():
+                        around[step * number] = source
+        return [Neighbourhood(target, around) for target, around in found.items()]
+
+    def chosen_triplets(self, split: str) -> list[Triplet] | None:
+        """The targets of a split with source frames chosen by parallax; None where the folder has no list of these."""
+        return None
 
     @abstractmethod
     def image(self, frame: FrameReference) -> np.ndarray:

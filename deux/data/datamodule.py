@@ -22,6 +22,7 @@ from deux.data.device_cache import DeviceCache
 from deux.data.frame_cache import FrameCache, Kind, MemoryCache, stored_bytes
 from deux.data.triplets import SampleSettings, ShuffledDraws, SourceFrames, TripletDataset, collate
 from deux.errors import DeuxError
+from deux.io.layout import SourceChoice
 
 log = logging.getLogger(__name__)
 
@@ -79,9 +80,10 @@ class TripletDataModule(LightningDataModule):
         num_workers: processes that prepare batches; None goes by `deux.data.cache_choice.place`.
         cache: where frames are kept. Test frames are read once, and never kept.
         cache_bytes: bound of what is kept, on the device and in memory; None goes by what is free there.
-        offsets: the source frames, where a dataset does not list them.
+        offsets: the recent source frames, where a dataset does not list them.
         sources: whether training and validation read the source frames.
         poses: whether they read the frames' poses.
+        choice: how their source frames are chosen.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class TripletDataModule(LightningDataModule):
         offsets: tuple[int, ...] = (-1, -2),
         sources: bool = True,
         poses: bool = True,
+        choice: SourceChoice = "recent",
     ) -> None:
         super().__init__()
         self.train, self.validation, self.test = list(train), list(validation), list(test)
@@ -107,6 +110,7 @@ class TripletDataModule(LightningDataModule):
         self._offsets = offsets
         self._sources: SourceFrames = "needed" if sources else "unread"
         self._poses = poses
+        self._source_choice = choice
         self._choice, self._cache_bytes = cache, cache_bytes
         self._caches: dict[str, FrameCache] = {}
         self._promised: dict[str, int] = {}
@@ -130,7 +134,7 @@ class TripletDataModule(LightningDataModule):
                 augmentation=self._model.augmentation(),
                 prepare=self._model.prepare,
             )
-            dataset = TripletDataset(self.train, "train", settings, offsets=self._offsets)
+            dataset = TripletDataset(self.train, "train", settings, offsets=self._offsets, choice=self._source_choice)
             sampler = ShuffledDraws(len(dataset), self.seed, epoch, rank, world_size)
             drop_last = len(sampler) >= self.batch_size
             return self._loader(dataset, self._placed("train", dataset), sampler, drop_last)
@@ -142,20 +146,20 @@ class TripletDataModule(LightningDataModule):
 
     def val_dataloader(self) -> TripletLoader:
         """In order, the middle of each frame, with ground truth."""
-        return self._evaluation_loader(self.validation, "validation", self._sources, self._poses)
+        return self._evaluation_loader(self.validation, "validation", self._sources, self._poses, self._source_choice)
 
     def test_dataloader(self) -> TripletLoader:
         """In order, the middle of each frame, with ground truth and without source frames."""
-        return self._evaluation_loader(self.test, "test", sources="unread", poses=False)
+        return self._evaluation_loader(self.test, "test", sources="unread", poses=False, choice="recent")
 
     def _evaluation_loader(
-        self, readers: Sequence[Reader], split: str, sources: SourceFrames, poses: bool
+        self, readers: Sequence[Reader], split: str, sources: SourceFrames, poses: bool, choice: SourceChoice
     ) -> TripletLoader:
         def make() -> TripletLoader:
             settings = SampleSettings(
                 crop=self.crop, ground_truth=True, sources=sources, poses=poses, prepare=self._model.prepare
             )
-            dataset = TripletDataset(readers, split, settings, offsets=self._offsets)
+            dataset = TripletDataset(readers, split, settings, offsets=self._offsets, choice=choice)
             return self._loader(dataset, self._placed(split, dataset))
 
         return self._kept(split, readers, make)

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
 from deux.errors import DeuxError, check_range, near_matches
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.camera_files import read_any_image
 from deux.io.images import DEPTH_SCALE, read_depth
-from deux.io.layout import SequencePaths, list_file, neighbours, without_suffix
+from deux.io.layout import TRIPLET_LISTS, SequencePaths, list_file, neighbours, without_suffix
 
 log = logging.getLogger(__name__)
 
@@ -59,12 +59,34 @@ class DatasetReader(Reader):
         The source frames are then those at the offsets in the sequence, whether a list names them or not. A target that
         lacks one of them has no source frames.
         """
-        listed = "train" if split == "validation" and self.validation else split
-        found = self._listed(listed, offsets)
-        if self.validation and listed == "train":
-            found = [one for one in found if (one.target.sequence in self.validation) == (split == "validation")]
+        found = self._divided(split, self._listed(self._listed_split(split), offsets))
         if not found:
             raise DeuxError(f"The {split} split of {self.folder} has no frames.")
+        return found
+
+    def chosen_triplets(self, split: str) -> list[Triplet] | None:
+        """Those of our own datasets' second list; None elsewhere, and where that list is empty."""
+        listed = list_file(self.folder, self._listed_split(split), TRIPLET_LISTS["baseline"])
+        if not listed.exists():
+            return None
+        return self._divided(split, self._listed_triplets(_lines(listed))) or None
+
+    def neighbourhoods(self, split: str, reach: int) -> list[Neighbourhood]:
+        """The listed targets, with the frames of their sequence around them that have a usable pose, listed or not."""
+        targets = [target for target, _ in self.triplets(split, (-1,))]
+        listed = set(targets)
+        places: dict[FrameReference, tuple[list[FrameReference], int, set[FrameReference]]] = {}
+        for sequence in dict.fromkeys(target.sequence for target in targets):
+            names = self._paths(FrameReference(sequence, "")).frames()
+            frames = [FrameReference(sequence, name) for name in names]
+            usable = {frame for frame in frames if frame in listed or self._pose_problem(frame) is None}
+            places |= {frame: (frames, number, usable) for number, frame in enumerate(frames)}
+        found = []
+        for target in targets:
+            frames, number, usable = places[target]
+            steps = range(max(-reach, -number), min(reach, len(frames) - 1 - number) + 1)
+            around = {step: frames[number + step] for step in steps if step and frames[number + step] in usable}
+            found.append(Neighbourhood(target, around))
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:
@@ -97,9 +119,19 @@ class DatasetReader(Reader):
     def _paths(self, frame: FrameReference) -> SequencePaths:
         return SequencePaths(self.folder / "data" / frame.sequence)
 
+    def _listed_split(self, split: str) -> str:
+        """The split whose lists hold the frames of this one."""
+        return "train" if split == "validation" and self.validation else split
+
+    def _divided(self, split: str, found: list[Triplet]) -> list[Triplet]:
+        """Of the listed frames those of this split."""
+        if self.validation and self._listed_split(split) == "train":
+            return [one for one in found if (one.target.sequence in self.validation) == (split == "validation")]
+        return found
+
     def _listed(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         """The triplets of a split that the dataset has lists of."""
-        listed = list_file(self.folder, split, "triplets")
+        listed = list_file(self.folder, split, TRIPLET_LISTS["recent"])
         if listed.exists():
             return self._listed_triplets(_lines(listed))
         if list_file(self.folder, split, "image").exists():

@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.chosen_sources import list_triplets
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder
 from deux.io.calibration import write_matrix
 from deux.io.images import write_depth, write_image
+from deux.io.layout import SourceChoice
 
 SOURCES = 2
 """Source frames of a triplet, as the code of the published models takes them."""
@@ -43,12 +45,15 @@ class ExportedSplit:
         return found
 
 
-def read_splits(readers: dict[str, Reader], offsets: tuple[int, ...]) -> list[ExportedSplit]:
+def read_splits(
+    readers: dict[str, Reader], offsets: tuple[int, ...], choice: SourceChoice = "recent"
+) -> list[ExportedSplit]:
     """List the frames of each split; of training and validation splits those that have two source frames.
 
     Args:
         readers: of each split that is exported, by its name.
-        offsets: the source frames, where a folder does not list them itself.
+        offsets: the recent source frames, where a folder does not list them itself.
+        choice: how the source frames of training and validation splits are chosen.
 
     Raises:
         DeuxError: a split has no frames, or none that can be trained on.
@@ -56,7 +61,7 @@ def read_splits(readers: dict[str, Reader], offsets: tuple[int, ...]) -> list[Ex
     splits: list[ExportedSplit] = []
     taken: set[str] = set()
     for name in (name for name in ("train", "validation", "test") if name in readers):
-        listed = readers[name].triplets(name, offsets)
+        listed = list_triplets(readers[name], name, "recent" if name == "test" else choice, offsets)
         triplets = tuple(t for t in listed if name == "test" or len(t.sources) == SOURCES)
         if not triplets:
             raise DeuxError(

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
+from deux.data.chosen_sources import list_triplets
 from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, device_batch
 from deux.data.device_cache import DeviceCache
 from deux.data.drawn_windows import Window
@@ -18,6 +19,7 @@ from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.transforms import augment
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
+from deux.io.layout import SourceChoice
 
 SourceFrames = Literal["needed", "unread"]
 """Whether samples hold source frames; where these are needed, targets that have none are left out."""
@@ -73,7 +75,8 @@ class TripletDataset(Dataset[Batch]):
         split: "train", "validation" or "test".
         settings: how frames become samples.
         cache: keeps images and depth; by default everything is read anew.
-        offsets: the source frames, where a dataset does not list them.
+        offsets: the recent source frames, where a dataset does not list them.
+        choice: how source frames are chosen.
 
     Raises:
         DeuxError: a dataset has no such split, or source frames are needed and no target has any. Items raise it
@@ -87,14 +90,19 @@ class TripletDataset(Dataset[Batch]):
         settings: SampleSettings,
         cache: FrameCache | None = None,
         offsets: tuple[int, ...] = (-1, -2),
+        choice: SourceChoice = "recent",
     ) -> None:
         self.settings = settings
-        listed = [(reader, triplet) for reader in readers for triplet in reader.triplets(split, offsets)]
+        choice = choice if settings.sources == "needed" else "recent"  # nothing is chosen that is not read
+        listed = [(reader, triplet) for reader in readers for triplet in list_triplets(reader, split, choice, offsets)]
         self.triplets = [(reader, one) for reader, one in listed if one.sources or settings.sources != "needed"]
         if listed and not self.triplets:
+            lacking = "fewer than two frames with poses lie around it (training.sources=baseline)."
+            if choice == "recent":
+                places = " and ".join(f"{offset:+d}" for offset in offsets)
+                lacking = f"what lies {places} frames from it (training.offsets) is not there."
             raise DeuxError(
-                f"None of the {len(listed)} {split} frames of {listed[0][0].folder} has source frames: what lies "
-                f"{' and '.join(f'{offset:+d}' for offset in offsets)} frames from it (training.offsets) is not there."
+                f"None of the {len(listed)} {split} frames of {listed[0][0].folder} has source frames: {lacking}"
             )
         self.cache = cache or FrameCache()
         self._intrinsics: dict[tuple[Reader, FrameReference], np.ndarray] = {}

@@ -6,11 +6,13 @@
             absolute_pose/                                     NNNNNN.txt, camera-to-world
             K.txt
         <split>_{image,sparse_depth,validity_map,ground_truth,absolute_pose,intrinsics}.txt
-        <split>_triplets.txt, manifest.json
+        <split>_triplets.txt, <split>_triplets_baseline.txt, manifest.json
 
 The six list files of a split have one line per target frame, all in the same order. As in the release, a line starts
-with the dataset's own folder name, `<dataset>/data/<sequence>/image/000002.png`. The triplet list and the manifest
-are not part of the release; a dataset without them is read all the same.
+with the dataset's own folder name, `<dataset>/data/<sequence>/image/000002.png`. The triplet lists and the manifest
+are not part of the release; a dataset without them is read all the same. The first triplet list has the targets of the
+six with their source frames t-1 and t-2; the second has those that can be trained on with the source frames that
+`deux.geometry.source_frames` chooses.
 
 Collected sequences also hold `episode.json` (floor, seed, start, actions), `verification.json` and, where there are
 any, `uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`.
@@ -24,6 +26,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 SUFFIXES = {
     "image": ".png",
@@ -40,6 +43,12 @@ IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 PUBLISHED_KINDS = ("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose")
 """The kinds that the release has for each frame."""
+
+SourceChoice = Literal["baseline", "recent"]
+"""How source frames are chosen: by parallax and overlap, or at fixed distances in time (t-1 and t-2 in the paper)."""
+
+TRIPLET_LISTS: dict[SourceChoice, str] = {"recent": "triplets", "baseline": "triplets_baseline"}
+"""The triplet list of each way to choose source frames, as `list_file` takes it."""
 
 
 @dataclass(frozen=True)
@@ -134,5 +143,5 @@ def neighbours(frames: Sequence[str], offsets: tuple[int, ...]) -> list[tuple[st
 
 
 def list_file(dataset: Path, split: str, kind: str) -> Path:
-    """The list file of one kind ("triplets", "intrinsics" or one of `PUBLISHED_KINDS`) of a split."""
+    """The list file of one kind ("intrinsics" or one of `PUBLISHED_KINDS` or `TRIPLET_LISTS`) of a split."""
     return dataset / f"{split}_{kind}.txt"

@@ -28,6 +28,7 @@ MODEL = (
     "training.warmup_steps",
     "training.tf32",
     "training.compile",
+    "training.sources",
     "training.offsets",
     "trainer.precision",
     "trainer.accumulate_grad_batches",

@@ -17,6 +17,7 @@ from deux.data.triplet_export import write_triplets
 from deux.data.void_export import MARGIN, SOURCE_DISTANCE, Arrangement, used_by_setup, write_void
 from deux.errors import DeuxError, check_range
 from deux.io.atomic import make_folder
+from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
 from deux.tasks.collect import Exploration
 from deux.tasks.console import progress, quieten_libraries, say
@@ -24,6 +25,7 @@ from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, read_given
 from deux.tasks.model_training import Training
 from deux.tasks.run_folder import RunFolder, open_run_folder
+from deux.training.training_settings import TrainingSettings
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class ExportDatasetSettings:
         arrangement: of the files of format=void: "triplets" where the published set-up script is to find the source
             frames that the dataset lists, "time" for all frames as they were recorded.
         samples: of a shard of format=webdataset.
+        sources: how the source frames of training frames are chosen, "baseline" or "recent"; None for the training's.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -52,6 +55,7 @@ class ExportDatasetSettings:
     test: str | None
     arrangement: Arrangement
     samples: int
+    sources: SourceChoice | None
 
     def __post_init__(self) -> None:
         check_range("export_dataset.samples", self.samples, 1)
@@ -69,13 +73,13 @@ def run(cfg: DictConfig) -> None:
     sections = sections_of(cfg)
     settings = sections.read("export_dataset", ExportDatasetSettings)
     output = _output(settings)
-    offsets = tuple(sections.plain("training").get("offsets", (-1, -2)))
+    training = sections.read("training", TrainingSettings)
     with open_run_folder(run_folder(), sections.identity) as run:
         if settings.folders:
             readers = {split: read_given(sections, folder) for split, folder in settings.folders.items()}
         else:
             readers = _collected(sections, run)
-        splits = read_splits(readers, offsets)
+        splits = read_splits(readers, training.offsets, settings.sources or training.sources)
         partial = output.with_name(f".{output.name}.partial")
         shutil.rmtree(partial, ignore_errors=True)
         make_folder(partial)

@@ -8,9 +8,11 @@ import numpy as np
 
 from deux.configuration import user_path
 from deux.contracts import DepthModel, FrameReference, Reader, Triplet
+from deux.data.chosen_sources import list_triplets
 from deux.data.depth_unit import ratio_warning, unit_warning
 from deux.errors import DeuxError
 from deux.io.calibration import camera_warning
+from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
 from deux.tasks.console import say
 
@@ -40,21 +42,25 @@ def read_given(sections: Sections, folder: str) -> Reader:
     return reader
 
 
-def validation_of(reader: Reader, offsets: tuple[int, ...], needs: Needs) -> list[Reader]:
+def validation_of(
+    reader: Reader, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice = "recent"
+) -> list[Reader]:
     """The reader itself if its folder has frames to validate on; none, and a line that says why, if it has not.
 
     Args:
         reader: of the recorded frames.
-        offsets: the source frames, in frames from the target, where the folder does not list them.
+        offsets: the recent source frames, in frames from the target, where the folder does not list them.
         needs: what the training reads.
+        choice: how source frames are chosen.
     """
     try:
-        found = reader.triplets("validation", offsets)
+        found = _listed(reader, "validation", offsets, needs, choice)
     except DeuxError as error:
         say(f"  no validation: {error}")
         return []
     if needs.sources and not any(triplet.sources for triplet in found):
-        say(f"  no validation: none of the validation frames of {reader.folder} has source frames at {list(offsets)}")
+        where = _where(offsets, choice)
+        say(f"  no validation: none of the validation frames of {reader.folder} has source frames{where}")
         return []
     if reader.ground_truth(found[0].target) is None:
         say(f"  no validation: {reader.folder} has no ground truth of {found[0].target.sequence}")
@@ -62,7 +68,14 @@ def validation_of(reader: Reader, offsets: tuple[int, ...], needs: Needs) -> lis
     return [reader]
 
 
-def check_recorded(reader: Reader, split: str, offsets: tuple[int, ...], model: DepthModel, needs: Needs) -> None:
+def check_recorded(
+    reader: Reader,
+    split: str,
+    offsets: tuple[int, ...],
+    model: DepthModel,
+    needs: Needs,
+    choice: SourceChoice = "recent",
+) -> None:
     """Say how many frames of a split are used, and look at some of them before any work is done.
 
     Warns of depth in a likely other unit and of intrinsics of images of another size.
@@ -70,16 +83,17 @@ def check_recorded(reader: Reader, split: str, offsets: tuple[int, ...], model: 
     Args:
         reader: of the recorded frames.
         split: "train", "validation" or "test".
-        offsets: the source frames, in frames from the target, where the folder does not list them.
+        offsets: the recent source frames, in frames from the target, where the folder does not list them.
         model: gives the depths that are plausible.
         needs: what the task reads.
+        choice: how source frames are chosen.
 
     Raises:
         DeuxError: there are no poses though they are needed, or a file is missing, damaged or of another kind.
     """
-    found = reader.triplets(split, offsets)
+    found = _listed(reader, split, offsets, needs, choice)
     complete = [triplet for triplet in found if triplet.sources or not needs.sources]
-    others = f"; {len(found) - len(complete)} others have no source frames at {list(offsets)}"
+    others = f"; {len(found) - len(complete)} others have no source frames{_where(offsets, choice)}"
     say(f"  {len(complete)} {split} frames of {reader.folder}{others if len(complete) < len(found) else ''}")
     if not complete:
         return  # the data module says so in a sentence
@@ -91,6 +105,14 @@ def check_recorded(reader: Reader, split: str, offsets: tuple[int, ...], model: 
         camera = f"the camera matrix of {frame.sequence} in {reader.folder}"
         _warn(camera_warning(reader.intrinsics(frame), height, width, camera))
     _check_unit(reader, chosen, needs.ground_truth, model.max_depth)
+
+
+def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:
+    return list_triplets(reader, split, choice if needs.sources else "recent", offsets)
+
+
+def _where(offsets: tuple[int, ...], choice: SourceChoice) -> str:
+    return f" at {list(offsets)}" if choice == "recent" else ""
 
 
 def _spread(found: Sequence[Triplet]) -> list[FrameReference]:

@@ -45,10 +45,11 @@ def run(cfg: DictConfig) -> None:
 
 def _recorded(given: Reader, training: Training) -> list[Reader]:
     """Look at the recorded frames that are trained on; the readers of those to validate on."""
-    model, offsets = training.recipe.outline(), training.recipe.training.offsets
+    model, settings = training.recipe.outline(), training.recipe.training
+    offsets, choice = settings.offsets, settings.sources
     needs = training.recipe.needs()
-    check_recorded(given, "train", offsets, model, needs)
-    validation = validation_of(given, offsets, needs)
+    check_recorded(given, "train", offsets, model, needs, choice)
+    validation = validation_of(given, offsets, needs, choice)
     for reader in validation:
-        check_recorded(reader, "validation", offsets, model, needs._replace(ground_truth=True))
+        check_recorded(reader, "validation", offsets, model, needs._replace(ground_truth=True), choice)
     return validation

@@ -74,6 +74,7 @@ def fit(
         num_workers=settings.num_workers,
         cache=cache,
         offsets=settings.offsets,
+        choice=settings.sources,
         sources=terms.needs_reconstructions,
         poses=terms.needs_reconstructions and pose == "simulator",
     )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from deux.errors import DeuxError, check_range
+from deux.io.layout import SourceChoice
 from deux.training.network_compilation import CompileMode
 from deux.training.schedule import Schedule
 
@@ -19,7 +20,11 @@ class TrainingSettings(Schedule):
         num_workers: processes that load data; None takes none where the frames are at hand, else one for each core but
             one, no more than eight.
         validations: number of validations over the whole training.
-        offsets: the source frames, in frames from the target, where the dataset does not list them.
+        sources: how the source frames are chosen. "baseline": of the five frames before and after the target the two
+            that show most of it with parallax, by the poses and sparse points (`deux.geometry.source_frames`);
+            "recent": the paper's t-1 and t-2, or those at `offsets`.
+        offsets: the recent source frames, in frames from the target, where the dataset does not list them; without
+            effect by baseline, except in sequences without poses.
         checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
         tf32: on a card, let the networks' float32 convolutions round to TensorFloat-32 (10 bits of mantissa); the
             geometry never does. Nothing to gain in bf16-mixed, the default there.
@@ -35,6 +40,7 @@ class TrainingSettings(Schedule):
     crop: tuple[int, int] | None = None
     num_workers: int | None = None
     validations: int = 10
+    sources: SourceChoice = "baseline"
     offsets: tuple[int, ...] = (-1, -2)
     checkpoint_minutes: float = 10.0
     tf32: bool = False

@@ -5,7 +5,7 @@ from typing import Literal
 from torch import Tensor
 
 from deux.contracts import LossInputs, LossNeed, LossTerm
-from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
+from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels, Sources
 
 
 class ColorConsistency(LossTerm):
@@ -20,6 +20,7 @@ class ColorConsistency(LossTerm):
         pixels: count the pixels that the source frame sees, or all.
         skip_points: leave out pixels with a valid sparse point.
         divisor: divide by the number of counted pixels, or of all pixels in the image.
+        sources: count each source frame's value, or at each pixel the least of all source frames.
     """
 
     needs = frozenset({LossNeed.RECONSTRUCTIONS})
@@ -30,9 +31,10 @@ class ColorConsistency(LossTerm):
         pixels: Pixels = "visible",
         skip_points: bool = False,
         divisor: Divisor = "counted",
+        sources: Sources = "mean",
     ) -> None:
         self.channels = channels
-        self.average = PhotometricAverage(pixels, skip_points, divisor)
+        self.average = PhotometricAverage(pixels, skip_points, divisor, sources)
 
     def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value in [0, 3 S] for images in [0, 1] and S source frames."""

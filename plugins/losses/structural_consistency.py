@@ -7,7 +7,7 @@ from torch import Tensor
 
 from deux.contracts import LossInputs, LossNeed, LossTerm
 from deux.geometry.ssim import Border, Window, ssim, wholly_visible
-from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels
+from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels, Sources
 
 
 class StructuralConsistency(LossTerm):
@@ -28,6 +28,7 @@ class StructuralConsistency(LossTerm):
         pixels: count the pixels whose neighbourhood the source frame sees, or all.
         skip_points: leave out pixels with a valid sparse point.
         divisor: divide by the number of counted pixels, or of all pixels in the image.
+        sources: count each source frame's value, or at each pixel the least of all source frames.
     """
 
     needs = frozenset({LossNeed.RECONSTRUCTIONS})
@@ -42,13 +43,14 @@ class StructuralConsistency(LossTerm):
         pixels: Pixels = "visible",
         skip_points: bool = False,
         divisor: Divisor = "counted",
+        sources: Sources = "mean",
     ) -> None:
         self.halved = halved
         self.channels = channels
         self.window = window
         self.window_size = window_size
         self.border = border
-        self.average = PhotometricAverage(pixels, skip_points, divisor)
+        self.average = PhotometricAverage(pixels, skip_points, divisor, sources)
 
     def __call__(self, inputs: LossInputs) -> Tensor:
         """The term's value in [0, 2 S] (mean of channels) for S source frames."""

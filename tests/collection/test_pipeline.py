@@ -30,7 +30,7 @@ from deux.collection import viewpoints
 from deux.collection.local_execution import LocalExecutor
 from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
-from deux.collection.verification import Rejection, VerificationSettings
+from deux.collection.verification import Judged, Rejection, VerificationSettings
 from deux.contracts import Robot, SceneArea
 from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
@@ -54,7 +54,7 @@ def test_the_layout_is_that_of_the_void_release(tmp_path: Path) -> None:
             suffix = ".txt" if kind == "absolute_pose" else ".png"
             assert sorted(path.name for path in (folder / kind).iterdir()) == [f"{i:06d}{suffix}" for i in range(8)]
         assert (folder / "K.txt").exists()
-    lists = {f"train_{kind}.txt" for kind in [*kinds, "intrinsics", "triplets"]}
+    lists = {f"train_{kind}.txt" for kind in [*kinds, "intrinsics", "triplets", "triplets_baseline"]}
     assert {path.name for path in dataset.iterdir()} == lists | {"data", "manifest.json"}
     for kind in [*kinds, "intrinsics"]:  # each line leads to a file from the folder above, as in the release
         assert all((tmp_path / line).is_file() for line in (dataset / f"train_{kind}.txt").read_text().splitlines())
@@ -355,18 +355,21 @@ def test_a_folder_without_manifest_is_no_dataset_of_ours(tmp_path: Path) -> None
 
 
 def test_lists_name_the_accepted_frames_in_one_order(tmp_path: Path) -> None:
-    paths = SequencePaths(tmp_path / "data/room")
-    (paths.folder / "image").mkdir(parents=True)
-    for number in range(8):
-        paths.file("image", f"{number:06d}").touch()
-    verdict = dict.fromkeys(paths.frames()[2:]) | {"000004": Rejection.TOO_FEW_POINTS}
-    assert write_lists(tmp_path, "toy-123", "train", {"room": paths.frames()}, {"room": verdict}) == 5
+    frames = [f"{number:06d}" for number in range(8)]
+    recent = {t: Judged((f1, f2), None, True) for f2, f1, t in zip(frames, frames[1:], frames[2:], strict=False)}
+    recent["000004"] = recent["000004"]._replace(rejection=Rejection.TOO_FEW_POINTS)
+    baseline = {"000000": Judged(("000003", "000005"), None, True), "000003": Judged((), Rejection.NO_MOTION, False)}
+    write_lists(tmp_path, "toy-123", "train", {"room": {"recent": recent, "baseline": baseline}})
     lines = {path.stem.removeprefix("train_"): path.read_text().splitlines() for path in tmp_path.glob("*.txt")}
     accepted = ["000002", "000003", "000005", "000006", "000007"]
     assert lines["image"] == [f"toy-123/data/room/image/{name}.png" for name in accepted]
     assert lines["absolute_pose"] == [f"toy-123/data/room/absolute_pose/{name}.txt" for name in accepted]
     assert lines["intrinsics"] == ["toy-123/data/room/K.txt"] * 5
     assert set(lines) == {
-        *("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose", "intrinsics", "triplets")
+        *("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose", "intrinsics"),
+        *("triplets", "triplets_baseline"),
     }
     assert lines["triplets"][2].split("\t") == [f"toy-123/data/room/image/00000{i}.png" for i in (5, 4, 3)]
+    assert [line.split("\t") for line in lines["triplets_baseline"]] == [
+        [f"toy-123/data/room/image/00000{i}.png" for i in (0, 3, 5)]
+    ]

@@ -36,7 +36,8 @@ def walked(tmp_path: Path) -> SequencePaths:
 
 
 def verdict(paths: SequencePaths, settings: VerificationSettings | None = None) -> dict[str, Rejection | None]:
-    return verify_sequences([paths], settings or VerificationSettings(), SPARSE)[paths.name]
+    judged = verify_sequences([paths], settings or VerificationSettings(), SPARSE)[paths.name]["recent"]
+    return {name: one.rejection for name, one in judged.items()}
 
 
 def test_good_frames_pass_and_the_first_two_are_no_candidates(walked: SequencePaths) -> None:

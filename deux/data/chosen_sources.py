@@ -1,0 +1,83 @@
+"""The targets of a split with their source frames, chosen by parallax or at fixed distances in time."""
+
+import logging
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from itertools import groupby
+
+import numpy as np
+
+from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
+from deux.errors import DeuxError
+from deux.geometry.source_frames import SOURCES, SourceRule, SourceView, choose_sources
+from deux.io.layout import SourceChoice
+
+log = logging.getLogger(__name__)
+
+
+def list_triplets(
+    reader: Reader, split: str, choice: SourceChoice = "recent", offsets: tuple[int, ...] = (-1, -2)
+) -> list[Triplet]:
+    """The targets of a split with their source frames, in the order of the split.
+
+    By "baseline" they are those that the folder lists. Where it has no such list they are chosen here, once in a
+    process, by the poses and sparse points of the frames around each target (`deux.geometry.source_frames`), and a
+    sequence without poses has those at the offsets.
+
+    Args:
+        reader: of the folder.
+        split: "train", "validation" or "test".
+        choice: how source frames are chosen.
+        offsets: the recent source frames, in frames from the target, where the folder does not list them.
+
+    Raises:
+        DeuxError: as `Reader.triplets`, or a file is damaged that the choice needs.
+    """
+    if choice == "recent":
+        return reader.triplets(split, offsets)
+    listed = reader.chosen_triplets(split)
+    return list(_chosen(reader, split, offsets)) if listed is None else listed
+
+
+@lru_cache(maxsize=16)
+def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Triplet, ...]:
+    found = reader.neighbourhoods(split, SourceRule().reach)
+    if all(len(one.frames) <= SOURCES for one in found):  # nothing to choose
+        return tuple(reader.triplets(split, offsets))
+    log.info("choosing source frames of %d %s frames of %s by their parallax", len(found), split, reader.folder)
+    chosen: list[Triplet] = []
+    recent: dict[FrameReference, Triplet] | None = None
+    for sequence, group in groupby(found, key=lambda one: one.target.sequence):
+        members = list(group)
+        if reader.pose(members[0].target) is not None or any(reader.pose(one.target) is not None for one in members):
+            chosen += _choose(reader, members)
+            continue
+        log.info("%s has no poses of %s: its source frames are those at training.offsets", reader.folder, sequence)
+        recent = recent or {triplet.target: triplet for triplet in reader.triplets(split, offsets)}
+        chosen += [recent[one.target] for one in members if one.target in recent]
+    return tuple(chosen)
+
+
+def _choose(reader: Reader, members: list[Neighbourhood]) -> Iterator[Triplet]:
+    """Choose the source frames of one sequence's targets."""
+    frames = dict.fromkeys(frame for target, around in members for frame in (target, *around.values()))
+    with ThreadPoolExecutor() as pool:  # decoding releases the interpreter's lock
+        views = dict(zip(frames, pool.map(lambda frame: _view(reader, frame), frames), strict=True))
+    for target, around in members:
+        view = views[target]
+        there = {step: other for step, frame in around.items() if (other := views[frame]) is not None}
+        steps = choose_sources(view, there).steps if view is not None else ()
+        yield Triplet(target, tuple(around[step] for step in steps))
+
+
+def _view(reader: Reader, frame: FrameReference) -> SourceView | None:
+    """What the choice looks at of a frame; None where it has no pose."""
+    pose = reader.pose(frame)
+    if pose is None:
+        return None
+    try:
+        sparse_depth = reader.sparse_depth(frame)
+    except DeuxError:  # a frame of a video that has no depth; where a target's is broken, the training says so
+        sparse_depth = np.zeros(reader.image(frame).shape[:2], np.float32)
+    return SourceView.of(pose, reader.intrinsics(frame), sparse_depth)

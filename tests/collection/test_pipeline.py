@@ -344,7 +344,11 @@ def test_two_scenes_of_one_name_are_an_error(tmp_path: Path) -> None:
 def test_viewpoints_become_a_test_split_of_one_triplet_each(tmp_path: Path) -> None:
     spec = specification(explorer=VIEWPOINTS, steps=5, split="test")
     dataset = build_dataset(spec, tmp_path, ToySimulator)
-    assert len((dataset / "test_triplets.txt").read_text().splitlines()) == 10
+    lists = [(dataset / f"test_{kind}.txt").read_text().splitlines() for kind in ("triplets", "triplets_baseline")]
+    assert [[set(line.split("\t")) for line in lines] for lines in lists[:1]] == [
+        [set(line.split("\t")) for line in lines] for lines in lists[1:]
+    ]
+    assert len(lists[0]) == 10
     assert read_manifest(dataset)["candidates"] == 10
     assert build_dataset(replace(spec, explorer="wanderer", steps=8), tmp_path, ToySimulator, Wanderer) != dataset
 

@@ -1,6 +1,6 @@
 """Each reason for rejecting a frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,7 @@ import pytest
 from toy_world import ToySimulator
 
 from deux.collection.sparse import SparseSettings, sample_sequences
-from deux.collection.verification import Rejection, VerificationSettings, verify_sequences
+from deux.collection.verification import Judged, Rejection, VerificationSettings, verify_sequences
 from deux.contracts import Action
 from deux.io.calibration import write_matrix
 from deux.io.frames import prepare_folders, write_frame
@@ -143,3 +143,44 @@ def test_a_judged_sequence_is_read_again_only_for_other_settings(walked: Sequenc
     cut_image(walked)
     assert not any(verdict(walked).values())
     assert any(verdict(walked, VerificationSettings(min_depth=0.2)).values())
+
+
+def by_baseline(paths: SequencePaths, every_frame: bool = True) -> Mapping[str, Judged]:
+    return verify_sequences([paths], VerificationSettings(), SPARSE, every_frame=every_frame)[paths.name]["baseline"]
+
+
+def test_a_frame_that_stands_still_may_have_moved_against_its_sources_by_baseline(tmp_path: Path) -> None:
+    """A step, three frames on the spot, a step: t-1 and t-2 teach the third of them nothing."""
+    paths, simulator = SequencePaths(tmp_path / "data/room"), ToySimulator()
+    prepare_folders(paths, simulator.camera.intrinsics, labels=False)
+    for index, z in enumerate((0.5, 0.25, 0.25, 0.25, 0.0)):
+        simulator.reset(0.0, z, 0.0)
+        write_frame(paths, index, simulator.observe())
+    sample_sequences([paths], SPARSE)
+    assert verdict(paths)["000003"] == Rejection.NO_MOTION
+    found = by_baseline(paths)
+    assert list(found) == [f"{i:06d}" for i in range(5)]
+    assert set(found["000003"].sources) == {"000000", "000004"}
+    assert all(one.rejection is None and one.parallax for one in found.values())
+    recent = verify_sequences([paths], VerificationSettings(), SPARSE)["room"]["recent"]
+    assert {name: one.parallax for name, one in recent.items()} == {"000002": True, "000003": False, "000004": True}
+
+
+def test_by_baseline_no_broken_frame_is_a_source(walked: SequencePaths) -> None:
+    broken_pose(walked)
+    found = by_baseline(walked)
+    assert found["000004"].rejection == Rejection.UNREADABLE
+    assert [name for name, one in found.items() if one.rejection] == ["000004"]
+    assert all("000004" not in one.sources for one in found.values())
+
+
+def test_the_first_frames_of_a_viewpoint_are_no_targets(walked: SequencePaths) -> None:
+    assert list(by_baseline(walked, every_frame=False)) == [f"{i:06d}" for i in range(2, FRAMES)]
+
+
+def test_verdicts_read_again_are_the_same(walked: SequencePaths) -> None:
+    blank_image(walked)
+    judged = verify_sequences([walked], VerificationSettings(), SPARSE)
+    for file in (walked.folder / "image").iterdir():
+        file.write_bytes(b"")
+    assert verify_sequences([walked], VerificationSettings(), SPARSE) == judged

@@ -54,11 +54,9 @@ def test_hidden_points_are_found_by_the_sparse_points_alone(place: Place) -> Non
     expected = truly_visible(room, target, place)
     assert 0.2 < expected.mean() < 1.0
     assert (found == expected).mean() > 0.9
-    behind = np.zeros_like(expected)
     blind = SourceView(depth_and_pose(room, place)[1], CAMERA.intrinsics, (64, 64), np.empty((0, 2)), np.empty(0))
-    behind = visible_points(target, blind) & ~expected  # inside the image, and hidden
-    if behind.sum() >= 10:
-        assert found[behind].mean() < 0.4
+    hidden = visible_points(target, blind) & ~expected  # inside the image; without points nothing hides them
+    assert found[hidden].sum() <= hidden.sum() / 3
 
 
 def test_points_behind_the_camera_are_not_seen() -> None:
@@ -67,7 +65,11 @@ def test_points_behind_the_camera_are_not_seen() -> None:
 
 
 def test_turns_on_the_spot_give_way_to_steps() -> None:
-    places = {-5: (2.0, 4.5, 0.0), **{step: (2.0, 4.0, 10.0 * (step + 4)) for step in range(-4, 0)}, 1: (2.0, 4.0, 50.0)}
+    places = {
+        -5: (2.0, 4.5, 0.0),
+        **{step: (2.0, 4.0, 10.0 * (step + 4)) for step in range(-4, 0)},
+        1: (2.0, 4.0, 50.0),
+    }
     places |= {2: (1.8, 3.85, 50.0), 3: (1.6, 3.7, 50.0)}
     room = world()
     target = view(room, (2.0, 4.0, 40.0))

@@ -11,6 +11,11 @@ class TestColorConsistency(LossTermSuite):
         return ColorConsistency()
 
 
+class TestBestSource(LossTermSuite):
+    def make_term(self) -> LossTerm:
+        return ColorConsistency(sources="best")
+
+
 class TestVoicedConvention(LossTermSuite):
     perfect_is_zero = False
 
@@ -40,6 +45,8 @@ def test_agrees_with_the_published_value(published_case, name):
         ({"pixels": "all"}, (0.3 + 0.9) / 2 + 0.6),
         ({"divisor": "image"}, 0.3 / 2 + 0.6),
         ({"skip_points": True}, 0.3),
+        ({"sources": "best"}, 2 * (0.6 + 0.3) / 2),
+        ({"sources": "best", "pixels": "all"}, 2 * (0.6 + 0.3) / 2),
     ],
 )
 def test_which_pixels_count(options, expected):

@@ -14,6 +14,11 @@ class TestStructuralConsistency(LossTermSuite):
         return StructuralConsistency()
 
 
+class TestBestSource(LossTermSuite):
+    def make_term(self) -> LossTerm:
+        return StructuralConsistency(sources="best")
+
+
 class TestKBNetConvention(LossTermSuite):
     perfect_is_zero = False
 

@@ -108,6 +108,17 @@ def read_manifest(dataset: Path) -> dict[str, Any]:
     return manifest
 
 
+def frame_count(dataset: Path, choice: SourceChoice) -> int:
+    """How many frames of a dataset that was made here can be trained on with source frames chosen so.
+
+    Raises:
+        DeuxError: there is no manifest.
+    """
+    manifest = read_manifest(dataset)
+    counted = manifest if choice == "recent" else manifest.get("baseline", manifest)  # absent before version 6
+    return int(counted["triplets"])
+
+
 def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progress) -> None:
     """Stages 2 to 4 and the manifest."""
     found = sequences(partial)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from deux.callbacks import ACTIVE_COLLECTION, make_callback
 from deux.collection.collect_settings import FRAMES_OF_A_TRIPLET
 from deux.collection.explored_map import mean_uncertainty, seen_area
-from deux.collection.pipeline import read_manifest
+from deux.collection.pipeline import frame_count
 from deux.contracts import DepthModel, DepthPredictor, Reader
 from deux.deployment.model_files import MODEL_FILE, load_model, save_model
 from deux.errors import check_range
@@ -161,7 +161,7 @@ class RoundCollector:
         simulation = self._datasets.simulation
         return RankResult(
             dataset=dataset,
-            frames=read_manifest(dataset)["triplets"],
+            frames=frame_count(dataset, self.recipe.source_choice()),
             area=sum(seen_area(sequence, simulation.camera, simulation.robot) for sequence in found),
             uncertainty=mean_uncertainty(found),
             mae=mae,

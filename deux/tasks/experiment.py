@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from omegaconf import DictConfig
 
-from deux.collection.pipeline import read_manifest
+from deux.collection.pipeline import frame_count
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel
 from deux.data.dataset_reader import DatasetReader
@@ -89,7 +89,7 @@ class Experiment:
             model=self._training.recipe.model.name,
             explore=self._exploration.explorer.name,
             seed=self._training.seed,
-            frames=read_manifest(frames)["triplets"] + sum(one.frames for one in rounds),
+            frames=frame_count(frames, self._training.recipe.source_choice()) + sum(one.frames for one in rounds),
             seconds=run.seconds,
             rounds=[one.summary() for one in rounds],
             **asdict(found),

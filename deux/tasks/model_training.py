@@ -15,6 +15,7 @@ from deux.deployment.model_files import MODEL_FILE, load_model, load_weights, sa
 from deux.errors import DeuxError, check_range
 from deux.inference.precision import FastPredictor
 from deux.inference.weightless import without_weights
+from deux.io.layout import SourceChoice
 from deux.io.locking import locked
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
@@ -72,6 +73,10 @@ class Recipe:
         with without_weights():
             model: DepthModel = self.model.create()
         return model
+
+    def source_choice(self) -> SourceChoice:
+        """How source frames are chosen; "recent" where the objective compares no frames."""
+        return self.training.sources if self.needs().sources else "recent"
 
     def needs(self) -> Needs:
         """What the training reads of its frames."""

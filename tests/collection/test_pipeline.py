@@ -36,7 +36,6 @@ from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.io.calibration import read_pose
-from deux.io.layout import SequencePaths
 from deux.registry import PluginChoice
 
 

@@ -136,7 +136,8 @@ def train(
     fit(
         model,
         TrainingSettings(
-            **{"batch_size": 4, "steps": 20, "learning_rate": 0.01, "checkpoint_minutes": 0.0} | (settings or {})
+            **{"batch_size": 4, "steps": 20, "learning_rate": 0.01, "checkpoint_minutes": 0.0, "sources": "recent"}
+            | (settings or {})
         ),
         [DatasetReader(first)],
         [DatasetReader(dataset(folder, "held-out", model, split="validation"))] if validate else [],

@@ -16,6 +16,7 @@ from torchvision.transforms import v2
 from void_layout import dataset
 
 from deux.contracts import Augmentation, Batch, DepthModel, Prediction
+from deux.data.chosen_sources import list_triplets
 from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
 from deux.data.device_cache import DeviceCache
@@ -234,6 +235,23 @@ def test_frames_without_source_frames_train_where_none_are_needed(tmp_path: Path
     for loader in (data.train_dataloader(), data.val_dataloader()):
         assert len(loader.dataset) == frames  # type: ignore[arg-type]
         assert all(batch.sources.shape[1] == (2 if sources else 0) for batch in loader)
+
+
+def test_training_and_validation_take_the_chosen_source_frames(tmp_path: Path) -> None:
+    """All eight frames of both sequences, where the first two of each lack t-1 or t-2."""
+    video = dataset(tmp_path / "video", triplets=False)
+    held_out = dataset(tmp_path / "held-out", split="validation", triplets=False)
+    data = module([video], choice="baseline")
+    data.validation = [DatasetReader(held_out)]
+    for loader, folder, split in (
+        (data.train_dataloader(), video, "train"),
+        (data.val_dataloader(), held_out, "validation"),
+    ):
+        expected = list_triplets(DatasetReader(folder), split, "baseline")
+        assert [triplet for _, triplet in loader.dataset.triplets] == expected  # type: ignore[attr-defined]
+        assert len(expected) == 16
+        assert sum(len(batch.sources) for batch in loader) == 16
+        assert all(batch.sources.shape[1] == 2 for batch in loader)
 
 
 @pytest.mark.parametrize("workers", [0, 1])

@@ -2,8 +2,9 @@ from pathlib import Path
 
 import pytest
 from exported import splits
-from void_layout import walk, write
+from void_layout import dataset, walk, write
 
+from deux.data.chosen_sources import list_triplets
 from deux.data.dataset_reader import DatasetReader
 from deux.data.exported_split import read_splits
 from deux.errors import DeuxError
@@ -23,6 +24,19 @@ def test_training_targets_without_two_source_frames_are_left_out(tmp_path: Path)
     (folder / "train_image.txt").rename(folder / "test_image.txt")
     (split,) = read_splits({"test": DatasetReader(folder)}, (-1, 1))
     assert len(split.triplets) == 5
+
+
+def test_training_frames_take_their_chosen_source_frames_with_them(tmp_path):
+    """Test frames are those of the test list, whatever the training frames take."""
+    readers = {
+        s: DatasetReader(dataset(tmp_path / s, split=s, triplets=False)) for s in ("train", "validation", "test")
+    }
+    recent, baseline = (read_splits(readers, (-1, -2), choice) for choice in ("recent", "baseline"))
+    assert len(recent[0].triplets) == 12
+    for split, given in zip(baseline[:2], recent[:2], strict=True):
+        assert split.triplets == tuple(list_triplets(readers[split.name], split.name, "baseline"))
+        assert {one.target for one in split.triplets} > {one.target for one in given.triplets}
+    assert baseline[2].triplets == recent[2].triplets
 
 
 def test_without_any_such_target_there_is_nothing_to_export(tmp_path: Path):

@@ -1,8 +1,13 @@
 """`task=export_dataset`, as a user runs it."""
 
 import json
+from pathlib import Path
 
+import numpy as np
 import pytest
+
+from deux.io.images import read_image
+from deux_plugins.readers.webdataset import Shards
 
 
 @pytest.mark.parametrize(
@@ -30,6 +35,27 @@ def test_what_is_exported_is_evaluated_like_what_was_collected(
         results.append(json.loads((tmp_path / name / "results.json").read_text()))
     for errors in ("metrics", "baseline"):
         assert results[0][errors] == pytest.approx(results[1][errors], rel=1e-5)
+
+
+def test_training_frames_take_the_source_frames_that_are_asked_for(deux, tiny_arguments, tmp_path):
+    found = {}
+    for sources in ("recent", "baseline"):
+        output = tmp_path / sources
+        options = (f"export_dataset.sources={sources}", f"export_dataset.output={output}")
+        arguments = ("task=export_dataset", "explore=random", "export_dataset.format=webdataset", *options)
+        outcome = deux(*tiny_arguments(tmp_path / "outputs", *arguments, f"hydra.run.dir={tmp_path}/{sources}-run"))
+        assert outcome.code == 0, outcome.err
+        (dataset,) = tmp_path.glob("outputs/datasets/random-*")
+        kind = "triplets" if sources == "recent" else "triplets_baseline"
+        lines = [line.split("\t") for line in (dataset / f"train_{kind}.txt").read_text().splitlines()]
+        listed = {Path(target).stem: images for target, *images in lines}
+        reader = Shards(output)
+        found[sources] = dict(reader.triplets("train", ()))
+        assert {target.name for target in found[sources]} == set(listed)
+        for target, shards in found[sources].items():
+            for frame, image in zip(shards, listed[target.name], strict=True):
+                np.testing.assert_array_equal(reader.image(frame), read_image(dataset.parent / image))
+    assert set(found["baseline"]) != set(found["recent"])
 
 
 def test_one_split_of_a_folder(deux, tiny_arguments, tmp_path):

@@ -13,11 +13,14 @@ from deux.errors import DeuxError
 from deux.geometry.source_frames import SOURCES, SourceRule, SourceView, choose_sources
 from deux.io.layout import SourceChoice
 
+PAPER_OFFSETS = (-1, -2)
+"""t-1 and t-2, the default of `training.offsets`."""
+
 log = logging.getLogger(__name__)
 
 
 def list_triplets(
-    reader: Reader, split: str, choice: SourceChoice = "recent", offsets: tuple[int, ...] = (-1, -2)
+    reader: Reader, split: str, choice: SourceChoice = "recent", offsets: tuple[int, ...] = PAPER_OFFSETS
 ) -> list[Triplet]:
     """The targets of a split with their source frames, in the order of the split.
 
@@ -37,7 +40,10 @@ def list_triplets(
     if choice == "recent":
         return reader.triplets(split, offsets)
     listed = reader.chosen_triplets(split)
-    return list(_chosen(reader, split, offsets)) if listed is None else listed
+    if listed is not None:
+        _warn_of_offsets(reader, offsets)
+        return listed
+    return list(_chosen(reader, split, offsets))
 
 
 @lru_cache(maxsize=16)
@@ -51,12 +57,25 @@ def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Tripl
     for sequence, group in groupby(found, key=lambda one: one.target.sequence):
         members = list(group)
         if reader.pose(members[0].target) is not None or any(reader.pose(one.target) is not None for one in members):
+            _warn_of_offsets(reader, offsets)
             chosen += _choose(reader, members)
             continue
         log.info("%s has no poses of %s: its source frames are those at training.offsets", reader.folder, sequence)
         recent = recent or {triplet.target: triplet for triplet in reader.triplets(split, offsets)}
         chosen += [recent[one.target] for one in members if one.target in recent]
     return tuple(chosen)
+
+
+@lru_cache(maxsize=256)
+def _warn_of_offsets(reader: Reader, offsets: tuple[int, ...]) -> None:
+    """Say once that offsets which somebody has set are not used."""
+    if offsets != PAPER_OFFSETS:
+        log.warning(
+            "training.offsets=%s is not used: the source frames of %s are chosen by their parallax; "
+            "training.sources=recent takes those at the offsets.",
+            list(offsets),
+            reader.folder,
+        )
 
 
 def _choose(reader: Reader, members: list[Neighbourhood]) -> Iterator[Triplet]:

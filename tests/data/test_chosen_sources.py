@@ -57,6 +57,16 @@ def test_a_folder_without_that_list_has_its_sources_chosen_by_the_poses(tmp_path
     assert max(chosen.values()) < 0.8
 
 
+def test_offsets_that_are_not_used_are_told_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    reader = DatasetReader(write(tmp_path / "d", {"hall-00": walk()}))
+    assert list_triplets(reader, "train", "baseline", (-3, 3)) == list_triplets(reader, "train", "baseline")
+    list_triplets(reader, "train", "baseline", (-3, 3))
+    assert [record.message for record in caplog.records if record.levelno == logging.WARNING] == [
+        f"training.offsets=[-3, 3] is not used: the source frames of {reader.folder} are chosen by their parallax; "
+        "training.sources=recent takes those at the offsets."
+    ]
+
+
 def test_frames_without_poses_have_the_recent_sources(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder = write(tmp_path / "d", {"hall-00": walk()}, kinds=("image", "sparse_depth"))
     reader = DatasetReader(folder)

@@ -159,7 +159,9 @@ def test_scenes_from_files_are_explored_where_they_are(tiny, room, tmp_path):
     scenes = ["scenes=files", f"scenes.train=[{train}]", f"scenes.test={test}", f"hydra.run.dir={tmp_path}/run"]
     outcome = tiny(tmp_path, "explore=random", *scenes)
     assert (outcome.code, outcome.err) == (0, "")
-    assert results(tmp_path / "run")["frames"] == 6
+    assert (
+        results(tmp_path / "run")["frames"] == 8
+    )  # all that were explored: the first two have source frames after them
     for pattern, scene in (("random-*", "furnished"), ("test-*", "empty")):
         dataset = only(tmp_path / "datasets", pattern)
         assert all(sequence.name.startswith(f"{scene}-") for sequence in sequences(dataset))
@@ -199,7 +201,7 @@ def test_source_frames_of_a_dataset_that_lists_none(tiny, collected, tmp_path):
     dataset = tmp_path / only(collected, "datasets/random-*").name
     shutil.copytree(only(collected, "datasets/random-*"), dataset)
     (dataset / "train_triplets.txt").unlink()
-    arguments = ["task=train", f"training_data={dataset}", f"hydra.run.dir={tmp_path}/run"]
+    arguments = ["task=train", f"training_data={dataset}", f"hydra.run.dir={tmp_path}/run", "training.sources=recent"]
     sentence = tiny(tmp_path, *arguments, "training.offsets=[-4,4]").sentence  # of eight in all
     assert sentence.startswith(f"None of the 6 train frames of {dataset} has source frames: what lies -4 and +4 frames")
     outcome = tiny(tmp_path, *arguments, "training.offsets=[-3,3]")

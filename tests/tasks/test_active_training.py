@@ -69,8 +69,8 @@ def test_every_round_is_a_dataset_of_its_own_in_the_run_folder(active):
 
 def test_the_results_tell_of_every_round(active):
     found = results(active)
-    assert found["frames"] == 3 * 6
-    assert [(one["round"], one["step"], one["frames"]) for one in found["rounds"]] == [(1, 1, 6), (2, 4, 6)]
+    assert found["frames"] == 3 * 8
+    assert [(one["round"], one["step"], one["frames"]) for one in found["rounds"]] == [(1, 1, 8), (2, 4, 8)]
     for one in found["rounds"]:
         assert set(one) == {"round", "step", "frames", "area", "uncertainty", "mae"}
         (record,) = active.glob(f"rounds/round{one['round']:02d}-*/data/*/uncertainty.csv")
@@ -171,7 +171,7 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
     assert (outcome.code, outcome.err) == (0, "")
     assert "1 of callbacks.active_collection.rounds=3 rounds took place" in outcome.out
     (found,) = json.loads((folder / "rounds" / "rounds.json").read_text())
-    assert (found["frames"], found["uncertainty"], found["mae"]) == (6, None, None)
+    assert (found["frames"], found["uncertainty"], found["mae"]) == (8, None, None)
 
 
 @pytest.mark.parametrize(
@@ -210,6 +210,6 @@ def test_two_processes_go_through_a_whole_experiment(experiment, tmp_path):
     process = experiment(tmp_path, *options, "training.steps=12", *together)
     assert process.returncode == 0, process.stderr
     found = results(tmp_path / "run")
-    assert [one["frames"] for one in found["rounds"]] == [12, 12]  # two flats, one for each process
+    assert [one["frames"] for one in found["rounds"]] == [16, 16]  # two flats, one for each process
     assert len(list(tmp_path.glob("run/rounds/round*-*/manifest.json"))) == 4
     assert process.stdout.count("Train kbnet on the deux frames") == 1

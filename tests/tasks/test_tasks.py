@@ -159,9 +159,7 @@ def test_scenes_from_files_are_explored_where_they_are(tiny, room, tmp_path):
     scenes = ["scenes=files", f"scenes.train=[{train}]", f"scenes.test={test}", f"hydra.run.dir={tmp_path}/run"]
     outcome = tiny(tmp_path, "explore=random", *scenes)
     assert (outcome.code, outcome.err) == (0, "")
-    assert (
-        results(tmp_path / "run")["frames"] == 8
-    )  # all that were explored: the first two have source frames after them
+    assert results(tmp_path / "run")["frames"] == 8  # all of them: the first two have source frames after them
     for pattern, scene in (("random-*", "furnished"), ("test-*", "empty")):
         dataset = only(tmp_path / "datasets", pattern)
         assert all(sequence.name.startswith(f"{scene}-") for sequence in sequences(dataset))

@@ -29,11 +29,12 @@ ACTIVE = [
     "callbacks.active_collection.steps=8",
     "callbacks.active_collection.rounds=2",
     "training.steps=8",
+    "training.sources=recent",
     "scenes.validation=1",
     "evaluation.validation_viewpoints=3",
     "trainer.precision=32-true",
 ]
-"""One flat of six usable frames: round 1 comes after 1 step, round 2 after 4."""
+"""One flat of eight frames, six of which have t-1 and t-2: round 1 comes after 1 step, round 2 after 4."""
 
 
 def results(folder: Path) -> dict:
@@ -69,8 +70,8 @@ def test_every_round_is_a_dataset_of_its_own_in_the_run_folder(active):
 
 def test_the_results_tell_of_every_round(active):
     found = results(active)
-    assert found["frames"] == 3 * 8
-    assert [(one["round"], one["step"], one["frames"]) for one in found["rounds"]] == [(1, 1, 8), (2, 4, 8)]
+    assert found["frames"] == 3 * 6
+    assert [(one["round"], one["step"], one["frames"]) for one in found["rounds"]] == [(1, 1, 6), (2, 4, 6)]
     for one in found["rounds"]:
         assert set(one) == {"round", "step", "frames", "area", "uncertainty", "mae"}
         (record,) = active.glob(f"rounds/round{one['round']:02d}-*/data/*/uncertainty.csv")
@@ -162,16 +163,25 @@ def test_a_process_without_a_scene_collects_nothing(collector):
 def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
     options = [
         "task=train",
+        "training.steps=2",
+        "training.sources=recent",
         "callbacks=[active_collection]",
         "callbacks.active_collection.steps=8",
         "callbacks.active_collection.mode=replace",
     ]
     folder = active.parent / "control"
-    outcome = tiny(active.parent, "explore=random", "training.steps=2", *options, f"hydra.run.dir={folder}")
+    outcome = tiny(
+        active.parent,
+        "explore=random",
+        "training.steps=2",
+        "training.sources=recent",
+        *options,
+        f"hydra.run.dir={folder}",
+    )
     assert (outcome.code, outcome.err) == (0, "")
     assert "1 of callbacks.active_collection.rounds=3 rounds took place" in outcome.out
     (found,) = json.loads((folder / "rounds" / "rounds.json").read_text())
-    assert (found["frames"], found["uncertainty"], found["mae"]) == (8, None, None)
+    assert (found["frames"], found["uncertainty"], found["mae"]) == (6, None, None)
 
 
 @pytest.mark.parametrize(
@@ -210,6 +220,6 @@ def test_two_processes_go_through_a_whole_experiment(experiment, tmp_path):
     process = experiment(tmp_path, *options, "training.steps=12", *together)
     assert process.returncode == 0, process.stderr
     found = results(tmp_path / "run")
-    assert [one["frames"] for one in found["rounds"]] == [16, 16]  # two flats, one for each process
+    assert [one["frames"] for one in found["rounds"]] == [12, 12]  # two flats, one for each process
     assert len(list(tmp_path.glob("run/rounds/round*-*/manifest.json"))) == 4
     assert process.stdout.count("Train kbnet on the deux frames") == 1

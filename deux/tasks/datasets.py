@@ -151,6 +151,7 @@ class Datasets:
             seed=self._seed,
             model=predictor_identity,
             uncertainty=self.collect.measure if predictor_identity else None,
+            correct_depth=self.collect.correct_depth and predictor_identity is not None,
             batch_size=self.collect.batch_size,
         )
 

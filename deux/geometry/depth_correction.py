@@ -5,8 +5,15 @@ from torch import Tensor
 
 from deux.geometry.sparse_outliers import remove_outliers
 
-_ACCEPTED = 0.15
-"""Log-ratio by which a point may differ from those around it before its weight halves (about 15 % of the depth)."""
+_SCALES = (1.0, 0.5, 0.25)
+"""Standard deviations of the Gaussians, in spacings of the points: the widest reaches into gaps between the points.
+
+On frames of unseen flats, a KBNet of 300 steps and one point in 100 pixels, the median relative error of 13.3 % becomes
+11.0 % with the first alone and 7.5 % with all three; linear interpolation of the points alone has 4.1 %.
+"""
+
+_ACCEPTED = 0.5
+"""Log-ratio by which a point may differ from those around it before its weight halves."""
 
 _CONFIDENCE = 0.05
 """The weight of "no change" beside that of a point at the pixel itself: far from all points the depth stays."""
@@ -16,13 +23,14 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float) -> Tensor
     """Multiply a predicted depth by the smooth field that carries it onto the sparse points.
 
     At each sparse point r = log(measured / predicted) is known. Normalised convolution (Knutsson and Westin, 1993) with
-    a Gaussian g of standard deviation `spacing` interpolates it over the image, and the result is
+    a Gaussian g interpolates it over the image, and the result is
 
         d' = d exp((g * w r) / (g * w + c)),
 
-    where the weight w is 0 without a point and c is small. The field is estimated twice: the first time with w = 1 at
-    each point that `remove_outliers` keeps, the second time with w = 1 / (1 + (e / 0.15)^2), where e is what the first
-    field leaves of r, so that a point beyond an edge that the prediction has blurred bends little around it.
+    where the weight w is 0 without a point and c is small. That is done from coarse to fine, with g of 1, 1/2 and 1/4
+    of the points' spacing, each time to the result of the time before. Each field is estimated twice: first with w = 1
+    at each point that `remove_outliers` keeps, then with w = 1 / (1 + (e / 0.5)^2), where e is what the first field
+    leaves of r, so that a point beyond an edge that the prediction has blurred bends less around it.
 
     Computed in float32, frame by frame: what a frame gets does not depend on the others of the batch. Nothing makes the
     host wait for the device.
@@ -37,12 +45,13 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float) -> Tensor
     """
     depth, sparse_depth = depth.float(), sparse_depth.float()
     height, width = depth.shape[-2:]
-    down = _gaussian(height, spacing, depth.device)
-    across = down if width == height else _gaussian(width, spacing, depth.device)
-    frames = [
-        _correct_frame(*frame, down, across)
-        for frame in zip(depth[:, 0], sparse_depth[:, 0], remove_outliers(sparse_depth)[:, 0], strict=True)
-    ]
+    validity = remove_outliers(sparse_depth)
+    frames = list(depth[:, 0])
+    for scale in _SCALES:
+        down, across = (_gaussian(size, scale * spacing, depth.device) for size in (height, width))
+        frames = [
+            _correct_frame(frame, sparse_depth[i, 0], validity[i, 0], down, across) for i, frame in enumerate(frames)
+        ]
     return torch.stack(frames)[:, None]
 
 

@@ -35,10 +35,10 @@ class KBNet(DepthModel):
         decoder_filters: channels of the decoder's five levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres.
-        margin: pixels by which the image is extended on all sides, repeating its edge, before the network, and the
-            depth is cropped after it. The convolutions have no bias and pad with zeros, so that a briefly trained
-            network predicts the outer pixels too near (docs/decisions/0022-rim.md); with a margin it is the cropped
-            ones. The published network has none.
+        margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
+            depth loses again. The convolutions have no bias and pad with zeros, so that a briefly trained network
+            predicts the outer pixels too near; with a margin those are cropped. Training goes without it, as it gains
+            nothing from it (docs/decisions/0022-rim.md). The published network has none.
     """
 
     objective: ClassVar[LossSettings] = {
@@ -78,12 +78,13 @@ class KBNet(DepthModel):
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
     ) -> Prediction:
         """Predict dense depth; see `DepthModel.forward`."""
-        if self.margin:
-            image, intrinsics = repeat_edge(image, self.margin), move_principal_point(intrinsics, self.margin)
-            sparse_depth, validity = (surround_with_zeros(x, self.margin) for x in (sparse_depth, validity))
+        margin = 0 if self.training else self.margin
+        if margin:
+            image, intrinsics = repeat_edge(image, margin), move_principal_point(intrinsics, margin)
+            sparse_depth, validity = (surround_with_zeros(x, margin) for x in (sparse_depth, validity))
         depth_features = self.sparse_to_dense_pool(sparse_depth, validity)
         logits = self.decoder(*self.encoder(image, depth_features, intrinsics))
-        return Prediction(depth_from_logits(crop(logits, self.margin), self.min_depth, self.max_depth))
+        return Prediction(depth_from_logits(crop(logits, margin), self.min_depth, self.max_depth))
 
     def augmentation(self) -> Sequence[Augmentation]:
         """Half of the samples lose 30 to 60 % of the points that the network is shown."""

@@ -39,6 +39,15 @@ def test_a_margin_is_the_network_on_an_image_extended_by_hand():
     torch.testing.assert_close(model.predict(**data), extended[..., 5:-5, 5:-5])
 
 
+def test_training_goes_without_the_margin():
+    torch.manual_seed(0)
+    model, data = KBNet(margin=4), camera_data((40, 56))
+    inputs = (data["image"], data["sparse_depth"], (data["sparse_depth"] > 0).float(), data["intrinsics"])
+    trained = model.train()(*inputs).depth
+    model.margin = 0
+    torch.testing.assert_close(trained, model.eval()(*inputs).depth)
+
+
 def test_a_margin_keeps_the_padding_of_the_convolutions_away_from_the_rim():
     """Without texture and points, nothing but the padding tells an outer pixel from its neighbours further in."""
     torch.manual_seed(0)

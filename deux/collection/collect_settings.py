@@ -21,6 +21,8 @@ class CollectSettings:
         episodes: episodes in each training scene.
         uncertainty: the measure by which the depth model's predictions are judged (Eq. 8).
         uncertainty_options: options of its constructor.
+        correct_depth: correct the predicted depth that explorers are given by the sparse points of the frame
+            (`deux.geometry.depth_correction`); the uncertainty stays that of the model's own prediction.
         batch_size: robots that explore in lock-step, sharing each call of the depth model.
         processes: processes of this machine that explore at the same time where `executor` is "local", each with a copy
             of the depth model; other executors have an option of their own for it.
@@ -36,6 +38,7 @@ class CollectSettings:
     uncertainty: str
     batch_size: int
     processes: int
+    correct_depth: bool = True
     executor: str = "local"
     executor_options: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_options: Mapping[str, Any] = field(default_factory=dict)

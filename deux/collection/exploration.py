@@ -62,6 +62,7 @@ def explore(
     predict_depth: DepthPredictor | None = None,
     sparse: SparseSettings | None = None,
     uncertainty: Uncertainty | None = None,
+    correct_depth: bool = False,
     batch_size: int = 4,
     execute: Executor = run_here,
     progress: Progress = ignore_progress,
@@ -76,6 +77,7 @@ def explore(
             once, on its `device` if it has one.
         sparse: how the depth model's sparse points are taken.
         uncertainty: how the depth model's prediction is judged (Eq. 8), for explorers that need the residual.
+        correct_depth: correct the depth that these explorers are given by the sparse points (`Perception`).
         batch_size: number of episodes that run in lock-step where a depth model guides them, and so of frames that it
             is given at once and of scenes in memory. The first `batch_size` plans are one job, and so on, whoever runs
             them; where `predict_depth` has a true `batch_invariant`, jobs may be smaller.
@@ -89,7 +91,9 @@ def explore(
     """
     explorer = make_explorer()
     guided = bool(explorer.needs & MODEL_NEEDS)
-    perception = Perception(predict_depth, sparse, uncertainty) if guided and predict_depth is not None else None
+    perception = None
+    if guided and predict_depth is not None:
+        perception = Perception(predict_depth, sparse, uncertainty, correct_depth)
     check_perception(explorer, perception)
     size = batch_size if guided else 1  # without a model the robots do not touch each other
     divisible = perception is None or perception.batch_invariant

@@ -11,6 +11,7 @@ from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.collection.transfers import download, upload
 from deux.contracts import DepthPredictor, Frame, Need, Uncertainty, View
 from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view
+from deux.geometry.depth_correction import correct_depth
 from deux.geometry.poses import source_from_target
 from deux.inference.precision import tf32_convolutions
 
@@ -31,16 +32,18 @@ class Percept:
         residual: H x W float32, the uncertainty of each pixel; NaN where the measure has no value, and everywhere
             before the third frame. None where no measure was chosen.
         uncertainty: a single float32, delta of Eq. 8: the same as one number.
+        corrected_depth: H x W float32 metres, the view's depth corrected by the sparse points; None where it is not.
     """
 
     view: View
     residual: Tensor | None = None
     uncertainty: Tensor | None = None
+    corrected_depth: Tensor | None = None
 
     @property
     def predicted_depth(self) -> Tensor:
-        """H x W float32 metres."""
-        return self.view.depth[0, 0]
+        """H x W float32 metres, what explorers map: corrected where it was asked for, else as the model predicts it."""
+        return self.view.depth[0, 0] if self.corrected_depth is None else self.corrected_depth
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class HostPercept:
     """What an explorer is given of a `Percept`, on the host; what it does not need is None.
 
     Args:
-        predicted_depth: H x W float32 metres.
+        predicted_depth: H x W float32 metres, as of `Percept`.
         residual: H x W float32, as of `Percept`.
         uncertainty: delta of Eq. 8.
     """
@@ -69,6 +72,8 @@ class Perception:
         predict_depth: the depth model. Where it has a `device`, as `FastPredictor` has, all is computed there.
         sparse: how the depth model's sparse points are taken.
         uncertainty: the measure of uncertainty, which may call the model again; None for none.
+        correct_depth: give explorers the predicted depth corrected by its sparse points
+            (`deux.geometry.depth_correction`). The view, and so the residual, stays the model's own prediction.
     """
 
     def __init__(
@@ -76,8 +81,10 @@ class Perception:
         predict_depth: DepthPredictor,
         sparse: SparseSettings | None = None,
         uncertainty: Uncertainty | None = None,
+        correct_depth: bool = False,
     ) -> None:
         self.uncertainty = uncertainty
+        self._correct_depth = correct_depth
         self._predict_depth = predict_depth
         self._sparse = sparse or SparseSettings()
 
@@ -106,13 +113,17 @@ class Perception:
         """
         view = self._view(histories, intrinsics)
         views = [frame_of(view, i) for i in range(len(histories))]
+        depths: list[Tensor | None] = [None] * len(views)
+        if self._correct_depth:
+            spacing = self._sparse.density**-0.5
+            depths = [*correct_depth(view.depth, view.sparse_depth, spacing)[:, 0]]
         if self.uncertainty is None:
-            return [Percept(one) for one in views]
+            return [Percept(one, corrected_depth=depth) for one, depth in zip(views, depths, strict=True)]
         if view.sources.shape[1] == SOURCES:
             residuals = self.uncertainty(view)
         else:
             residuals = torch.full_like(view.depth[:, 0], torch.nan)
-        return [Percept(*parts) for parts in zip(views, residuals, frame_uncertainty(residuals), strict=True)]
+        return [Percept(*parts) for parts in zip(views, residuals, frame_uncertainty(residuals), depths, strict=True)]
 
     def _view(self, histories: Sequence[Sequence[Frame]], intrinsics: np.ndarray) -> View:
         points = np.stack([sample_sparse(history[0].rgb, history[0].depth, self._sparse) for history in histories])

@@ -83,6 +83,7 @@ def build_dataset(
                 predict_depth,
                 sparse=spec.sparse,
                 uncertainty=spec.uncertainty.create() if spec.uncertainty else None,
+                correct_depth=spec.correct_depth,
                 batch_size=spec.batch_size,
                 execute=execute,
                 progress=progress,

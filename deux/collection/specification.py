@@ -38,6 +38,7 @@ class DatasetSpec:
         seed: seed of the starts, the explorers and the viewpoints.
         model: what identifies the depth model that guides the explorer; None without one.
         uncertainty: how that model's predictions are judged (Eq. 8); None without one.
+        correct_depth: whether the explorer is given that model's depth corrected by the sparse points.
         batch_size: episodes that run in lock-step (`collect.batch_size`).
         split: the prefix of the list files.
         explorer_settings: all the explorer's options, defaults included; JSON values only.
@@ -55,6 +56,7 @@ class DatasetSpec:
     seed: int = 0
     model: str | None = None
     uncertainty: PluginChoice | None = None
+    correct_depth: bool = False
     batch_size: int = 4
     split: Split = "train"
 

@@ -55,7 +55,8 @@ class Observation:
         collided: whether the last action was cut short by an obstacle.
         rgb: H x W x 3 uint8.
         sensor_depth: H x W float32, metres, 0 = none.
-        predicted_depth: H x W float32, metres: the depth model's output for this frame.
+        predicted_depth: H x W float32, metres: the depth model's output for this frame, corrected by its sparse points
+            where `collect.correct_depth` asks for it.
         residual: H x W float32, not negative, the uncertainty of each pixel by the measure that `collect.uncertainty`
             chooses (an `Uncertainty`), the paper's being the mean absolute photometric error of both reconstructions
             of this frame, images in [0, 1]. NaN where the measure has no value, all NaN before the third frame.

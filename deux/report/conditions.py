@@ -38,7 +38,14 @@ MODEL = (
 )
 """What a depth model is made of: its own options, what it is built on, and how it is optimised."""
 
-EXPLORER = ("explore", "seed_model", "collect.uncertainty", "collect.uncertainty_options", "callbacks")
+EXPLORER = (
+    "explore",
+    "seed_model",
+    "collect.uncertainty",
+    "collect.uncertainty_options",
+    "collect.correct_depth",
+    "callbacks",
+)
 """What an explorer is made of: its own options, the model that guides it, how that is judged, and its rounds."""
 
 CAMERA_AND_SCENES = ("camera", "robot", "simulator", "sampling", "verification", "scenes")

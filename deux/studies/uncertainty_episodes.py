@@ -60,6 +60,7 @@ def study_uncertainty(
     guidance: PluginChoice | None = None,
     show: ShowSamples = lambda samples: None,
     progress: Progress = ignore_progress,
+    correct_depth: bool = False,
 ) -> UncertaintyStudy:
     """Hold measures of uncertainty against the true error of a depth model, along an explorer's walks.
 
@@ -77,6 +78,7 @@ def study_uncertainty(
             once.
         show: is given some frames of the first scene, before that scene is kept.
         progress: told the number of walks.
+        correct_depth: whether the explorer is given the depth corrected by the sparse points; what is judged is not.
 
     Raises:
         DeuxError: a scene cannot be read, the explorer needs a measure that was not given, the file of a scene is
@@ -86,7 +88,7 @@ def study_uncertainty(
     guide: Uncertainty | None = None
     if guidance is not None and explorer.create().needs & MODEL_NEEDS:
         guide = made[guidance.name] if guidance in measures else guidance.create()
-    walks = _Walks(simulation, explorer, Perception(predict_depth, sparse, guide), made, seed, steps)
+    walks = _Walks(simulation, explorer, Perception(predict_depth, sparse, guide, correct_depth), made, seed, steps)
     make_folder(folder)
     judged = []
     floors = count_all_floors(scenes, folder / "floors", simulation.make)
@@ -148,7 +150,7 @@ class _Walks:
 
 def _sample(step: Step, maps: Mapping[str, np.ndarray]) -> JudgedSample:
     assert step.percept is not None
-    depth = step.percept.predicted_depth.cpu().numpy()
+    depth = step.percept.view.depth[0, 0].cpu().numpy()
     error = np.abs(depth - np.where(step.frame.depth > 0, step.frame.depth, np.nan))
     return JudgedSample(step.frame.rgb, error, maps)
 

@@ -177,7 +177,8 @@ def _perception(sections: Sections, checkpoint: str, collect: CollectSettings) -
     """What the model of `seed_model.checkpoint` sees."""
     _, model = load_named_model(sections.plugin("model"), checkpoint)
     predictor = FastPredictor(model, sections.plain("trainer").get("accelerator", "auto"))
-    return Perception(predictor, sections.read("sampling", SparseSettings), collect.measure.create())
+    sparse = sections.read("sampling", SparseSettings)
+    return Perception(predictor, sparse, collect.measure.create(), collect.correct_depth)
 
 
 def _first_episodes(episodes: Sequence[ExplorationEpisode], scene: SceneReference) -> list[ExplorationEpisode]:

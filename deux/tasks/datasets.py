@@ -96,6 +96,17 @@ class Datasets:
         """
         return self._build(self._exploration(explorer, predictor_identity), explorer, predictor)
 
+    def explored_elsewhere(self, explorer: PluginChoice, source: str, scenes: int) -> Path:
+        """The frames that an explorer which needs no model collects in scenes that are none of the experiment's.
+
+        Args:
+            explorer: the explorer.
+            source: name of the source that makes the scenes.
+            scenes: number of scenes.
+        """
+        spec = replace(self._exploration(explorer, None), scenes=further_scenes(source, scenes, self.scenes))
+        return self._build(spec, explorer)
+
     def explored_in_round(
         self,
         explorer: PluginChoice,
@@ -151,6 +162,7 @@ class Datasets:
             seed=self._seed,
             model=predictor_identity,
             uncertainty=self.collect.measure if predictor_identity else None,
+            correct_depth=self.collect.correct_depth and predictor_identity is not None,
             batch_size=self.collect.batch_size,
         )
 

@@ -25,6 +25,9 @@ class SeedModelSettings:
         checkpoint: a trained model to take; None trains one.
         explore: the explorer that collects its frames.
         steps: optimiser steps of its training.
+        source: of the scenes that this explorer is in: a scene source, none of whose scenes are the experiment's, or
+            None for the experiment's own training scenes.
+        scenes: number of the source's scenes.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -34,9 +37,12 @@ class SeedModelSettings:
     checkpoint: str | None
     explore: str
     steps: int
+    source: str | None = None
+    scenes: int = 8
 
     def __post_init__(self) -> None:
         check_range("seed_model.steps", self.steps, 1)
+        check_range("seed_model.scenes", self.scenes, 1)
 
 
 class TrainedModel(NamedTuple):
@@ -69,6 +75,8 @@ class SeedModel:
         self.settings = sections.read("seed_model", SeedModelSettings)
         self._datasets = datasets
         self._training = training
+        if self.settings.source is not None:
+            registry().choose("scenes", {"name": self.settings.source}, "seed_model.source")
         explorer = sections.plugin("explore")
         self._explorer = explorer if self.settings.explore == explorer.name else _named(self.settings.explore)
         final = training.recipe
@@ -83,14 +91,16 @@ class SeedModel:
         """What it is, for the console."""
         if self.settings.checkpoint is not None:
             return f"Seed model: {self.settings.checkpoint}"
-        return f"Seed model: {self._recipe.model.name} on the {self._explorer.name} frames"
+        place = "" if self.settings.source is None else f" of {self.settings.scenes} further {self.settings.source}"
+        return f"Seed model: {self._recipe.model.name} on the {self._explorer.name} frames{place}"
 
     def get(self) -> TrainedModel:
         """The seed model.
 
         It is `seed_model.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the
         model published. Otherwise it is trained on the frames of `seed_model.explore` and kept under
-        `outputs/seed_models` for every run that asks for the same.
+        `outputs/seed_models` for every run that asks for the same. Frames of `seed_model.source` cost the robot no step
+        in the scenes that it explores and are no part of its budget, as those of a foundation are not.
         """
         say(self.description)
         checkpoint = self.settings.checkpoint
@@ -99,7 +109,11 @@ class SeedModel:
 
     def _trained(self) -> str:
         training = replace(self._recipe.training, steps=self.settings.steps)
-        frames = self._datasets.explored(self._explorer)
+        source = self.settings.source
+        if source is None:
+            frames = self._datasets.explored(self._explorer)
+        else:
+            frames = self._datasets.explored_elsewhere(self._explorer, source, self.settings.scenes)
         return str(self._training.train_once(replace(self._recipe, training=training), frames, "seed_models"))
 
 

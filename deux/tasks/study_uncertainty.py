@@ -83,6 +83,7 @@ class Studying:
                 datasets.collect.measure,
                 show,
                 report,
+                datasets.collect.correct_depth,
             )
 
     def draw(self, study: UncertaintyStudy, run: RunFolder) -> None:

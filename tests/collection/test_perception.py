@@ -10,6 +10,7 @@ from deux.collection.perception import SOURCES, Perception, on_host
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.collection.transfers import download
 from deux.contracts import COLOR, Frame, Need, Uncertainty, View
+from deux.geometry.depth_correction import correct_depth
 from deux.geometry.poses import source_from_target
 from deux.inference.precision import FastPredictor
 from deux.registry import registry
@@ -50,13 +51,14 @@ def test_the_view_holds_the_frame_and_those_before_it():
     np.testing.assert_allclose(view.intrinsics[0], CAMERA.intrinsics)
 
 
-def test_all_robots_are_seen_in_one_call_and_each_as_if_alone():
+@pytest.mark.parametrize("corrected", [False, True])
+def test_all_robots_are_seen_in_one_call_and_each_as_if_alone(corrected):
     histories = [history(x=x) for x in (-1.0, 0.0, 1.5)]
-    model = GuessingModel()
-    batched = Perception(model, uncertainty=L1Residual())(histories, CAMERA.intrinsics)
+    model, others = GuessingModel(), {"uncertainty": L1Residual(), "correct_depth": corrected}
+    batched = Perception(model, **others)(histories, CAMERA.intrinsics)
     assert model.batch_sizes == [3]
     for one, frames in zip(batched, histories, strict=True):
-        (alone,) = Perception(GuessingModel(), uncertainty=L1Residual())([frames], CAMERA.intrinsics)
+        (alone,) = Perception(GuessingModel(), **others)([frames], CAMERA.intrinsics)
         torch.testing.assert_close(one.predicted_depth, alone.predicted_depth)
         torch.testing.assert_close(one.residual, alone.residual, equal_nan=True)
         torch.testing.assert_close(one.uncertainty, alone.uncertainty)
@@ -81,6 +83,25 @@ def test_without_a_measure_there_is_no_residual():
     (percept,) = Perception(GuessingModel())([history()], CAMERA.intrinsics)
     assert (percept.residual, percept.uncertainty) == (None, None)
     assert percept.predicted_depth.shape == (CAMERA.height, CAMERA.width)
+
+
+def test_the_depth_that_explorers_get_is_corrected_and_the_judged_one_is_not():
+    frames, sparse = history(), SparseSettings(0.02)
+    (plain,) = Perception(GuessingModel(), sparse, L1Residual())([frames], CAMERA.intrinsics)
+    (percept,) = Perception(GuessingModel(), sparse, L1Residual(), correct_depth=True)([frames], CAMERA.intrinsics)
+    (given,) = on_host([percept], {Need.PREDICTED_DEPTH, Need.RESIDUAL})
+    expected = correct_depth(plain.view.depth, plain.view.sparse_depth, 0.02**-0.5)
+    np.testing.assert_array_equal(given.predicted_depth, expected[0, 0])
+    np.testing.assert_array_equal(percept.view.depth, plain.view.depth)
+    np.testing.assert_array_equal(percept.residual, plain.residual)
+    assert percept.uncertainty == plain.uncertainty
+    truth = frames[0].depth
+    known = truth > 0  # the guess is one depth for all the frame
+    corrected, before = (
+        np.abs(given.predicted_depth - truth)[known],
+        np.abs(plain.predicted_depth.numpy() - truth)[known],
+    )
+    assert corrected.mean() < 0.9 * before.mean()
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,8 @@ SWITCHES = {
     "explore.temperature": ("0.25", "1.0"),
     "seed_model.explore": ("random", "frontier"),
     "seed_model.steps": ("300", "600"),
+    "seed_model.source": ("null", "apartments"),
+    "collect.correct_depth": ("true", "false"),
     "seed_model.checkpoint": ("null", "somewhere/model.safetensors"),
     "callbacks": ("[]", "[active_collection]"),
 }

@@ -44,6 +44,25 @@ def test_what_changes_its_weights_makes_another_model(tiny, tmp_path, change):
     assert len(seed_models(tmp_path)) == 2
 
 
+def test_its_frames_may_come_from_other_scenes(tiny, tmp_path):
+    other = ["seed_model.source=apartments", "seed_model.scenes=1"]
+    outcome = tiny(tmp_path, *GUIDED, *other, "trainer.max_steps=1")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "Seed model: kbnet on the random frames of 1 further apartments" in outcome.out
+    (random,), (guided,) = (
+        [json.loads(file.read_text())["specification"] for file in tmp_path.glob(f"datasets/{name}-*/manifest.json")]
+        for name in ("random", "deux")
+    )
+    assert len(random["scenes"]) == 1
+    assert not {scene["identity"] for scene in random["scenes"]} & {scene["identity"] for scene in guided["scenes"]}
+
+
+def test_an_unknown_source_of_its_scenes_is_told_before_any_work(tiny, tmp_path):
+    sentence = tiny(tmp_path, *GUIDED, "seed_model.source=apartmens").sentence
+    assert sentence.startswith("seed_model.source: there is no scenes called 'apartmens'")
+    assert not list(tmp_path.glob("datasets/*"))
+
+
 def test_an_unknown_kind_is_told(tiny, tmp_path):
     sentence = tiny(tmp_path, *GUIDED, "seed_model.name=voicd").sentence
     assert sentence.startswith("there is no depth model called 'voicd': did you mean voiced?")

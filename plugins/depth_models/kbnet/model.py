@@ -11,6 +11,13 @@ from deux_plugins.depth_models.kbnet.sparse_to_dense import SparseToDensePool
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
 from deux_plugins.depth_models.parts.levels import check_levels
+from deux_plugins.depth_models.parts.margin import (
+    check_margin,
+    crop,
+    move_principal_point,
+    repeat_edge,
+    surround_with_zeros,
+)
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, residual_pose_network
 
 
@@ -28,6 +35,10 @@ class KBNet(DepthModel):
         decoder_filters: channels of the decoder's five levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres.
+        margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
+            depth loses again. The convolutions have no bias and pad with zeros, so that a briefly trained network
+            predicts the outer pixels too near; with a margin those are cropped. Training goes without it, as it gains
+            nothing from it (docs/decisions/0022-rim.md). The published network has none.
     """
 
     objective: ClassVar[LossSettings] = {
@@ -49,12 +60,15 @@ class KBNet(DepthModel):
         decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 12),
         min_depth: float = 0.1,
         max_depth: float = 10.0,
+        margin: int = 0,
     ) -> None:
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(image_filters=image_filters, depth_filters=depth_filters, decoder_filters=decoder_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
+        check_margin(margin)
+        self.margin = margin
         self.sparse_to_dense_pool = SparseToDensePool(tuple(min_pools), tuple(max_pools), pool_filters)
         self.encoder = KBNetEncoder(pool_filters, image_filters, depth_filters)
         joined = [image + depth for image, depth in zip(image_filters, depth_filters, strict=True)]
@@ -64,9 +78,13 @@ class KBNet(DepthModel):
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
     ) -> Prediction:
         """Predict dense depth; see `DepthModel.forward`."""
+        margin = 0 if self.training else self.margin
+        if margin:
+            image, intrinsics = repeat_edge(image, margin), move_principal_point(intrinsics, margin)
+            sparse_depth, validity = (surround_with_zeros(x, margin) for x in (sparse_depth, validity))
         depth_features = self.sparse_to_dense_pool(sparse_depth, validity)
         logits = self.decoder(*self.encoder(image, depth_features, intrinsics))
-        return Prediction(depth_from_logits(logits, self.min_depth, self.max_depth))
+        return Prediction(depth_from_logits(crop(logits, margin), self.min_depth, self.max_depth))
 
     def augmentation(self) -> Sequence[Augmentation]:
         """Half of the samples lose 30 to 60 % of the points that the network is shown."""

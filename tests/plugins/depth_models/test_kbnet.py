@@ -19,6 +19,51 @@ class TestKBNet(DepthModelSuite):
         return KBNet()
 
 
+class TestKBNetWithMargin(DepthModelSuite):
+    def make_model(self) -> DepthModel:
+        return KBNet(
+            image_filters=(4, 8, 8, 8, 8), depth_filters=(4, 4, 4, 4, 4), decoder_filters=(8, 8, 8, 4, 4), margin=4
+        )
+
+
+def test_a_margin_is_the_network_on_an_image_extended_by_hand():
+    torch.manual_seed(0)
+    model, data = KBNet().eval(), camera_data((40, 56))
+    image = torch.from_numpy(np.pad(data["image"].numpy(), ((0, 0), (0, 0), (5, 5), (5, 5)), mode="edge"))
+    sparse = torch.zeros(2, 1, 50, 66)
+    sparse[:, :, 5:-5, 5:-5] = data["sparse_depth"]
+    intrinsics = data["intrinsics"].clone()
+    intrinsics[:, :2, 2] += 5
+    extended = model.predict(image, sparse, intrinsics)
+    model.margin = 5
+    torch.testing.assert_close(model.predict(**data), extended[..., 5:-5, 5:-5])
+
+
+def test_training_goes_without_the_margin():
+    torch.manual_seed(0)
+    model, data = KBNet(margin=4), camera_data((40, 56))
+    inputs = (data["image"], data["sparse_depth"], (data["sparse_depth"] > 0).float(), data["intrinsics"])
+    trained = model.train()(*inputs).depth
+    model.margin = 0
+    torch.testing.assert_close(trained, model.eval()(*inputs).depth)
+
+
+def test_a_margin_keeps_the_padding_of_the_convolutions_away_from_the_rim():
+    """Without texture and points, nothing but the padding tells an outer pixel from its neighbours further in."""
+    torch.manual_seed(0)
+    model = KBNet().eval()
+    image, sparse = torch.full((1, 3, 64, 64), 0.5), torch.zeros(1, 1, 64, 64)
+    intrinsics = torch.tensor([[[32.0, 0.0, 31.5], [0.0, 32.0, 31.5], [0.0, 0.0, 1.0]]])
+
+    def step_at_the_rim() -> float:
+        row = model.predict(image, sparse, intrinsics)[0, 0, 32].log()
+        return float((row[0] - row[2]).abs() + (row[-1] - row[-3]).abs())
+
+    without = step_at_the_rim()
+    model.margin = 8
+    assert step_at_the_rim() < 0.5 * without
+
+
 def test_number_of_parameters_with_the_kitti_pools():
     model = KBNet(min_pools=(5, 7, 9, 11, 13), max_pools=(15, 17))
     assert sum(p.numel() for p in model.parameters()) == 6_957_780
@@ -102,6 +147,7 @@ def test_points_in_the_encoder_are_rays_times_depth():
         ({"min_depth": 3.0, "max_depth": 2.0}, "depth range"),
         ({"min_pools": (15, 16)}, "min_pools holds the window 16"),
         ({"image_filters": (8, 8)}, "image_filters"),
+        ({"margin": -1}, "margin=-1"),
     ],
 )
 def test_impossible_options_are_refused(options, message):

@@ -80,12 +80,11 @@ class SurfaceViews:
         that distance, the mean over the other classes; where it has none, and for the unknown, the mean over all
         surfaces, in that class if there are any. 1 where no residual is known at all.
         """
-        total, count = (
-            np.stack([self._cells[f"{layer} {name}"] for name in CLASSES]) for layer in ("total", "count")
-        )
+        total, count = (np.stack([self._cells[f"{layer} {name}"] for name in CLASSES]) for layer in ("total", "count"))
         if count.sum() == 0:
             return (rays.kind != NOTHING).astype(np.float64)
-        means = np.array([t.sum() / c.sum() if c.any() else total.sum() / count.sum() for t, c in zip(total, count)])
+        totals, counts = total.sum(axis=(1, 2)), count.sum(axis=(1, 2))
+        means = np.where(counts > 0, totals / np.maximum(counts, 1), totals.sum() / counts.sum())
         at_distance = np.digitize(rays.distance, DISTANCES)
         value = np.where(rays.kind == NOTHING, 0.0, means[at_distance])
         rows, columns = self._inside(rays)

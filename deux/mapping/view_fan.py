@@ -91,7 +91,7 @@ def _cast(occupancy, starts, directions, reach):  # type: ignore[no-untyped-def]
         for r in range(len(directions)):
             x, z = starts[n]
             dx, dz = directions[r]
-            column, row = int(math.floor(x)), int(math.floor(z))
+            column, row = math.floor(x), math.floor(z)
             step_x, step_z = 1 if dx > 0.0 else -1, 1 if dz > 0.0 else -1
             # Distances along the ray between two crossings of the grid's lines, and to the next crossing.
             width_x = 1.0 / max(abs(dx), 1e-9)

@@ -35,7 +35,8 @@ class DeuxExplorer(GoalExplorer):
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         per_action: whether the value of an informative target is divided by the actions that it costs.
-        revisits: whether informative targets lie on known floor too, not only at frontiers.
+        revisits: whether informative targets lie on known floor too while there is a frontier to go to.
+        on_the_way: whether the views on the way to an informative target count as well as the one there.
     """
 
     spacing = 0.5
@@ -59,6 +60,7 @@ class DeuxExplorer(GoalExplorer):
         unknown_traversable: bool = False,
         per_action: bool = True,
         revisits: bool = True,
+        on_the_way: bool = True,
     ) -> None:
         super().__init__(map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth")
         if residual_pose not in (None, "pose", "surface", "constant"):
@@ -73,8 +75,7 @@ class DeuxExplorer(GoalExplorer):
         self._residual_pose = residual_pose or ("surface" if target == "informative" else "pose")
         self._target = target
         self._temperature = temperature
-        self._per_action = per_action
-        self._revisits = revisits
+        self._worth = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
@@ -84,7 +85,7 @@ class DeuxExplorer(GoalExplorer):
             if self._residual_pose == "surface"
             else PoseResidualField()
         )
-        self._views = InformativeTargets(episode, self.rng, self._residual_pose, self._per_action, self._revisits)
+        self._views = InformativeTargets(episode, self.rng, self._residual_pose, **self._worth)
         self._until_review = self.review_interval
 
     def act(self, observation: Observation) -> Action:
@@ -104,16 +105,17 @@ class DeuxExplorer(GoalExplorer):
 
     def target_is_stale(self, target: Target) -> bool:
         """Whether an informative target is clearly outdone by another; the others are kept."""
+        if self._target != "informative":
+            return False
         self._until_review -= 1
-        pose = self._pose
-        if self._target != "informative" or target.look_at is None or self._until_review > 0:
+        if self._until_review > 0:
             return False
         self._until_review = self.review_interval
-        reach = self._reach(self.occupancy.frame.cell(pose[0, 3], pose[2, 3]))
+        reach = self._reach(self.occupancy.frame.cell(self._pose[0, 3], self._pose[2, 3]))
         if reach is None:
             return False
         _, distance, candidates = reach
-        return self._views.is_outdone(target, self._map_now(pose, distance), candidates.places)
+        return self._views.is_outdone(target, self._map_now(self._pose, candidates, distance))
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map with the uncertainty field over what is known of the floor."""
@@ -128,7 +130,7 @@ class DeuxExplorer(GoalExplorer):
         frame = self.occupancy.frame
         if self._target == "informative":
             self._until_review = self.review_interval
-            return self._views.choose(self._map_now(pose, distance), candidates.places)
+            return self._views.choose(self._map_now(pose, candidates, distance))
         if len(candidates) == 0:
             places = self.free_places(distance, self.places_without_frontier)
             row, column = places[self._draw(cell_centres(frame, places))]
@@ -143,8 +145,8 @@ class DeuxExplorer(GoalExplorer):
         chosen = self._draw(cell_centres(frame, candidates.cells[sampled]))
         return self.frontier_target(candidates, int(sampled[chosen]))
 
-    def _map_now(self, pose: np.ndarray, distance: np.ndarray) -> MapNow:
-        return MapNow(self.occupancy.cells, self.occupancy.frame, distance, pose)
+    def _map_now(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> MapNow:
+        return MapNow(self.occupancy.cells, self.occupancy.frame, distance, pose, candidates.places)
 
     def _draw(self, points: np.ndarray) -> int:
         """Index of one of N x 2 world points, drawn by the uncertainty near them."""

@@ -192,5 +192,6 @@ class InformativeTargets:
 def _one_of_each_square(cells: np.ndarray, side: float, rng: np.random.Generator) -> np.ndarray:
     """One of the N x 2 cells, drawn at random, in each square with this side."""
     drawn = rng.permutation(cells)
-    _, first = np.unique(np.floor(drawn / side).astype(np.int64), axis=0, return_index=True)
+    rows, columns = np.floor(drawn / side).astype(np.int64).T
+    _, first = np.unique(rows * (columns.max(initial=0) + 1) + columns, return_index=True)
     return drawn[first]

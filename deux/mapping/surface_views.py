@@ -68,9 +68,13 @@ class SurfaceViews:
             shown: N x RAYS bool, the rays inside the field of view.
         """
         shown = shown & (rays.kind != NOTHING)
-        for x, z in rays.ends[shown]:
-            self._cells.cover(float(x), float(z), self._resolution)
-        rows, columns = self._cells.frame.cells(rays.ends[shown][:, 0], rays.ends[shown][:, 1])
+        if not shown.any():
+            return
+        ends = rays.ends[shown]
+        least, most = ends.min(axis=0), ends.max(axis=0)
+        x, z = (least + most) / 2.0
+        self._cells.cover(float(x), float(z), float((most - least).max()) / 2.0 + self._resolution)
+        rows, columns = self._cells.frame.cells(ends[:, 0], ends[:, 1])
         np.bitwise_or.at(self._cells["views"], (rows, columns), _views(rays)[shown])
 
     def uncertainty(self, rays: Rays) -> np.ndarray:

@@ -46,12 +46,16 @@ def share_of_time_on_the_left(explorer, uncertain_side, seed):
     return np.mean(np.array(x_of_steps) < 5.0)
 
 
-@pytest.mark.parametrize("target", ["sampled", "informative"])
-@pytest.mark.parametrize("residual_pose", ["pose", "surface"])
-def test_prefers_the_uncertain_side_of_a_symmetric_room(residual_pose, target):
+@pytest.mark.parametrize(
+    ("residual_pose", "target", "seeds"),
+    [("pose", "sampled", 3), ("surface", "sampled", 3), ("pose", "informative", 1), ("surface", "informative", 1)],
+)
+def test_prefers_the_uncertain_side_of_a_symmetric_room(residual_pose, target, seeds):
     """The share of an episode differs from seed to seed by a standard deviation of 0.08."""
     shares = {
-        side: [share_of_time_on_the_left(DeuxExplorer(residual_pose, target=target), side, seed) for seed in range(3)]
+        side: [
+            share_of_time_on_the_left(DeuxExplorer(residual_pose, target=target), side, seed) for seed in range(seeds)
+        ]
         for side in ("left", "right")
     }
     assert np.mean(shares["left"]) - np.mean(shares["right"]) > 0.15

@@ -8,6 +8,7 @@ from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
+from deux.mapping.informative_targets import InformativeTargets, MapNow
 from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
@@ -18,19 +19,24 @@ class DeuxExplorer(GoalExplorer):
 
     Each target is drawn among places on the frontiers with probability proportional to u ** (1 / temperature),
     where u is the uncertainty recorded nearby (Eq. 8); a target is kept until the robot is there or gives it up.
-    Where no frontier is left, the places are drawn from the free floor instead.
+    Where no frontier is left, the places are drawn from the free floor instead. With target="informative" it goes to
+    the view that is expected to teach the most for each action instead (`deux.mapping.informative_targets`).
 
     Args:
-        residual_pose: where uncertainty lives: at the "pose" that the robot stood at, or on the "surface" that the
-            depth model got wrong.
+        residual_pose: where uncertainty lives: at the "pose" that the robot stood at, on the "surface" that the
+            depth model got wrong, or "constant", the same everywhere. None is "surface" for informative targets and
+            "pose", the paper's, for the others.
         map_depth: what the map is built from: the "predicted" depth (the paper) or the "sensor".
-        target: "sampled", drawn as above; or "greedy", the place with the highest uncertainty.
+        target: "sampled", drawn as above; "greedy", the place with the highest uncertainty; or "informative".
         temperature: 1 draws in proportion to the uncertainty; towards 0 the draw becomes greedy. Uncertainties of
             one scene differ by tens of per cent only: 0.25 draws a place of twice the uncertainty 16 times as often.
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
+        per_action: whether the value of an informative target is divided by the actions that it costs.
+        revisits: whether informative targets lie on known floor too while there is a frontier to go to.
+        on_the_way: whether the views on the way to an informative target count as well as the one there.
     """
 
     spacing = 0.5
@@ -39,47 +45,77 @@ class DeuxExplorer(GoalExplorer):
     places_without_frontier = 64
     """Number of places drawn from the free floor where no frontier is left."""
 
+    review_interval = 8
+    """Actions after which an informative target is compared with others again."""
+
     def __init__(
         self,
-        residual_pose: Literal["pose", "surface"] = "pose",
+        residual_pose: Literal["pose", "surface", "constant"] | None = None,
         map_depth: DepthSource = "predicted",
-        target: Literal["sampled", "greedy"] = "sampled",
+        target: Literal["sampled", "greedy", "informative"] = "sampled",
         temperature: float = 0.25,
         resolution: float = 0.05,
         max_range: float = 3.0,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
+        per_action: bool = True,
+        revisits: bool = True,
+        on_the_way: bool = True,
     ) -> None:
         super().__init__(map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth")
-        if residual_pose not in ("pose", "surface"):
-            raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose" or "surface".')
-        if target not in ("sampled", "greedy"):
-            raise DeuxError(f'deux\'s target is "{target}": it must be "sampled" or "greedy".')
+        if residual_pose not in (None, "pose", "surface", "constant"):
+            raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')
+        if target not in ("sampled", "greedy", "informative"):
+            raise DeuxError(f'deux\'s target is "{target}": it must be "sampled", "greedy" or "informative".')
         if temperature <= 0.0:
             raise DeuxError(
                 f'deux\'s temperature is {temperature}: it must be positive (target="greedy" is its limit).'
             )
         self.needs |= {Need.RESIDUAL}
-        self._residual_pose = residual_pose
-        self._greedy = target == "greedy"
+        self._residual_pose = residual_pose or ("surface" if target == "informative" else "pose")
+        self._target = target
         self._temperature = temperature
+        self._worth = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
         super().reset(episode)
         self._field: ResidualField = (
-            PoseResidualField()
-            if self._residual_pose == "pose"
-            else SurfaceResidualField(episode.camera, self._resolution)
+            SurfaceResidualField(episode.camera, self._resolution)
+            if self._residual_pose == "surface"
+            else PoseResidualField()
         )
+        self._views = InformativeTargets(episode, self.rng, self._residual_pose, **self._worth)
+        self._until_review = self.review_interval
 
     def act(self, observation: Observation) -> Action:
         """Record the frame's residual, then go on towards the target."""
         assert observation.residual is not None
         assert observation.uncertainty is not None
         depth = self.map_depth(observation)
-        self._field.update(observation.pose, depth, observation.residual, observation.uncertainty)
-        return super().act(observation)
+        self._pose = observation.pose
+        if self._residual_pose != "constant":
+            self._field.update(observation.pose, depth, observation.residual, observation.uncertainty)
+        if self._target != "informative":
+            return super().act(observation)
+        self._views.record(observation.pose, depth, observation.residual, observation.uncertainty)
+        action = super().act(observation)
+        self._views.mark_seen(observation.pose, self.occupancy.cells, self.occupancy.frame)
+        return action
+
+    def target_is_stale(self, target: Target) -> bool:
+        """Whether an informative target is clearly outdone by another; the others are kept."""
+        if self._target != "informative":
+            return False
+        self._until_review -= 1
+        if self._until_review > 0:
+            return False
+        self._until_review = self.review_interval
+        reach = self._reach(self.occupancy.frame.cell(self._pose[0, 3], self._pose[2, 3]))
+        if reach is None:
+            return False
+        _, distance, candidates = reach
+        return self._views.is_outdone(target, self._map_now(self._pose, candidates, distance))
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map with the uncertainty field over what is known of the floor."""
@@ -92,6 +128,9 @@ class DeuxExplorer(GoalExplorer):
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
         """`SampleFrontiers`, then `SampleDepthGuidedTarget`."""
         frame = self.occupancy.frame
+        if self._target == "informative":
+            self._until_review = self.review_interval
+            return self._views.choose(self._map_now(pose, candidates, distance))
         if len(candidates) == 0:
             places = self.free_places(distance, self.places_without_frontier)
             row, column = places[self._draw(cell_centres(frame, places))]
@@ -106,13 +145,16 @@ class DeuxExplorer(GoalExplorer):
         chosen = self._draw(cell_centres(frame, candidates.cells[sampled]))
         return self.frontier_target(candidates, int(sampled[chosen]))
 
+    def _map_now(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> MapNow:
+        return MapNow(self.occupancy.cells, self.occupancy.frame, distance, pose, candidates.places)
+
     def _draw(self, points: np.ndarray) -> int:
         """Index of one of N x 2 world points, drawn by the uncertainty near them."""
         uncertainty = self._field.at(points)
-        if self._greedy:
-            return int(np.argmax(uncertainty))
         largest = uncertainty.max()
         if largest <= 0.0:
             return int(self.rng.integers(len(points)))
+        if self._target == "greedy":
+            return int(np.argmax(uncertainty))
         weights = (uncertainty / largest) ** (1.0 / self._temperature)
         return int(self.rng.choice(len(points), p=weights / weights.sum()))

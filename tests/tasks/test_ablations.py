@@ -7,10 +7,13 @@ from deux.registry import registry
 from deux.report.conditions import Conditions, conditions
 
 SWITCHES = {
-    "explore.residual_pose": ("pose", "surface"),
+    "explore.residual_pose": ("null", "pose", "surface", "constant"),
     "collect.uncertainty": ("l1", *(name for name in registry().names("uncertainties") if name != "l1")),
     "explore.map_depth": ("predicted", "sensor"),
-    "explore.target": ("sampled", "greedy"),
+    "explore.target": ("sampled", "greedy", "informative"),
+    "explore.per_action": ("true", "false"),
+    "explore.revisits": ("true", "false"),
+    "explore.on_the_way": ("true", "false"),
     "explore.temperature": ("0.25", "1.0"),
     "seed_model.explore": ("random", "frontier"),
     "seed_model.steps": ("300", "600"),

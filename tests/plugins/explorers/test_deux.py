@@ -21,6 +21,11 @@ class TestDeuxExplorerOnSurfaces(ExplorerSuite):
         return DeuxExplorer(residual_pose="surface", map_depth="sensor", target="greedy")
 
 
+class TestDeuxExplorerWithInformativeTargets(ExplorerSuite):
+    def make_explorer(self):
+        return DeuxExplorer(target="informative")
+
+
 def share_of_time_on_the_left(explorer, uncertain_side, seed):
     """Run in an empty symmetric room where one half is hard for the depth model; the robot starts in the middle."""
     world = BoxWorld(10.0, 3.0)
@@ -41,11 +46,16 @@ def share_of_time_on_the_left(explorer, uncertain_side, seed):
     return np.mean(np.array(x_of_steps) < 5.0)
 
 
-@pytest.mark.parametrize("residual_pose", ["pose", "surface"])
-def test_prefers_the_uncertain_side_of_a_symmetric_room(residual_pose):
+@pytest.mark.parametrize(
+    ("residual_pose", "target", "seeds"),
+    [("pose", "sampled", 3), ("surface", "sampled", 3), ("pose", "informative", 3), ("surface", "informative", 1)],
+)
+def test_prefers_the_uncertain_side_of_a_symmetric_room(residual_pose, target, seeds):
     """The share of an episode differs from seed to seed by a standard deviation of 0.08."""
     shares = {
-        side: [share_of_time_on_the_left(DeuxExplorer(residual_pose), side, seed) for seed in range(3)]
+        side: [
+            share_of_time_on_the_left(DeuxExplorer(residual_pose, target=target), side, seed) for seed in range(seeds)
+        ]
         for side in ("left", "right")
     }
     assert np.mean(shares["left"]) - np.mean(shares["right"]) > 0.15
@@ -56,6 +66,36 @@ def test_high_temperature_forgets_the_uncertainty():
     explorer = DeuxExplorer(temperature=1e6)
     shares = [share_of_time_on_the_left(explorer, "left", seed) for seed in range(4)]
     assert 0.3 < np.mean(shares) < 0.7
+
+
+@pytest.mark.parametrize("target", ["sampled", "greedy", "informative"])
+def test_a_constant_uncertainty_knows_no_sides(target):
+    shares = {
+        side: share_of_time_on_the_left(DeuxExplorer("constant", target=target), side, seed=0)
+        for side in ("left", "right")
+    }
+    assert shares["left"] == shares["right"]
+
+
+def test_uncertainty_lives_on_surfaces_for_informative_targets_and_at_poses_for_the_papers():
+    same = {
+        "sampled": (DeuxExplorer(), DeuxExplorer("pose")),
+        "informative": (DeuxExplorer(target="informative"), DeuxExplorer("surface", target="informative")),
+    }
+    for by_default, named in same.values():
+        assert run(by_default, two_rooms(), 80) == run(named, two_rooms(), 80)
+
+
+def test_informative_targets_explore_both_rooms():
+    x = []
+
+    def watched(observation):
+        x.append(observation.pose[0, 3])
+        return observation
+
+    run(DeuxExplorer(target="informative"), two_rooms(), 200, 0, watched)
+    assert min(x) < 2.5
+    assert max(x) > 3.5
 
 
 @pytest.mark.parametrize("residual_pose", ["pose", "surface"])

@@ -1,0 +1,197 @@
+"""Targets by what a view from there is expected to teach the depth model, for each action that it costs."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from deux.contracts import Episode
+from deux.geometry.grid import GridFrame
+from deux.geometry.poses import yaw_of
+from deux.mapping.action_costs import action_costs
+from deux.mapping.field_paths import points_on_paths
+from deux.mapping.frontier_targets import cell_centres
+from deux.mapping.pursuit import Target
+from deux.mapping.residual_field import PoseResidualField
+from deux.mapping.surface_views import SurfaceViews
+from deux.mapping.view_fan import NOTHING, RAYS, cast_rays, headings, pixel_shares
+
+ResidualPlace = Literal["surface", "pose", "constant"]
+
+HEADINGS = 12
+"""Headings in which the robot may look at each place: one every 30 degrees."""
+
+
+@dataclass(frozen=True)
+class MapNow:
+    """The robot's map at the moment of a choice.
+
+    Args:
+        occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
+        frame: where the grid lies.
+        distance: rows x columns float64, path length from the robot in cells, inf where it cannot go.
+        pose: 4 x 4, the camera's camera-to-world matrix.
+        frontier_places: N x 2 int64 (row, column), where the robot can stand to look at frontiers.
+    """
+
+    occupancy: np.ndarray
+    frame: GridFrame
+    distance: np.ndarray
+    pose: np.ndarray
+    frontier_places: np.ndarray
+
+
+class InformativeTargets:
+    """Chooses the target from which, and on the way to which, the depth model learns the most for each action.
+
+    A candidate is a place with a heading: known free floor and frontiers alike. The value of a view is the sum over
+    the rays of its field of view of
+
+        share of the image x uncertainty of what the ray shows x what is left to learn from it,
+
+    where the last two are those of `deux.mapping.surface_views`. The views on the way, along the path, are added to
+    that of the target, and the sum is divided by the actions that lead there, turns included, and `overhead`.
+    Values are only compared with each other, so the unit of the uncertainty does not matter.
+
+    Args:
+        episode: its camera and robot.
+        rng: draws the places.
+        residual_pose: what uncertainty belongs to: the "surface" that a ray shows, the "pose" from which it is seen
+            (the mean over frames nearby), or "constant", the same everywhere, so that only novelty counts.
+        per_action: whether the value is divided by the actions.
+        revisits: whether known floor is a candidate as long as there is a frontier to go to.
+        on_the_way: whether the views on the way count.
+    """
+
+    max_range = 5.0
+    """Metres that a view reaches."""
+
+    spacing = 0.5
+    """Metres between candidate places, and between the views that count on the way."""
+
+    most_places = 300
+    """Places that are looked at for one choice."""
+
+    least_way = 0.5
+    """Metres that a target is away at least, if any is: a turn on the spot gives no parallax."""
+
+    overhead = 3.0
+    """Actions that are added to each way; without them the nearest view nearly always wins."""
+
+    switch = 1.5
+    """A target is given up for another that teaches this many times as much for an action."""
+
+    def __init__(
+        self,
+        episode: Episode,
+        rng: np.random.Generator,
+        residual_pose: ResidualPlace = "surface",
+        per_action: bool = True,
+        revisits: bool = True,
+        on_the_way: bool = True,
+    ) -> None:
+        self._camera, self._robot, self._rng = episode.camera, episode.robot, rng
+        self._residual_pose = residual_pose
+        self._per_action, self._revisits, self._on_the_way = per_action, revisits, on_the_way
+        self._surfaces = SurfaceViews(episode.camera, self.max_range)
+        self._poses = PoseResidualField()
+        self._yaws = headings()[:: RAYS // HEADINGS]
+        self._shares = pixel_shares(episode.camera, self._yaws)
+        self._last_place: np.ndarray | None = None
+
+    def record(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
+        """Add one frame's uncertainty; arguments as of `ResidualField.update`."""
+        if self._residual_pose == "surface":
+            self._surfaces.record(pose, depth, residual)
+        elif self._residual_pose == "pose":
+            self._poses.update(pose, depth, residual, uncertainty)
+
+    def mark_seen(self, pose: np.ndarray, occupancy: np.ndarray, frame: GridFrame) -> None:
+        """Remember what the frame at this pose showed, unless the robot only turned since the frame before it.
+
+        Args:
+            pose: 4 x 4 camera-to-world.
+            occupancy: rows x columns int8, with this frame in it.
+            frame: where the grid lies.
+        """
+        place, before = pose[[0, 2], 3], self._last_place
+        self._last_place = place
+        if before is None or np.hypot(*(place - before)) > 0.4 * self._robot.forward_step:
+            rays = cast_rays(occupancy, frame, place[None], self.max_range)
+            self._surfaces.mark_seen(rays, pixel_shares(self._camera, np.array([yaw_of(pose)])) > 0.0)
+
+    def choose(self, now: MapNow) -> Target | None:
+        """The target that teaches the most for an action; None where there is no place to go to."""
+        cells, candidate = self._places(now)
+        if not candidate.any():
+            return None
+        rates = np.where(candidate[:, None], self._rates(now, cells), -1.0)
+        place, heading = np.unravel_index(int(np.argmax(rates)), rates.shape)
+        x, z = now.frame.centre(float(cells[place, 0]), float(cells[place, 1]))
+        yaw = float(self._yaws[heading])
+        return Target((x, z), look_at=(x - math.sin(yaw), z - math.cos(yaw)))
+
+    def is_outdone(self, target: Target, now: MapNow) -> bool:
+        """Whether another target is better than a chosen one by the factor `switch`; false if no way leads to it."""
+        assert target.look_at is not None
+        cell = now.frame.cell(*target.place)
+        if not np.isfinite(now.distance[cell]):
+            return False
+        cells, candidate = self._places(now)
+        rates = self._rates(now, np.concatenate([[cell], cells]))
+        yaw = math.atan2(target.place[0] - target.look_at[0], target.place[1] - target.look_at[1])
+        heading = int(np.argmax(np.cos(self._yaws - yaw)))
+        return bool(rates[1:][candidate].max(initial=0.0) > self.switch * rates[0, heading])
+
+    def values(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
+        """What the views from N x 2 cells (row, column) are expected to teach, N x HEADINGS float64."""
+        points = cell_centres(now.frame, cells)
+        rays = cast_rays(now.occupancy, now.frame, points, self.max_range)
+        worth = np.where(rays.kind == NOTHING, 0.0, self._surfaces.novelty(rays))
+        if self._residual_pose == "surface":
+            worth *= self._surfaces.uncertainty(rays)
+        elif self._residual_pose == "pose":
+            worth *= self._poses.at(points)[:, None]
+        return worth @ self._shares.T
+
+    def _rates(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
+        """What each target teaches for an action, N x HEADINGS."""
+        values = self.values(now, cells)
+        worth = values + self._values_on_the_way(now, cells, values)[:, None] if self._on_the_way else values
+        if not self._per_action:
+            return worth
+        costs = action_costs(np.isfinite(now.distance), now.frame, now.pose, self._robot)
+        actions = costs.to_views(np.repeat(cells, HEADINGS, axis=0), np.tile(self._yaws, len(cells)))
+        return worth / (actions.reshape(worth.shape) + self.overhead)
+
+    def _values_on_the_way(self, now: MapNow, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Sum of the views along the path to each cell, N: each is taken to be that from the nearest of the cells."""
+        points = points_on_paths(now.distance, cells, round(self.spacing / now.frame.resolution))
+        if len(points.goal) == 0:
+            return np.zeros(len(cells))
+        nearest = cKDTree(cells).query(points.cells)[1]
+        yaw = np.arctan2(-points.motion[:, 1], -points.motion[:, 0])
+        heading = np.rint(yaw / (2.0 * math.pi / HEADINGS)).astype(np.int64) % HEADINGS
+        return np.bincount(points.goal, values[nearest, heading], minlength=len(cells))
+
+    def _places(self, now: MapNow) -> tuple[np.ndarray, np.ndarray]:
+        """N x 2 places (row, column), one of each square of floor and of frontier, and which of them are candidates."""
+        side = self.spacing / now.frame.resolution
+        frontier = _one_of_each_square(now.frontier_places, side, self._rng)
+        floor = _one_of_each_square(np.argwhere(np.isfinite(now.distance)), side, self._rng)
+        room = max(0, self.most_places - len(frontier))
+        floor = floor if len(floor) <= room else self._rng.choice(floor, room, replace=False)
+        cells = np.concatenate([frontier, floor])
+        candidate = (np.arange(len(cells)) < len(frontier)) | self._revisits | (len(frontier) == 0)
+        far = now.distance[cells[:, 0], cells[:, 1]] * now.frame.resolution >= self.least_way
+        return cells, candidate & far if (candidate & far).any() else candidate
+
+
+def _one_of_each_square(cells: np.ndarray, side: float, rng: np.random.Generator) -> np.ndarray:
+    """One of the N x 2 cells, drawn at random, in each square with this side."""
+    drawn = rng.permutation(cells)
+    rows, columns = np.floor(drawn / side).astype(np.int64).T
+    _, first = np.unique(rows * (columns.max(initial=0) + 1) + columns, return_index=True)
+    return drawn[first]

@@ -1,0 +1,152 @@
+"""What is known of the surfaces: how uncertain the depth model is of them, by distance, and how they were seen."""
+
+import math
+
+import numpy as np
+
+from deux.compilation import compiled
+from deux.geometry.camera import Camera
+from deux.mapping.growing_grid import GrowingGrid
+from deux.mapping.view_fan import NOTHING, SURFACE, Rays, headings
+
+DISTANCES = (1.0, 3.0)
+"""Metres at which the distance classes end: near, middle, and far beyond."""
+
+CLASSES = ("near", "middle", "far")
+
+SECTORS = 16
+"""Bearings from which a surface is seen alike: 22.5 degrees each, about a metre of parallax at 2.5 m."""
+
+
+class SurfaceViews:
+    """The uncertainty of surfaces and the ways in which they were seen, on cells of the floor plan.
+
+    A cell keeps, for each class of distances from which it was seen, the mean residual of the pixels that showed it
+    at any height; and a set of views: which of the SECTORS x 3 pairs of bearing and distance class it was seen in.
+
+    Args:
+        camera: the camera that the depth images come from.
+        max_range: distance along the floor in metres up to which pixels count.
+        resolution: edge of a cell in metres.
+    """
+
+    def __init__(self, camera: Camera, max_range: float = 5.0, resolution: float = 0.1) -> None:
+        self._camera = camera
+        self._max_range = max_range
+        layers: dict[str, type] = {"views": np.int64}
+        layers |= {f"total {name}": np.float64 for name in CLASSES}
+        layers |= {f"count {name}": np.int64 for name in CLASSES}
+        self._resolution = resolution
+        self._cells = GrowingGrid(resolution, layers)
+
+    def record(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray) -> None:
+        """Add one frame's residuals.
+
+        Args:
+            pose: 4 x 4 camera-to-world.
+            depth: H x W metres, 0 or NaN = none.
+            residual: H x W uncertainty of the pixels, not negative, NaN = not known.
+        """
+        self._cells.cover(float(pose[0, 3]), float(pose[2, 3]), self._max_range + self._resolution)
+        frame, k = self._cells.frame, self._camera.intrinsics
+        _record(
+            np.asarray(depth, np.float32),
+            np.asarray(residual, np.float32),
+            np.ascontiguousarray(pose, np.float64),
+            (k[0, 0], k[0, 2], k[1, 2]),
+            self._max_range,
+            (frame.origin_x, frame.origin_z, self._resolution),
+            tuple(self._cells[f"total {name}"] for name in CLASSES),
+            tuple(self._cells[f"count {name}"] for name in CLASSES),
+        )
+
+    def mark_seen(self, rays: Rays, shown: np.ndarray) -> None:
+        """Remember that what the rays end in was seen, surfaces and what stays unknown alike.
+
+        Args:
+            rays: of one place or more.
+            shown: N x RAYS bool, the rays inside the field of view.
+        """
+        shown = shown & (rays.kind != NOTHING)
+        if not shown.any():
+            return
+        ends = rays.ends[shown]
+        least, most = ends.min(axis=0), ends.max(axis=0)
+        x, z = (least + most) / 2.0
+        self._cells.cover(float(x), float(z), float((most - least).max()) / 2.0 + self._resolution)
+        rows, columns = self._cells.frame.cells(ends[:, 0], ends[:, 1])
+        np.bitwise_or.at(self._cells["views"], (rows, columns), _views(rays)[shown])
+
+    def uncertainty(self, rays: Rays) -> np.ndarray:
+        """The uncertainty of what each ray shows, N x RAYS float64; 0 for `NOTHING`.
+
+        A surface has the mean residual of its cell in the class of the ray's distance; where it was never seen from
+        that distance, the mean over the other classes; where it has none, and for the unknown, the mean over all
+        surfaces, in that class if there are any. 1 where no residual is known at all.
+        """
+        total, count = (np.stack([self._cells[f"{layer} {name}"] for name in CLASSES]) for layer in ("total", "count"))
+        if count.sum() == 0:
+            return (rays.kind != NOTHING).astype(np.float64)
+        totals, counts = total.sum(axis=(1, 2)), count.sum(axis=(1, 2))
+        means = np.where(counts > 0, totals / np.maximum(counts, 1), totals.sum() / counts.sum())
+        at_distance = np.digitize(rays.distance, DISTANCES)
+        value = np.where(rays.kind == NOTHING, 0.0, means[at_distance])
+        rows, columns = self._inside(rays)
+        known = (rays.kind == SURFACE) & (rows >= 0)
+        chosen = at_distance[known], rows[known], columns[known]
+        own_total, own_count = total[chosen], count[chosen]
+        all_total, all_count = (layer.sum(axis=0)[chosen[1:]] for layer in (total, count))
+        result = np.where(own_count > 0, own_total / np.maximum(own_count, 1), all_total / np.maximum(all_count, 1))
+        value[known] = np.where(all_count > 0, result, value[known])
+        return value
+
+    def novelty(self, rays: Rays) -> np.ndarray:
+        """How much is left to learn from what each ray shows, N x RAYS float64 in (0, 1].
+
+        (1 + n) ** -(1 + s), where n is the number of views that its cell was seen in, pairs of bearing and distance
+        class, and s is 1 if this would be one of them, else 0: the more often and the more alike, the less.
+        """
+        rows, columns = self._inside(rays)
+        views = np.where(rows >= 0, self._cells["views"][rows, columns], 0) if self._cells["views"].size else 0
+        repeated = (views & _views(rays)) != 0
+        return (1.0 + np.bitwise_count(views)) ** -(1.0 + repeated)
+
+    def _inside(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+        """Row and column of each ray's end; -1 where it has none or lies outside the grid."""
+        ends = np.where(np.isfinite(rays.ends), rays.ends, 0.0)
+        rows, columns = self._cells.frame.cells(ends[..., 0], ends[..., 1])
+        inside = self._cells.frame.contains(rows, columns) & (rays.kind != NOTHING)
+        return np.where(inside, rows, -1), np.where(inside, columns, -1)
+
+
+def _views(rays: Rays) -> np.ndarray:
+    """The view in which each ray shows its end, one bit of an int64."""
+    sector = (headings() / (2.0 * math.pi) * SECTORS).astype(np.int64)
+    return np.int64(1) << (sector * len(CLASSES) + np.digitize(rays.distance, DISTANCES))
+
+
+@compiled
+def _record(depth, residual, pose, lens, max_range, lattice, total, count):  # type: ignore[no-untyped-def]
+    """Add each pixel's residual to the cell that its point falls into, in the class of its distance."""
+    f, cx, cy = lens
+    origin_x, origin_z, resolution = lattice
+    for v in range(depth.shape[0]):
+        b = (v - cy) / f
+        for u in range(depth.shape[1]):
+            d = depth[v, u]
+            if not d > 0.0 or not np.isfinite(residual[v, u]):
+                continue
+            a = (u - cx) / f
+            dx = (pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]) * d
+            dz = (pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]) * d
+            distance = math.sqrt(dx * dx + dz * dz)
+            if distance > max_range:
+                continue
+            at_distance = 0
+            for bound in DISTANCES:
+                if distance >= bound:
+                    at_distance += 1
+            row = int((pose[2, 3] + dz - origin_z) / resolution)
+            column = int((pose[0, 3] + dx - origin_x) / resolution)
+            total[at_distance][row, column] += residual[v, u]
+            count[at_distance][row, column] += 1

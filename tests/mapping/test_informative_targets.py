@@ -1,0 +1,124 @@
+import math
+
+import numpy as np
+import pytest
+
+from deux.contracts import Episode, Robot
+from deux.geometry.camera import Camera
+from deux.geometry.grid import GridFrame
+from deux.geometry.poses import camera_pose
+from deux.mapping.informative_targets import InformativeTargets, MapNow
+from deux.mapping.planning import distance_field
+from deux.mapping.pursuit import Target
+
+CAMERA = Camera(32, 32)
+FRAME = GridFrame(0.0, 0.0, 80, 120, 0.1)
+NOWHERE = np.zeros((0, 2), np.int64)
+
+
+def room():
+    """A closed room of 12 x 8 m with walls of 0.2 m."""
+    occupancy = np.full(FRAME.shape, 2, np.int8)
+    occupancy[:2] = occupancy[-2:] = 1
+    occupancy[:, :2] = occupancy[:, -2:] = 1
+    return occupancy
+
+
+def now(occupancy=None, x=6.0, z=4.0, yaw=0.0, frontier_places=NOWHERE):
+    occupancy = room() if occupancy is None else occupancy
+    distance = distance_field(occupancy == 2, FRAME.cell(x, z))
+    return MapNow(occupancy, FRAME, distance, camera_pose(x, 1.25, z, yaw), frontier_places)
+
+
+def targets(**options):
+    return InformativeTargets(Episode(0, 100, CAMERA, Robot()), np.random.default_rng(0), **options)
+
+
+def show_walls(chooser, left, right):
+    """Frames of the room's end walls at x = 0.2 and x = 11.8, from 2 m, with these residuals."""
+    for x, yaw, residual in ((2.15, math.pi / 2, left), (9.85, -math.pi / 2, right)):
+        for z in (2.0, 4.0, 6.0):
+            pose = camera_pose(x, 1.25, z, yaw)
+            values = np.full((32, 32), residual, np.float32)
+            chooser.record(pose, np.full((32, 32), 2.0, np.float32), values, 1.0 - math.exp(-residual))
+
+
+def heading(target):
+    return math.atan2(target.place[0] - target.look_at[0], target.place[1] - target.look_at[1])
+
+
+@pytest.mark.parametrize(("left", "right", "side"), [(0.5, 0.05, 1.0), (0.05, 0.5, -1.0)])
+def test_it_goes_to_look_at_the_uncertain_wall(left, right, side):
+    chooser = targets()
+    show_walls(chooser, left, right)
+    chosen = chooser.choose(now())
+    assert side * math.sin(heading(chosen)) > 0.4  # a positive yaw looks along -x
+
+
+def test_where_all_is_alike_a_value_is_the_share_of_the_image_that_shows_a_surface():
+    """From the middle the long wall is 3.85 m away: within 5 m up to acos(3.85 / 5) = 39.6 degrees aside."""
+    values = targets(residual_pose="constant").values(now(), np.array([[40, 60]]))
+    assert values[0, 0] == pytest.approx(math.tan(math.acos(3.85 / 5.0)), abs=0.08)  # a ray is 5 degrees wide
+    assert values[0, 3] == pytest.approx(0.0, abs=0.08)  # all that can be seen that way is more than 5 m away
+
+
+def test_novelty_alone_prefers_what_was_not_seen():
+    chooser = targets(residual_pose="constant")
+    for x in np.arange(2.0, 6.0, 0.5):
+        for yaw in (0.0, math.pi / 2, math.pi):
+            chooser.mark_seen(camera_pose(x, 1.25, 4.0, yaw), room(), FRAME)
+    assert chooser.choose(now()).place[0] > 6.0
+
+
+def test_turns_without_motion_teach_nothing_and_leave_the_novelty():
+    chooser = targets(residual_pose="constant")
+    chooser.mark_seen(camera_pose(6.0, 1.25, 4.0, 0.0), room(), FRAME)
+    before = chooser.values(now(), np.array([[40, 60]]))
+    for yaw in (1.0, 2.0, 3.0):
+        chooser.mark_seen(camera_pose(6.0, 1.25, 4.0, yaw), room(), FRAME)
+    assert np.array_equal(chooser.values(now(), np.array([[40, 60]])), before)
+
+
+def test_the_unknown_is_worth_the_mean_error():
+    occupancy = room()
+    occupancy[:, 90:] = 0
+    chooser = targets()
+    show_walls(chooser, 0.3, 0.3)
+    into_the_unknown, to_the_wall = (chooser.values(now(occupancy), np.array([[40, column]])) for column in (75, 35))
+    assert into_the_unknown[0, 9] == pytest.approx(0.3, rel=0.05)  # heading 9: a quarter turn right
+    assert to_the_wall[0, 3] == pytest.approx(0.3, rel=0.05)
+
+
+def test_actions_count():
+    """Of two walls that are alike the nearer one is chosen, unless actions do not count."""
+    chosen = {
+        side: targets(residual_pose="constant", on_the_way=False).choose(now(x=x)).place[0]
+        for side, x in (("left", 2.0), ("right", 10.0))
+    }
+    assert chosen["left"] < 4.5
+    assert chosen["right"] > 7.5
+    free = [targets(residual_pose="constant", on_the_way=False, per_action=False).choose(now(x=x)) for x in (2.0, 10.0)]
+    assert free[0] == free[1]
+
+
+def test_without_revisits_only_frontiers_are_candidates():
+    frontier = np.array([[20, 90]])
+    chosen = targets(revisits=False).choose(now(frontier_places=frontier))
+    assert FRAME.cell(*chosen.place) == (20, 90)
+    assert targets(revisits=False).choose(now()) is not None  # none is left: known floor after all
+
+
+def test_a_target_is_given_up_only_for_a_clearly_better_one():
+    chooser = targets()
+    show_walls(chooser, 0.5, 0.05)
+    there = now()
+    chosen = chooser.choose(there)
+    assert not chooser.is_outdone(chosen, there)
+    place = FRAME.centre(40, 100)
+    poor = Target(place, look_at=(place[0] + 1.0, place[1]))
+    assert chooser.is_outdone(poor, there)
+
+
+def test_a_robot_without_floor_has_no_target():
+    shut = np.ones(FRAME.shape, np.int8)
+    assert targets().choose(now(shut)) is None

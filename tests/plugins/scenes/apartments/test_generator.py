@@ -13,9 +13,9 @@ from deux.geometry.grid import FreeSpace
 from deux.scenes.free_space import free_space
 from deux.scenes.ray_caster import Hits, RayCaster
 from deux_plugins.scenes.apartments import APARTMENT_VERSION, LABEL_NAMES, apartment
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.floor_plan import make_floor_plan
-from deux_plugins.scenes.apartments.labels import STRUCTURE
+from deux_plugins.scenes.apartments.layout import make_floor_plan
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.labels import STRUCTURE
 
 DIGEST_OF_SEED_0 = "2b4b918cede33889aad1c079ff972ca25e00661eda32695d5b818afcc97af267"
 """Of version 1. If it changes, either something became machine-dependent or APARTMENT_VERSION has to be raised."""

@@ -1,9 +1,9 @@
 """Beds and what things are kept in: wardrobes, cabinets, shelves, the television's board."""
 
-from deux_plugins.scenes.apartments.furniture_clutter import book_pile, book_row, bowl, carton, table_lamp, vase
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.style import Style
-from deux_plugins.scenes.apartments.surfaces import Surface
+from deux_plugins.scenes.parts.furniture_clutter import book_pile, book_row, bowl, carton, table_lamp, vase
+from deux_plugins.scenes.parts.shapes import Model
+from deux_plugins.scenes.parts.style import Style
+from deux_plugins.scenes.parts.surfaces import Surface
 
 
 def bed(style: Style, width: float) -> Model:

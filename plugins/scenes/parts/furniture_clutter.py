@@ -1,7 +1,7 @@
 """Small things that lie on furniture; their origin is in the middle of their back, on what they stand on."""
 
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.style import Style
+from deux_plugins.scenes.parts.shapes import Model
+from deux_plugins.scenes.parts.style import Style
 
 
 def book_pile(style: Style) -> Model:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deux_plugins.scenes.apartments.canvas import Canvas, NoiseBank, lattice_noise, planes, to_bytes
-from deux_plugins.scenes.apartments.draws import Draws
+from deux_plugins.scenes.parts.canvas import Canvas, NoiseBank, lattice_noise, planes, to_bytes
+from deux_plugins.scenes.parts.draws import Draws
 
 
 @pytest.fixture

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.canvas import Canvas, Color, scaled, smoothstep, triangle
-from deux_plugins.scenes.apartments.textures_floor import WOOD_TONES
+from deux_plugins.scenes.parts.canvas import Canvas, Color, scaled, smoothstep, triangle
+from deux_plugins.scenes.parts.textures_floor import WOOD_TONES
 
 WALL_TONES: tuple[Color, ...] = (
     (216, 208, 192), (190, 206, 198), (212, 192, 178), (182, 196, 212), (224, 206, 168), (204, 190, 208),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.lighting import Light, shade
+from deux_plugins.scenes.parts.lighting import Light, shade
 
 ROOM = Light((0.0, 0.0, 4.0, 4.0), 2.5, (1.0, 1.0, 1.0))
 OTHER = Light((5.0, 0.0, 9.0, 4.0), 2.5, (1.0, 0.8, 0.6))

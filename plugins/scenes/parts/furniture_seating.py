@@ -1,7 +1,7 @@
 """Sofas, armchairs, chairs and stools."""
 
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.style import Style
+from deux_plugins.scenes.parts.shapes import Model
+from deux_plugins.scenes.parts.style import Style
 
 
 def sofa(style: Style) -> Model:

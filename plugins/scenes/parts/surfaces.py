@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import Material
-from deux_plugins.scenes.apartments import textures_floor, textures_object, textures_picture, textures_wall
-from deux_plugins.scenes.apartments.canvas import Canvas, Color, NoiseBank, to_bytes
-from deux_plugins.scenes.apartments.draws import Draws
+from deux_plugins.scenes.parts import textures_floor, textures_object, textures_picture, textures_wall
+from deux_plugins.scenes.parts.canvas import Canvas, Color, NoiseBank, to_bytes
+from deux_plugins.scenes.parts.draws import Draws
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.canvas import Canvas, Color, scaled, smoothstep, triangle
-from deux_plugins.scenes.apartments.textures_object import FABRIC_TONES
-from deux_plugins.scenes.apartments.textures_wall import ACCENT_TONES, WALL_TONES
+from deux_plugins.scenes.parts.canvas import Canvas, Color, scaled, smoothstep, triangle
+from deux_plugins.scenes.parts.textures_object import FABRIC_TONES
+from deux_plugins.scenes.parts.textures_wall import ACCENT_TONES, WALL_TONES
 
 SKIES: tuple[tuple[Color, Color], ...] = (
     ((120, 160, 206), (214, 222, 224)), ((150, 140, 170), (238, 206, 170)), ((160, 176, 190), (220, 220, 214)),

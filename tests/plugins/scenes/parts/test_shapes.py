@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from deux_plugins.scenes.apartments.mesh_builder import EAST, Placement
-from deux_plugins.scenes.apartments.shapes import Model, rectangle
-from deux_plugins.scenes.apartments.surfaces import STUFFS, Surface
+from deux_plugins.scenes.parts.mesh_builder import EAST, Placement
+from deux_plugins.scenes.parts.shapes import Model, rectangle
+from deux_plugins.scenes.parts.surfaces import STUFFS, Surface
 
 PLAIN, WOOD, PICTURE = Surface("marble", 0), Surface("wood", 0), Surface("abstract", 0)
 

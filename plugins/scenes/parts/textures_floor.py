@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.canvas import Canvas, Color, scaled, smoothstep, triangle
+from deux_plugins.scenes.parts.canvas import Canvas, Color, scaled, smoothstep, triangle
 
 WOOD_TONES: tuple[Color, ...] = (
     (196, 148, 100), (158, 108, 70), (216, 182, 136), (128, 88, 60), (204, 166, 122), (178, 122, 84), (172, 160, 142),

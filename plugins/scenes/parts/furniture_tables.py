@@ -1,9 +1,9 @@
 """Tables and desks, laid with small things."""
 
-from deux_plugins.scenes.apartments.furniture_clutter import book_pile, bowl, carton, computer, table_lamp, vase
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.style import Style
-from deux_plugins.scenes.apartments.surfaces import Surface
+from deux_plugins.scenes.parts.furniture_clutter import book_pile, bowl, carton, computer, table_lamp, vase
+from deux_plugins.scenes.parts.shapes import Model
+from deux_plugins.scenes.parts.style import Style
+from deux_plugins.scenes.parts.surfaces import Surface
 
 
 def dining_table(style: Style) -> Model:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.canvas import Canvas, Color, planes, scaled, smoothstep, triangle
-from deux_plugins.scenes.apartments.textures_wall import ACCENT_TONES, WALL_TONES
+from deux_plugins.scenes.parts.canvas import Canvas, Color, planes, scaled, smoothstep, triangle
+from deux_plugins.scenes.parts.textures_wall import ACCENT_TONES, WALL_TONES
 
 FABRIC_TONES: tuple[Color, ...] = (
     (150, 84, 76), (86, 108, 146), (112, 136, 100), (176, 144, 98), (124, 112, 142), (190, 172, 150), (84, 124, 128),

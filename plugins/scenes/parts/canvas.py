@@ -7,7 +7,7 @@ their results to the last bit, so that a texture has the same bytes on every mac
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.draws import Draws
+from deux_plugins.scenes.parts.draws import Draws
 
 Color = tuple[int, int, int]
 

@@ -1,7 +1,7 @@
 """The style of a flat: which of its surfaces each piece of furniture is made of."""
 
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.surfaces import Surface, Surfaces
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.surfaces import Surface, Surfaces
 
 
 class Style:

@@ -1,8 +1,8 @@
 """Bathrooms: tub, toilet, basin, washing machine."""
 
-from deux_plugins.scenes.apartments.furniture_clutter import bowl, carton, vase
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.style import Style
+from deux_plugins.scenes.parts.furniture_clutter import bowl, carton, vase
+from deux_plugins.scenes.parts.shapes import Model
+from deux_plugins.scenes.parts.style import Style
 
 
 def bathtub(style: Style) -> Model:

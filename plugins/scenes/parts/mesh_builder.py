@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from deux.contracts import SceneMesh
-from deux_plugins.scenes.apartments.labels import LABEL_INDEX, LABEL_NAMES
-from deux_plugins.scenes.apartments.lighting import Light, shade
-from deux_plugins.scenes.apartments.shapes import Model, Quads
-from deux_plugins.scenes.apartments.surfaces import STUFFS, Surfaces
+from deux_plugins.scenes.parts.labels import LABEL_INDEX, LABEL_NAMES
+from deux_plugins.scenes.parts.lighting import Light, shade
+from deux_plugins.scenes.parts.shapes import Model, Quads
+from deux_plugins.scenes.parts.surfaces import STUFFS, Surfaces
 
 DECIMALS = 4
 """Vertices are rounded to 0.1 mm."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.surfaces import STUFFS, Surface
+from deux_plugins.scenes.parts.surfaces import STUFFS, Surface
 
 Point = tuple[float, float, float]
 

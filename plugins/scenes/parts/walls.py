@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deux_plugins.scenes.apartments.floor_plan import WALL, FloorPlan, Opening, Room
-from deux_plugins.scenes.apartments.mesh_builder import EAST, NORTH, SOUTH, WEST, MeshBuilder, Placement
-from deux_plugins.scenes.apartments.shapes import Model, Quads, rectangle
-from deux_plugins.scenes.apartments.style import Style
-from deux_plugins.scenes.apartments.surfaces import Surface
+from deux_plugins.scenes.parts.floor_plan import WALL, FloorPlan, Opening, Room
+from deux_plugins.scenes.parts.mesh_builder import EAST, NORTH, SOUTH, WEST, MeshBuilder, Placement
+from deux_plugins.scenes.parts.shapes import Model, Quads, rectangle
+from deux_plugins.scenes.parts.style import Style
+from deux_plugins.scenes.parts.surfaces import Surface
 
 TILE = 0.75
 """Greatest edge of the quadrilaterals of floors, walls and ceilings, metres; light varies from corner to corner."""
@@ -20,27 +20,6 @@ NICHE = 0.14
 
 SKIRTING_DEPTH, SKIRTING_HEIGHT = 0.012, 0.08
 CASING_DEPTH, CASING_WIDTH = 0.016, 0.08
-
-FLOORS = {
-    "living room": ("planks", "parquet", "carpet"),
-    "bedroom": ("planks", "carpet", "parquet"),
-    "study": ("planks", "carpet", "parquet"),
-    "kitchen": ("floor tiles", "terrazzo", "planks"),
-    "bathroom": ("floor tiles", "terrazzo"),
-    "hallway": ("planks", "floor tiles", "parquet"),
-}
-WALLS = {
-    "living room": ("striped wallpaper", "flowered wallpaper", "geometric wallpaper", "plaster", "panelling"),
-    "bedroom": ("flowered wallpaper", "striped wallpaper", "geometric wallpaper", "plaster"),
-    "study": ("geometric wallpaper", "striped wallpaper", "plaster", "brick"),
-    "kitchen": ("plaster", "geometric wallpaper", "brick"),
-    "bathroom": ("wall tiles", "plaster"),
-    "hallway": ("plaster", "striped wallpaper", "flowered wallpaper"),
-}
-WAINSCOTS = {"kitchen": ("wall tiles",), "bathroom": ("wall tiles",), "hallway": ("panelling",)}
-"""What the lower part of the walls is made of, where it is not the same as the upper."""
-
-CEILINGS = ("plaster", "ceiling panels", "panelling")
 
 
 @dataclass(frozen=True)
@@ -97,24 +76,40 @@ def sides(room: Room) -> tuple[Side, Side, Side, Side]:
     )
 
 
-def build_structure(plan: FloorPlan, style: Style, builder: MeshBuilder) -> None:
-    """Add all that belongs to the building."""
-    ceiling = style.pick(*CEILINGS)
-    floors = {kind: style.pick(*stuffs) for kind, stuffs in FLOORS.items()}
-    for index, room in enumerate(plan.rooms):
-        openings = [opening for opening in (*plan.doors, *plan.windows) if index in opening.rooms]
-        builder.extend(_level(room, floors[room.kind], "floor", 0.0))
-        builder.extend(_level(room, ceiling, "ceiling", plan.height))
-        upper = style.pick(*WALLS[room.kind])
-        lower = style.pick(*WAINSCOTS[room.kind]) if room.kind in WAINSCOTS else upper
-        border = style.draws.choice((1.0, 1.2, 1.5)) if lower != upper else 0.0
-        accent = style.pick("brick", "panelling", *WALLS[room.kind]) if style.draws.chance(0.3) else upper
-        for number, side in enumerate(sides(room)):
-            here = [opening for opening in openings if side.holds(opening)]
-            _wall(side, plan.height, here, (lower, accent if number == 0 else upper, border), builder)
-            _skirting(side, [side.span(opening) for opening in here if opening.bottom == 0.0], style.trim, builder)
-            for opening in here:
-                _frame(side, opening, index == opening.rooms[0], floors[room.kind], style, builder)
+@dataclass(frozen=True)
+class Finish:
+    """What the inside of one room is covered with.
+
+    Args:
+        floor: the floor, also in the doorways that the room comes first in.
+        ceiling: the ceiling.
+        upper: the walls above `border`.
+        lower: the walls below it.
+        border: height of the border between the two, metres; 0 where there is none.
+        accent: the upper part of the first wall.
+    """
+
+    floor: Surface
+    ceiling: Surface
+    upper: Surface
+    lower: Surface
+    border: float
+    accent: Surface
+
+
+def build_room(plan: FloorPlan, index: int, finish: Finish, style: Style, builder: MeshBuilder) -> None:
+    """Add floor, walls, ceiling, doorways and windows of one room."""
+    room = plan.rooms[index]
+    openings = [opening for opening in (*plan.doors, *plan.windows) if index in opening.rooms]
+    builder.extend(_level(room, finish.floor, "floor", 0.0))
+    builder.extend(_level(room, finish.ceiling, "ceiling", room.height))
+    for number, side in enumerate(sides(room)):
+        here = [opening for opening in openings if side.holds(opening)]
+        upper = finish.accent if number == 0 else finish.upper
+        _wall(side, room.height, here, (finish.lower, upper, finish.border), builder)
+        _skirting(side, [side.span(opening) for opening in here if opening.bottom == 0.0], style.trim, builder)
+        for opening in here:
+            _frame(side, opening, index == opening.rooms[0], finish.floor, style, builder)
 
 
 def _lines(fixed: list[float]) -> np.ndarray:

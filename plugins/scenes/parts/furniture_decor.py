@@ -1,8 +1,8 @@
 """What hangs, lies and stands about: pictures, rugs, curtains, lamps, plants, radiators, coats, the front door."""
 
-from deux_plugins.scenes.apartments.shapes import Model, rectangle
-from deux_plugins.scenes.apartments.style import Style
-from deux_plugins.scenes.apartments.surfaces import Surface
+from deux_plugins.scenes.parts.shapes import Model, rectangle
+from deux_plugins.scenes.parts.style import Style
+from deux_plugins.scenes.parts.surfaces import Surface
 
 
 def picture(style: Style) -> Model:

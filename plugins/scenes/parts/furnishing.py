@@ -2,19 +2,16 @@
 
 from collections.abc import Callable
 
-from deux_plugins.scenes.apartments import furniture_bathroom as bathroom
-from deux_plugins.scenes.apartments import furniture_decor as decor
-from deux_plugins.scenes.apartments import furniture_kitchen as kitchen
-from deux_plugins.scenes.apartments import furniture_seating as seating
-from deux_plugins.scenes.apartments import furniture_storage as storage
-from deux_plugins.scenes.apartments import furniture_tables as tables
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.mesh_builder import NORTH, Placement
-from deux_plugins.scenes.apartments.placement import GAP, RoomSpace
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.style import Style
-
-Turn = tuple[float, float]
+from deux_plugins.scenes.parts import furniture_bathroom as bathroom
+from deux_plugins.scenes.parts import furniture_decor as decor
+from deux_plugins.scenes.parts import furniture_kitchen as kitchen
+from deux_plugins.scenes.parts import furniture_seating as seating
+from deux_plugins.scenes.parts import furniture_storage as storage
+from deux_plugins.scenes.parts import furniture_tables as tables
+from deux_plugins.scenes.parts.furniture_groups import desk_group, dining_group, dress_windows, hang_lamp, lay_rug
+from deux_plugins.scenes.parts.mesh_builder import Placement
+from deux_plugins.scenes.parts.placement import GAP, RoomSpace
+from deux_plugins.scenes.parts.style import Style
 
 
 def furnish(space: RoomSpace, style: Style) -> None:
@@ -22,7 +19,7 @@ def furnish(space: RoomSpace, style: Style) -> None:
     if space.entrance and space.outer_sides:
         space.against_wall(decor.front_door(style), tries=40, gap=0.002, at=space.outer_sides)
     ROOMS[space.room.kind](space, style)
-    _dress_windows(space, style)
+    dress_windows(space, style)
     if style.draws.chance(0.7):
         space.against_wall(decor.plant(style))
     if style.draws.chance(0.2):
@@ -30,14 +27,14 @@ def furnish(space: RoomSpace, style: Style) -> None:
     count = 2 if space.room.kind in ("hallway", "bathroom", "kitchen") else style.draws.integer(3, 5)
     for _ in range(count):
         space.against_wall(decor.picture(style), up=style.draws.uniform(1.15, 1.5), gap=0.002)
-    _hang_lamp(space, style)
+    hang_lamp(space, style)
 
 
 def _living_room(space: RoomSpace, style: Style) -> None:
     couch = seating.sofa(style)
     seat = space.against_wall(couch, tries=60)
     if seat is not None:
-        _lay_rug(space, style, seat.beside(0.0, couch.depth - 0.15))
+        lay_rug(space, style, seat.beside(0.0, couch.depth - 0.15))
         low_table = tables.coffee_table(style)
         space.place(low_table, seat.beside(style.draws.uniform(-0.1, 0.1), couch.depth + 0.37))
     space.against_wall(storage.television(style), tries=20)
@@ -45,7 +42,7 @@ def _living_room(space: RoomSpace, style: Style) -> None:
         if style.draws.chance(0.8):
             space.against_wall(piece(style))
     if space.room.area > 14.0:
-        _dining_group(space, style)
+        dining_group(space, style)
         space.against_wall(storage.bookshelf(style))
     if style.draws.chance(0.5):
         space.against_wall(seating.armchair(style))
@@ -61,23 +58,23 @@ def _bedroom(space: RoomSpace, style: Style) -> None:
         for side in (-1, 1):
             stand = storage.nightstand(style)
             space.place(stand, head.beside(side * (sleeping.width / 2 + stand.width / 2 + 0.03), 0.0))
-        _lay_rug(space, style, head.beside(style.draws.uniform(-0.5, 0.5), 1.0))
+        lay_rug(space, style, head.beside(style.draws.uniform(-0.5, 0.5), 1.0))
     space.against_wall(storage.wardrobe(style), tries=50)
     for piece in (storage.dresser, seating.armchair, storage.bookshelf, decor.floor_lamp):
         if style.draws.chance(0.55):
             space.against_wall(piece(style))
     if style.draws.chance(0.4):
-        _desk_group(space, style)
+        desk_group(space, style)
 
 
 def _study(space: RoomSpace, style: Style) -> None:
-    _desk_group(space, style)
+    desk_group(space, style)
     for _ in range(style.draws.integer(1, 3)):
         space.against_wall(storage.bookshelf(style))
     for piece in (seating.armchair, storage.dresser, decor.floor_lamp, seating.stool):
         if style.draws.chance(0.6):
             space.against_wall(piece(style))
-    _lay_rug(space, style, Placement(*space.room.centre, style.draws.choice(space.sides).turn))
+    lay_rug(space, style, Placement(*space.room.centre, style.draws.choice(space.sides).turn))
 
 
 def _kitchen(space: RoomSpace, style: Style) -> None:
@@ -97,7 +94,7 @@ def _kitchen(space: RoomSpace, style: Style) -> None:
                 cabinet = kitchen.wall_cabinet(style, row[0].width - 0.01, front)
                 space.place(cabinet, Placement(placed.x, placed.z, placed.turn, 1.45))
             cursor += (row.pop(0).width + 0.004) if placed is not None else 0.15
-    _dining_group(space, style)
+    dining_group(space, style)
     if style.draws.chance(0.5):
         space.against_wall(seating.stool(style))
 
@@ -111,14 +108,14 @@ def _bathroom(space: RoomSpace, style: Style) -> None:
     space.against_wall(bathroom.washing_machine(style), tries=20)
     if style.draws.chance(0.5):
         space.against_wall(seating.stool(style))
-    _lay_rug(space, style, Placement(*space.room.centre, style.draws.choice(space.sides).turn))
+    lay_rug(space, style, Placement(*space.room.centre, style.draws.choice(space.sides).turn))
 
 
 def _hallway(space: RoomSpace, style: Style) -> None:
     space.against_wall(decor.coat_rack(style), up=style.draws.uniform(0.75, 0.85), gap=0.002)
     for piece in (storage.shoe_cabinet, storage.shoe_cabinet, seating.stool):
         space.against_wall(piece(style))
-    _lay_rug(space, style, Placement(*space.room.centre, style.draws.choice(space.sides).turn))
+    lay_rug(space, style, Placement(*space.room.centre, style.draws.choice(space.sides).turn))
 
 
 ROOMS: dict[str, Callable[[RoomSpace, Style], None]] = {
@@ -130,70 +127,3 @@ ROOMS: dict[str, Callable[[RoomSpace, Style], None]] = {
     "hallway": _hallway,
 }
 """How each kind of room is furnished."""
-
-
-def _desk_group(space: RoomSpace, style: Style) -> None:
-    """A desk with a chair pushed under it."""
-    desk = tables.desk(style)
-    placed = space.against_wall(desk, tries=20)
-    if placed is not None:
-        chair = seating.chair(style)
-        right = style.draws.uniform(-0.25, 0.0)
-        place = placed.beside(right, desk.depth + chair.depth - 0.12, _aslant(NORTH, style.draws))
-        space.place(chair, place, ignoring=placed)
-
-
-def _dining_group(space: RoomSpace, style: Style) -> None:
-    """A table with chairs pushed under it on all sides where there is space."""
-    table = style.draws.choice((tables.dining_table, tables.round_table))(style)
-    placed = space.in_the_open(table, tries=20) or space.against_wall(table)
-    if placed is None:
-        return
-    half, depth = table.width / 2, table.depth
-    offsets = (-half / 2, half / 2) if table.width > table.depth + 0.2 else (0.0,)
-    spots = [(x, -0.38, (1.0, 0.0)) for x in offsets] + [(x, depth + 0.38, NORTH) for x in offsets]
-    spots += [(-half - 0.38, depth / 2, (0.0, 1.0)), (half + 0.38, depth / 2, (0.0, -1.0))]
-    model = seating.chair(style)
-    for right, out, turn in spots:
-        out += style.draws.uniform(-0.06, 0.06)
-        space.place(model, placed.beside(right, out, _aslant(turn, style.draws)), ignoring=placed)
-
-
-def _aslant(turn: Turn, draws: Draws) -> Turn:
-    """The turn, changed by up to 17 degrees; rational in t = tan(angle / 2), so exact on every machine."""
-    t = draws.uniform(-0.15, 0.15)
-    cosine, sine = (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
-    return turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine
-
-
-def _lay_rug(space: RoomSpace, style: Style, middle: Placement) -> None:
-    """A rug that begins about here, made smaller by trying again if it does not fit."""
-    for _ in range(4):
-        model: Model = decor.rug(style)
-        if space.lay(model, middle.beside(0.0, -0.1)) or space.lay(model, middle.beside(0.0, -model.depth / 2)):
-            return
-
-
-def _dress_windows(space: RoomSpace, style: Style) -> None:
-    """Curtains on both sides of a window, a radiator below it."""
-    curtained = space.room.kind != "bathroom" and style.draws.chance(0.7)
-    cloth = style.cloth()
-    for side, low, high, bottom, top in space.windows:
-        if curtained:
-            rail = min(top + 0.18, space.height - 0.05)
-            # Where furniture stands at the window, the curtain ends above it.
-            for right in (low, high):
-                for foot in (0.0, bottom - 0.15):
-                    model = decor.curtain(style, round(rail - foot, 3), cloth)
-                    outer = right + (0.04 - model.width / 2) * (1 if right == low else -1)
-                    if space.place(model, side.place(outer, GAP, foot), at_window=True):
-                        break
-        if bottom > 0.8 and style.draws.chance(0.6):
-            space.place(decor.radiator(style, min(high - low - 0.1, 1.1)), side.place((low + high) / 2, GAP))
-
-
-def _hang_lamp(space: RoomSpace, style: Style) -> None:
-    """A lamp in the middle of the ceiling."""
-    model = decor.ceiling_lamp(style, space.height)
-    middle = Placement(*space.room.centre)
-    space.hang_free(model, middle.beside(0.0, -model.depth / 2))

@@ -7,8 +7,9 @@ import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.floor_plan import WALL, FloorPlan, make_floor_plan
+from deux_plugins.scenes.apartments.layout import make_floor_plan
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.floor_plan import WALL, FloorPlan
 
 SEEDS = range(150)
 
@@ -25,7 +26,7 @@ def test_size_and_rooms(plans: list[FloorPlan]):
         kinds = [room.kind for room in plan.rooms]
         assert {"living room", "bedroom", "kitchen", "bathroom"} <= set(kinds)
         assert min(min(room.x1 - room.x0, room.z1 - room.z0) for room in plan.rooms) >= 1.2
-        assert 2.4 < plan.height < 2.8
+        assert all(2.4 < room.height < 2.8 for room in plan.rooms)
     assert {len(plan.rooms) for plan in plans} >= {4, 5, 6, 7}
     assert any("hallway" in [room.kind for room in plan.rooms] for plan in plans)
 
@@ -72,7 +73,7 @@ def test_windows_lie_in_outer_walls_under_the_ceiling(plans: list[FloorPlan]):
             )
             assert window.wall == pytest.approx(outer[0]) or window.wall == pytest.approx(outer[1])
             assert low < window.low < window.high < high
-            assert 0.8 < window.bottom < window.top < plan.height
+            assert 0.8 < window.bottom < window.top < room.height
         for a, b in combinations(plan.windows, 2):
             same_wall = (a.axis, a.wall, a.rooms) == (b.axis, b.wall, b.rooms)
             assert not same_wall or a.high < b.low or b.high < a.low

@@ -2,18 +2,18 @@
 
 import pytest
 
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.floor_plan import FloorPlan, Opening, Room
-from deux_plugins.scenes.apartments.mesh_builder import NORTH, MeshBuilder, Placement
-from deux_plugins.scenes.apartments.placement import RoomSpace
-from deux_plugins.scenes.apartments.shapes import Model
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.floor_plan import FloorPlan, Opening, Room
+from deux_plugins.scenes.parts.mesh_builder import NORTH, MeshBuilder, Placement
+from deux_plugins.scenes.parts.placement import RoomSpace
+from deux_plugins.scenes.parts.shapes import Model
 
 # Two rooms of 4 m x 3 m, joined at x = 4.1, and a window in the first room's wall at z = 0.05.
 PLAN = FloorPlan(
-    rooms=(Room("study", 0.05, 0.05, 4.05, 3.05), Room("bedroom", 4.15, 0.05, 8.15, 3.05)),
+    rooms=(Room("study", 0.05, 0.05, 4.05, 3.05, 2.5), Room("bedroom", 4.15, 0.05, 8.15, 3.05, 2.5)),
     doors=(Opening("z", 4.1, 1.0, 1.9, 0.0, 2.05, (0, 1)),),
     windows=(Opening("x", 0.05, 1.5, 2.5, 0.9, 2.1, (0,)),),
-    height=2.5,
+    entrance=0,
 )
 
 

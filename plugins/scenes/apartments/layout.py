@@ -1,83 +1,25 @@
 """Floor plans: a rectangle split into rooms, joined by doorways, lit by windows."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import combinations, pairwise
 
-from deux_plugins.scenes.apartments.draws import Draws
-
-WALL = 0.1
-"""Thickness of the walls, metres."""
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.floor_plan import (
+    CORNER_MARGIN,
+    WALL,
+    Cell,
+    FloorPlan,
+    Opening,
+    Room,
+    cell_room,
+    shared_wall,
+    windows_in_wall,
+)
 
 DOOR_HEIGHT = 2.05
 LEAST_ROOMS, MOST_ROOMS = 4, 7
-CORNER_MARGIN = 0.2
-"""Least distance of a doorway from the corner of a room, metres: room for its frame."""
-
 ROOM_ORDER = ("living room", "bedroom", "kitchen", "bedroom", "study", "study", "bedroom")
 """Use of the rooms from the largest down; the smallest is always the bathroom."""
-
-
-@dataclass(frozen=True)
-class Room:
-    """One room by its inside, metres."""
-
-    kind: str
-    x0: float
-    z0: float
-    x1: float
-    z1: float
-
-    @property
-    def area(self) -> float:
-        """Square metres."""
-        return (self.x1 - self.x0) * (self.z1 - self.z0)
-
-    @property
-    def centre(self) -> tuple[float, float]:
-        """(x, z) of the middle."""
-        return (self.x0 + self.x1) / 2, (self.z0 + self.z1) / 2
-
-    @property
-    def rectangle(self) -> tuple[float, float, float, float]:
-        """(x0, z0, x1, z1)."""
-        return self.x0, self.z0, self.x1, self.z1
-
-
-@dataclass(frozen=True)
-class Opening:
-    """A doorway or a window, in a wall that runs along x or z.
-
-    Args:
-        axis: "x" if the wall runs along x, "z" if along z.
-        wall: coordinate of the wall's middle on the other axis; for a window, of the room's side of the wall.
-        low: where it begins along the wall.
-        high: where it ends.
-        bottom: height of its sill, 0 for a doorway.
-        top: height of its lintel.
-        rooms: the rooms it joins, the one with the smaller coordinate first; a window has one.
-    """
-
-    axis: str
-    wall: float
-    low: float
-    high: float
-    bottom: float
-    top: float
-    rooms: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class FloorPlan:
-    """Rooms with their doorways and windows; `height` is that of the ceilings."""
-
-    rooms: tuple[Room, ...]
-    doors: tuple[Opening, ...]
-    windows: tuple[Opening, ...]
-    height: float
-
-
-Cell = tuple[int, int, int, int]
-"""x0, z0, x1, z1 of a room by the middle lines of its walls, centimetres: integers make touching exact."""
 
 
 def make_floor_plan(draws: Draws) -> FloorPlan:
@@ -90,13 +32,12 @@ def make_floor_plan(draws: Draws) -> FloorPlan:
         doors = _doors(cells, kinds, draws)
         if doors is not None:
             break
-    half = WALL / 2
-    rooms = tuple(
-        Room(kind, x0 / 100 + half, z0 / 100 + half, x1 / 100 - half, z1 / 100 - half)
-        for kind, (x0, z0, x1, z1) in zip(kinds, cells, strict=True)
-    )
+    rooms = tuple(cell_room(kind, cell, 0.0) for kind, cell in zip(kinds, cells, strict=True))
     windows = _windows(cells, rooms, draws)
-    return FloorPlan(rooms, tuple(doors), tuple(windows), draws.choice((2.5, 2.55, 2.6, 2.7)))
+    height = draws.choice((2.5, 2.55, 2.6, 2.7))
+    entrance = kinds.index("hallway" if "hallway" in kinds else "living room")
+    rooms = tuple(replace(room, height=height) for room in rooms)
+    return FloorPlan(rooms, tuple(doors), tuple(windows), entrance)
 
 
 def _cells(draws: Draws) -> tuple[list[Cell], int | None]:
@@ -163,7 +104,7 @@ def _doors(cells: list[Cell], kinds: list[str], draws: Draws) -> list[Opening] |
     """Doorways along a random spanning tree, and some more; None if the rooms cannot be joined."""
     shared = []
     for a, b in combinations(range(len(cells)), 2):
-        wall = _shared_wall(cells[a], cells[b])
+        wall = shared_wall(cells[a], cells[b])
         if wall is not None:
             # Bathrooms are entered from a hallway rather than through a kitchen, and bedrooms are not passed through.
             private = sum(kinds[index] in ("bathroom", "bedroom") for index in (a, b))
@@ -178,16 +119,6 @@ def _doors(cells: list[Cell], kinds: list[str], draws: Draws) -> list[Opening] |
         if joins or draws.chance(loop_chance):
             doors.append(_doorway(a, b, wall, kinds, draws))
     return doors if len(set(group)) == 1 else None
-
-
-def _shared_wall(a: Cell, b: Cell) -> tuple[str, int, int, int, bool] | None:
-    """(axis, coordinate, low, high, whether b comes first) of the wall between two cells, if it holds a door."""
-    for axis, (near, far, low, high) in (("z", (0, 2, 1, 3)), ("x", (1, 3, 0, 2))):
-        for first, second, swapped in ((a, b, False), (b, a, True)):
-            start, end = max(a[low], b[low]), min(a[high], b[high])
-            if first[far] == second[near] and end - start >= 90 + 2 * (round(CORNER_MARGIN * 100) + 5):
-                return axis, first[far], start, end, swapped
-    return None
 
 
 def _doorway(a: int, b: int, wall: tuple[str, int, int, int, bool], kinds: list[str], draws: Draws) -> Opening:
@@ -215,23 +146,5 @@ def _windows(cells: list[Cell], rooms: tuple[Room, ...], draws: Draws) -> list[O
         ]
         for axis, wall, low, high, outer in sides:
             if outer and draws.chance(0.85):
-                windows += _windows_in_wall(index, room.kind, axis, wall, low, high, draws)
-    return windows
-
-
-def _windows_in_wall(
-    index: int, kind: str, axis: str, wall: float, low: float, high: float, draws: Draws
-) -> list[Opening]:
-    """One window, or two in a long wall, evenly spread; small and high ones in bathrooms."""
-    small = kind == "bathroom"
-    width = draws.choice((0.6, 0.7)) if small else draws.choice((0.9, 1.1, 1.3, 1.6))
-    bottom, top = (1.4, 2.0) if small else (draws.choice((0.85, 0.95, 1.05)), draws.choice((2.05, 2.15, 2.25)))
-    count = 2 if high - low > 2.5 * width + 0.6 and not small and draws.chance(0.5) else 1
-    if high - low < width + 0.5:
-        return []
-    windows = []
-    for number in range(count):
-        centre = low + (high - low) * (number + draws.uniform(0.45, 0.55)) / count
-        start = round(min(max(centre - width / 2, low + 0.2), high - 0.2 - width), 2)
-        windows.append(Opening(axis, wall, start, round(start + width, 2), bottom, top, (index,)))
+                windows += windows_in_wall(index, room.kind == "bathroom", axis, wall, low, high, draws)
     return windows

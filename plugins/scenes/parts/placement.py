@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.floor_plan import WALL, FloorPlan, Room
-from deux_plugins.scenes.apartments.mesh_builder import MeshBuilder, Placement
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.walls import Side, sides
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.floor_plan import WALL, FloorPlan, Room
+from deux_plugins.scenes.parts.mesh_builder import EAST, SOUTH, MeshBuilder, Placement
+from deux_plugins.scenes.parts.shapes import Model
+from deux_plugins.scenes.parts.walls import Side, sides
 
 GAP = 0.025
 """Distance of furniture from the wall, more than skirting boards and door frames stand out, metres."""
@@ -69,11 +69,8 @@ class RoomSpace:
     def __init__(self, plan: FloorPlan, index: int, builder: MeshBuilder, draws: Draws) -> None:
         self.room: Room = plan.rooms[index]
         self.sides = sides(self.room)
-        self.height = plan.height
-        bounds = [max(room.x1 for room in plan.rooms), max(room.z1 for room in plan.rooms)]
-        self.outer_sides = [side for side in self.sides if side.wall < WALL or side.wall == bounds[side.axis == "x"]]
-        kinds = {room.kind for room in plan.rooms}
-        self.entrance = self.room.kind == ("hallway" if "hallway" in kinds else "living room")
+        self.outer_sides = [side for side in self.sides if not any(_touches(side, other) for other in plan.rooms)]
+        self.entrance = index == plan.entrance
         self.windows: list[tuple[Side, float, float, float, float]] = []
         self._builder = builder
         self._draws = draws
@@ -191,7 +188,7 @@ class RoomSpace:
             and body.x1 <= room.x1 - margin
             and body.z0 >= room.z0 + margin
             and body.z1 <= room.z1 - margin
-            and body.y1 <= self.height - 0.02
+            and body.y1 <= self.room.height - 0.02
         )
 
     def _shadow(self, body: Block) -> np.ndarray:
@@ -215,3 +212,12 @@ def _stands_at(solid: Block, placement: Placement) -> bool:
     """Whether the box is that of the model at this placement: it holds the point just inside the model's back."""
     inside = placement.beside(0.0, 0.05)
     return solid.x0 < inside.x < solid.x1 and solid.z0 < inside.z < solid.z1
+
+
+def _touches(side: Side, room: Room) -> bool:
+    """Whether the room lies on the other side of the wall."""
+    along_x = side.axis == "x"
+    low, high = (room.x0, room.x1) if along_x else (room.z0, room.z1)
+    near, far = (room.z0, room.z1) if along_x else (room.x0, room.x1)
+    behind = far if side.turn in (SOUTH, EAST) else near
+    return low < side.high and side.low < high and abs(abs(behind - side.wall) - WALL) < WALL / 2

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.surfaces import STUFFS, Surface, Surfaces
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.surfaces import STUFFS, Surface, Surfaces
 
 SEEDS = (0, 1)
 

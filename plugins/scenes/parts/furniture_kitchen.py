@@ -1,9 +1,9 @@
 """Kitchens: worktops, wall cabinets and appliances, 0.6 m deep so that they stand in a row."""
 
-from deux_plugins.scenes.apartments.furniture_clutter import book_row, bowl, carton, vase
-from deux_plugins.scenes.apartments.shapes import Model
-from deux_plugins.scenes.apartments.style import Style
-from deux_plugins.scenes.apartments.surfaces import Surface
+from deux_plugins.scenes.parts.furniture_clutter import book_row, bowl, carton, vase
+from deux_plugins.scenes.parts.shapes import Model
+from deux_plugins.scenes.parts.style import Style
+from deux_plugins.scenes.parts.surfaces import Surface
 
 DEPTH = 0.6
 WORKTOP = 0.9

@@ -27,7 +27,7 @@ def furnish(space: RoomSpace, style: Style) -> None:
     count = 2 if space.room.kind in ("hallway", "bathroom", "kitchen") else style.draws.integer(3, 5)
     for _ in range(count):
         space.against_wall(decor.picture(style), up=style.draws.uniform(1.15, 1.5), gap=0.002)
-    hang_lamp(space, style)
+    hang_lamp(space, style, Placement(*space.room.centre))
 
 
 def _living_room(space: RoomSpace, style: Style) -> None:

@@ -72,8 +72,7 @@ def dress_windows(space: RoomSpace, style: Style) -> None:
             space.place(decor.radiator(style, min(high - low - 0.1, 1.1)), side.place((low + high) / 2, GAP))
 
 
-def hang_lamp(space: RoomSpace, style: Style) -> None:
-    """A lamp in the middle of the ceiling."""
+def hang_lamp(space: RoomSpace, style: Style, middle: Placement) -> None:
+    """A lamp at a place of the ceiling."""
     model = decor.ceiling_lamp(style, space.room.height)
-    middle = Placement(*space.room.centre)
     space.hang_free(model, middle.beside(0.0, -model.depth / 2))

@@ -1,4 +1,4 @@
-"""The materials of one flat: textures made when first asked for, and shared by all that is made of the same stuff."""
+"""The materials of one scene: textures made when first asked for, and shared by all that is made of the same stuff."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,7 +7,13 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import Material
-from deux_plugins.scenes.parts import textures_floor, textures_object, textures_picture, textures_wall
+from deux_plugins.scenes.parts import (
+    textures_floor,
+    textures_monotone,
+    textures_object,
+    textures_picture,
+    textures_wall,
+)
 from deux_plugins.scenes.parts.canvas import Canvas, Color, NoiseBank, to_bytes
 from deux_plugins.scenes.parts.draws import Draws
 
@@ -20,7 +26,7 @@ class Stuff:
         paint: makes the texture.
         size: edge of the texture in texels.
         period: edge of the texture in metres.
-        variants: how many different ones a flat may hold.
+        variants: how many different ones a scene may hold.
         fit: stretched over a face in both directions ("face"), in its height only ("height"), or not ("none").
         grain: whether u follows the longer side of a face.
     """
@@ -64,8 +70,15 @@ STUFFS: dict[str, Stuff] = {
     "abstract": Stuff(textures_picture.abstract, 256, 1.0, 3, fit="face"),
     "still life": Stuff(textures_picture.still_life, 256, 1.0, 2, fit="face"),
     "rug": Stuff(textures_picture.rug, 256, 1.0, 3, fit="face"),
+    "distemper": Stuff(textures_monotone.distemper, 256, 2.56, 3),
+    "linoleum": Stuff(textures_monotone.linoleum, 256, 2.56, 2),
+    "screed": Stuff(textures_monotone.screed, 256, 2.56, 1),
+    "damask": Stuff(textures_monotone.damask, 512, 2.56, 2),
+    "mosaic": Stuff(textures_monotone.mosaic, 512, 2.56, 2),
+    "chequers": Stuff(textures_monotone.chequers, 512, 2.56, 1),
+    "ceiling grid": Stuff(textures_monotone.ceiling_grid, 512, 2.56, 1),
 }
-"""All that a flat can be made of. Texels are 4 to 5 mm; the larger textures serve floors, walls and ceilings."""
+"""All that a scene can be made of. Texels are 4 to 5 mm; the larger textures serve floors, walls and ceilings."""
 
 TINTS: tuple[Color, ...] = (
     (255, 255, 255),
@@ -88,14 +101,16 @@ class Surface:
 
 
 class Surfaces:
-    """The surfaces of one flat.
+    """The surfaces of one scene.
 
     Args:
-        seed: seed of the flat.
+        seed: seed of the scene.
+        variety: multiplies how many different ones of each stuff the scene may hold.
     """
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, variety: int = 1) -> None:
         self._seed = seed
+        self._variety = variety
         self._bank = NoiseBank(Draws(seed, "noise"))
         self._textures: dict[tuple[str, int], np.ndarray] = {}
         self._materials: dict[Surface, int] = {}
@@ -103,7 +118,7 @@ class Surfaces:
     def pick(self, draws: Draws, *stuffs: str) -> Surface:
         """A surface of one of these stuffs, in one of its variants and a light tint."""
         stuff = draws.choice(stuffs)
-        variant = draws.integer(0, STUFFS[stuff].variants - 1)
+        variant = draws.integer(0, STUFFS[stuff].variants * self._variety - 1)
         return Surface(stuff, variant, draws.choice(TINTS))
 
     def index(self, surface: Surface) -> int:

@@ -38,6 +38,8 @@ CLUTTER: dict[str, tuple[Clutter, ...]] = {
     "closet": ("usual", "dense", "dense"),
     "storeroom": ("usual", "dense", "dense"),
     "library": ("usual", "dense"),
+    "living room": ("usual", "usual", "dense"),
+    "bedroom": ("usual", "usual", "dense"),
     "kitchen": ("usual", "dense"),
     "bathroom": ("usual", "usual", "dense"),
 }

@@ -73,7 +73,7 @@ def _lights(plan: FloorPlan, draws: Draws) -> list[Light]:
     lights = []
     for room in plan.rooms:
         warmth = draws.uniform(-0.07, 0.09)
-        bright = draws.uniform(0.8, 1.0)
+        bright = draws.uniform(0.9, 1.05)
         color = (bright * (1.0 + warmth * 0.4), bright, bright * (1.0 - warmth))
         lights.append(Light(room.rectangle, room.height, color))
     return lights

@@ -116,6 +116,7 @@ def _cut_corridor(cell: Cell, draws: Draws) -> tuple[Cell, Cell, Cell]:
     across = (z1 - z0) if along_x else (x1 - x0)
     breadth = draws.choice((150, 160, 180, 210, 260))
     near = round((across - breadth) * draws.uniform(0.36, 0.64) / 10) * 10
+    near = min(max(near, LEAST_SIDE), across - breadth - LEAST_SIDE)
     if along_x:
         return (x0, z0, x1, z0 + near), (x0, z0 + near, x1, z0 + near + breadth), (x0, z0 + near + breadth, x1, z1)
     return (x0, z0, x0 + near, z1), (x0 + near, z0, x0 + near + breadth, z1), (x0 + near + breadth, z0, x1, z1)

@@ -105,12 +105,10 @@ class Surfaces:
 
     Args:
         seed: seed of the scene.
-        variety: multiplies how many different ones of each stuff the scene may hold.
     """
 
-    def __init__(self, seed: int, variety: int = 1) -> None:
+    def __init__(self, seed: int) -> None:
         self._seed = seed
-        self._variety = variety
         self._bank = NoiseBank(Draws(seed, "noise"))
         self._textures: dict[tuple[str, int], np.ndarray] = {}
         self._materials: dict[Surface, int] = {}
@@ -118,7 +116,7 @@ class Surfaces:
     def pick(self, draws: Draws, *stuffs: str) -> Surface:
         """A surface of one of these stuffs, in one of its variants and a light tint."""
         stuff = draws.choice(stuffs)
-        variant = draws.integer(0, STUFFS[stuff].variants * self._variety - 1)
+        variant = draws.integer(0, STUFFS[stuff].variants - 1)
         return Surface(stuff, variant, draws.choice(TINTS))
 
     def index(self, surface: Surface) -> int:

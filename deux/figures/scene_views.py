@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deux.contracts import COLOR, Frame, Robot, SceneReference
+from deux.contracts import COLOR, Frame, Robot, Scene, SceneReference, Simulator
 from deux.figures.drawing import hide_ticks, new_figure
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
@@ -17,8 +17,6 @@ from deux.simulator.starts import random_starts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from deux.contracts import Scene
 
 CUT = 1.9  # metres above the floor: below lintels, above most furniture
 CLEAR = 1.2  # metres that a view's median depth must have: a picture of one cupboard shows nothing of a scene
@@ -52,28 +50,22 @@ def plan_from_above(scene: Scene, cut: float = CUT, pixels_per_metre: float = 40
     return colors.reshape(rows, columns, 3)
 
 
-def plainest_and_richest(
-    scene: SceneReference, camera: Camera, robot: Robot, candidates: int = 60, seed: int = 0
-) -> tuple[Frame, Frame]:
+def plainest_and_richest(simulator: Simulator, candidates: int = 60, seed: int = 0) -> tuple[Frame, Frame]:
     """The views with the least and the most texture of some from random places of the main floor.
 
     Args:
-        scene: the scene.
-        camera: the camera.
-        robot: gives the camera's height.
-        candidates: number of views that are compared, by the mean absolute difference of neighbouring pixels.
+        simulator: the scene, with the camera of the views.
+        candidates: number of views that are compared, by `texture_contrast`.
         seed: of the places.
     """
-    simulator = MeshSimulator(scene, camera, robot)
-    space = simulator.free_space(0)
+    space, eye = simulator.free_space(0), simulator.robot.camera_height
     places = random_starts(space, candidates, np.random.default_rng(seed))
-    poses = np.stack([camera_pose(x, space.height_at(x, z) + robot.camera_height, z, yaw) for x, z, yaw in places])
-    frames = [
-        frame
-        for frame in simulator.render(poses, COLOR)
-        if np.median(frame.depth) > CLEAR
-    ]
-    by_texture = sorted(frames, key=lambda frame: texture_contrast(frame.rgb))
+    poses = np.stack([camera_pose(x, space.height_at(x, z) + eye, z, yaw) for x, z, yaw in places])
+    frames = simulator.render(poses, COLOR)
+    by_texture = sorted(
+        [frame for frame in frames if np.median(frame.depth) > CLEAR] or frames,
+        key=lambda frame: texture_contrast(frame.rgb),
+    )
     return by_texture[0], by_texture[-1]
 
 
@@ -92,7 +84,7 @@ def draw_scene(scene: SceneReference, camera: Camera | None = None, robot: Robot
         robot: whose eyes the views are seen with.
     """
     loaded = scene.load()
-    views = plainest_and_richest(loaded, camera or Camera(384, 384, 90.0), robot or Robot())
+    views = plainest_and_richest(MeshSimulator(scene, camera or Camera(384, 384), robot or Robot()))
     plan = plan_from_above(loaded)
     figure = new_figure(11.0, 5.0)
     grid = figure.add_gridspec(2, 2, width_ratios=(1.9, 1.0))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from deux.bench.bench_scenes import default_simulation, free_poses
 from deux.bench.installed_plugins import installed
-from deux.bench.speed_tables import SpeedTable
+from deux.bench.speed_tables import SpeedTable, Value
 from deux.bench.timing import Spread, Stopwatch
 from deux.contracts import COLOR, Scene, SceneMesh, SceneReference, Simulator
 from deux.errors import DeuxError
@@ -34,7 +34,8 @@ def measure_scenes(settings: SceneSettings) -> Iterator[SpeedTable]:
     """Measure making a scene, finding its free floor and drawing the first image, and count what it is made of."""
     sources, broken = installed("scenes")
     simulation = default_simulation(settings.size)
-    rows, notes = [], list(broken)
+    rows: list[dict[str, Value]] = []
+    notes = list(broken)
     for name, source in sources.items():
         try:
             scenes = source.further(settings.scenes, ())

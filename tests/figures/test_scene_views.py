@@ -18,7 +18,7 @@ def quad(corners: list[tuple[float, float, float]]) -> list[list[tuple[float, fl
 
 @pytest.fixture(scope="module")
 def scene() -> Scene:
-    """A room of 4 m x 6 m: green floor, a red table top of 1 m x 2 m at 0.7 m, a ceiling, checked walls in the north."""
+    """A room of 4 m x 6 m: green, a red table top of 1 m x 2 m at 0.7 m, a red ceiling, a checked wall in the north."""
     level = lambda x0, z0, x1, z1, y: quad([(x0, y, z1), (x1, y, z1), (x1, y, z0), (x0, y, z0)])  # noqa: E731
     upright = lambda x0, z0, x1, z1: quad([(x0, 0.0, z0), (x1, 0.0, z1), (x1, 2.5, z1), (x0, 2.5, z0)])  # noqa: E731
     parts = [

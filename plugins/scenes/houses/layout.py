@@ -21,6 +21,12 @@ DOOR_HEIGHT = 2.05
 LEAST_SIDE = 180
 """Least width of a room between the middle lines of its walls, centimetres."""
 
+LEAST_WING = 220
+"""Least breadth of what lies on either side of a corridor, centimetres."""
+
+LONGEST = 3.2
+"""Greatest ratio of a room's sides; corridors are longer."""
+
 PRIVATE = frozenset({"bathroom", "closet", "storeroom"})
 """Rooms that are entered by one door and not passed through."""
 
@@ -94,7 +100,8 @@ def _divided(target: float, draws: Draws) -> list[_Part]:
             waiting += [(near, level + 1), (far, level + 1)]
             continue
         size = room_area * draws.choice((0.5, 0.8, 1.1, 1.1, 1.5, 2.6))
-        halves = _halves(cell, draws) if part.area > size else None
+        short, long = sorted((cell[2] - cell[0], cell[3] - cell[1]))
+        halves = _halves(cell, draws) if part.area > size or long > LONGEST * short else None
         if halves is None:
             parts.append(part)
         else:
@@ -104,7 +111,7 @@ def _divided(target: float, draws: Draws) -> list[_Part]:
 
 def _wants_corridor(cell: Cell, level: int, draws: Draws) -> bool:
     width, depth = cell[2] - cell[0], cell[3] - cell[1]
-    if min(width, depth) < 650 or width * depth < 60_0000:
+    if min(width, depth) < 2 * LEAST_WING + 260 or width * depth < 60_0000:
         return False
     return draws.chance(0.9 if level == 0 else 0.5)
 
@@ -116,7 +123,7 @@ def _cut_corridor(cell: Cell, draws: Draws) -> tuple[Cell, Cell, Cell]:
     across = (z1 - z0) if along_x else (x1 - x0)
     breadth = draws.choice((150, 160, 180, 210, 260))
     near = round((across - breadth) * draws.uniform(0.36, 0.64) / 10) * 10
-    near = min(max(near, LEAST_SIDE), across - breadth - LEAST_SIDE)
+    near = min(max(near, LEAST_WING), across - breadth - LEAST_WING)
     if along_x:
         return (x0, z0, x1, z0 + near), (x0, z0 + near, x1, z0 + near + breadth), (x0, z0 + near + breadth, x1, z1)
     return (x0, z0, x0 + near, z1), (x0 + near, z0, x0 + near + breadth, z1), (x0 + near + breadth, z0, x1, z1)

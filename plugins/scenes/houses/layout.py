@@ -1,5 +1,6 @@
 """Floor plans of houses: wings along corridors, rooms behind rooms, openings between large rooms."""
 
+import math
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -86,7 +87,7 @@ def make_house_plan(draws: Draws, least: float, most: float) -> FloorPlan:
 def _divided(target: float, draws: Draws) -> list[_Part]:
     """Divide a rectangle of about this area, wings by corridors and wings into rooms of very different sizes."""
     gross, ratio = target * 1.05, draws.uniform(0.5, 1.0)
-    depth = round((gross * ratio) ** 0.5 * 10) * 10
+    depth = round(math.sqrt(gross * ratio) * 10) * 10
     width = round(gross / depth * 1e3) * 10
     room_area = max(target / draws.uniform(8.0, 18.0), 10.0)
     parts: list[_Part] = []

@@ -31,6 +31,7 @@ class Benchmark(NamedTuple):
 
 BENCHMARKS = {
     "render": Benchmark("render_speed", "measure_rendering", ("scene",)),
+    "scenes": Benchmark("scene_speed", "measure_scenes"),
     "batching": Benchmark("batching_speed", "measure_batching", ("model", "device")),
     "explore": Benchmark("exploration_speed", "measure_exploration", ("model", "device")),
     "processes": Benchmark("process_speed", "measure_processes", ("model", "device")),

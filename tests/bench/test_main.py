@@ -51,6 +51,7 @@ def test_quick_is_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
     ("part", "module", "function"),
     [
         ("render", "render_speed", "measure_rendering"),
+        ("scenes", "scene_speed", "measure_scenes"),
         ("batching", "batching_speed", "measure_batching"),
         ("explore", "exploration_speed", "measure_exploration"),
         ("environment", "environment_speed", "measure_environment"),
@@ -68,7 +69,7 @@ def test_each_part_runs_alone(part: str, module: str, function: str, monkeypatch
     monkeypatch.setattr(measuring, function, lambda *given: asked.append(given) or iter([]))
     assert main([part, "--quick", "--model", "tiny", "--device", "cpu", *THREADS]) == 0
     guided = dict.fromkeys(("batching", "explore", "processes", "data"), ("tiny", "cpu"))
-    given = {"render": (None,), "environment": (), "peers": (None, "cpu"), **guided}.get(part, ("cpu",))
+    given = {"render": (None,), "scenes": (), "environment": (), "peers": (None, "cpu"), **guided}.get(part, ("cpu",))
     assert asked == [(measuring.QUICK, *given)]
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from deux.scenes.objects import find_objects
 from deux_plugins.scenes.apartments import apartment
-from deux_plugins.scenes.apartments.mesh_builder import MeshBuilder
+from deux_plugins.scenes.parts.mesh_builder import MeshBuilder
 
 NAMES = ("floor", "chair", "table")
 

@@ -2,15 +2,16 @@
 
 from deux.contracts import Floor, Scene
 from deux.errors import DeuxError
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.floor_plan import FloorPlan, make_floor_plan
-from deux_plugins.scenes.apartments.furnishing import furnish
-from deux_plugins.scenes.apartments.lighting import Light
-from deux_plugins.scenes.apartments.mesh_builder import MeshBuilder
-from deux_plugins.scenes.apartments.placement import RoomSpace
-from deux_plugins.scenes.apartments.style import Style
-from deux_plugins.scenes.apartments.surfaces import Surfaces
-from deux_plugins.scenes.apartments.walls import build_structure
+from deux_plugins.scenes.apartments.finishes import build_structure
+from deux_plugins.scenes.apartments.layout import make_floor_plan
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.floor_plan import FloorPlan
+from deux_plugins.scenes.parts.furnishing import furnish
+from deux_plugins.scenes.parts.lighting import Light
+from deux_plugins.scenes.parts.mesh_builder import MeshBuilder
+from deux_plugins.scenes.parts.placement import RoomSpace
+from deux_plugins.scenes.parts.style import Style
+from deux_plugins.scenes.parts.surfaces import Surfaces
 
 APARTMENT_VERSION = 1
 """Version of the generator: raised whenever any seed gives another flat than before."""
@@ -48,5 +49,5 @@ def _lights(plan: FloorPlan, draws: Draws) -> list[Light]:
     for room in plan.rooms:
         warmth = draws.uniform(-0.05, 0.07)
         color = (1.0 + warmth * 0.4, 1.0, 1.0 - warmth)
-        lights.append(Light(room.rectangle, plan.height, color))
+        lights.append(Light(room.rectangle, room.height, color))
     return lights

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from generated_scenes import Rays, digest, rays_from_the_floor, seen_from_behind, sharing_a_plane
 
 from deux.contracts import Robot, Scene
 from deux.errors import DeuxError
@@ -13,29 +14,12 @@ from deux.geometry.grid import FreeSpace
 from deux.scenes.free_space import free_space
 from deux.scenes.ray_caster import Hits, RayCaster
 from deux_plugins.scenes.apartments import APARTMENT_VERSION, LABEL_NAMES, apartment
-from deux_plugins.scenes.apartments.draws import Draws
-from deux_plugins.scenes.apartments.floor_plan import make_floor_plan
-from deux_plugins.scenes.apartments.labels import STRUCTURE
+from deux_plugins.scenes.apartments.layout import make_floor_plan
+from deux_plugins.scenes.parts.draws import Draws
+from deux_plugins.scenes.parts.labels import STRUCTURE
 
 DIGEST_OF_SEED_0 = "2b4b918cede33889aad1c079ff972ca25e00661eda32695d5b818afcc97af267"
 """Of version 1. If it changes, either something became machine-dependent or APARTMENT_VERSION has to be raised."""
-
-
-def digest(scene: Scene) -> str:
-    mesh = scene.mesh
-    total = hashlib.sha256()
-    for array in (mesh.vertices, mesh.faces, mesh.uv, mesh.face_material, mesh.face_label, mesh.vertex_colors):
-        total.update(np.ascontiguousarray(array).tobytes())
-    for material in mesh.materials:
-        total.update(repr((material.name, material.color)).encode())
-        total.update(material.texture.tobytes())
-    return total.hexdigest()
-
-
-def normals(scene: Scene) -> np.ndarray:
-    corners = scene.mesh.triangles.astype(np.float64)
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return cross / np.linalg.norm(cross, axis=1, keepdims=True)
 
 
 @pytest.fixture(scope="module")
@@ -49,19 +33,12 @@ def space(flat: Scene, caster: RayCaster) -> FreeSpace:
 
 
 @pytest.fixture(scope="module")
-def rays(space: FreeSpace) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and unit directions of rays in all directions from the robot's camera, anywhere on the free floor."""
-    rng = np.random.default_rng(0)
-    cells = np.argwhere(space.free)[rng.integers(space.free.sum(), size=20_000)]
-    x = space.frame.origin_x + (cells[:, 1] + 0.5) * space.frame.resolution
-    z = space.frame.origin_z + (cells[:, 0] + 0.5) * space.frame.resolution
-    directions = rng.normal(size=(len(cells), 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return np.stack([x, np.full(x.shape, 1.25), z], axis=1), directions
+def rays(space: FreeSpace) -> Rays:
+    return rays_from_the_floor(space)
 
 
 @pytest.fixture(scope="module")
-def hits(caster: RayCaster, rays: tuple[np.ndarray, np.ndarray]) -> Hits:
+def hits(caster: RayCaster, rays: Rays) -> Hits:
     return caster.cast(*rays)
 
 
@@ -137,26 +114,12 @@ def test_the_robot_sees_geometry_in_every_direction(hits: Hits):
     assert (hits.distance < 10.0).mean() > 0.995
 
 
-def test_visible_faces_look_at_the_robot(flat: Scene, rays: tuple[np.ndarray, np.ndarray], hits: Hits):
-    facing = (normals(flat)[hits.face] * rays[1]).sum(axis=1)
-    assert (facing > 1e-6).mean() < 5e-4
+def test_visible_faces_look_at_the_robot(flat: Scene, rays: Rays, hits: Hits):
+    assert seen_from_behind(flat, rays, hits) < 5e-4
 
 
-def test_no_two_visible_faces_share_a_plane(
-    flat: Scene, caster: RayCaster, rays: tuple[np.ndarray, np.ndarray], hits: Hits
-):
-    """Looking straight at a visible point from 5 mm away must show the same face again."""
-    outward, back_off = normals(flat)[hits.face], 5e-3
-    points = rays[0] + rays[1] * hits.distance[:, None]
-    again = caster.cast(points + outward * back_off, -outward)
-    other = (again.face >= 0) & (again.face // 2 != hits.face // 2)
-    level = np.abs(again.distance - back_off) < 2e-4
-    parallel = (normals(flat)[again.face] * outward).sum(axis=1) > 0.999
-    # A point on the edge between two quadrilaterals of one plane may be given to either.
-    seam = np.abs(hits.barycentric).min(axis=1) < 1e-3
-    labels = flat.mesh.face_label
-    fighting = other & level & parallel & ~seam & (labels[again.face] != labels[hits.face])
-    assert fighting.mean() < 2e-4
+def test_no_two_visible_faces_share_a_plane(flat: Scene, caster: RayCaster, rays: Rays, hits: Hits):
+    assert sharing_a_plane(flat, caster, rays, hits) < 2e-4
 
 
 @pytest.mark.parametrize("radius", [0.1, 0.25])

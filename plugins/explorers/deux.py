@@ -8,6 +8,7 @@ from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
+from deux.mapping.navigation import Motion
 from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
@@ -31,6 +32,7 @@ class DeuxExplorer(GoalExplorer):
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
+        motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
     """
 
     spacing = 0.5
@@ -49,8 +51,11 @@ class DeuxExplorer(GoalExplorer):
         max_range: float = 3.0,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
+        motion: Motion = "arcs",
     ) -> None:
-        super().__init__(map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth")
+        super().__init__(
+            map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth", motion
+        )
         if residual_pose not in ("pose", "surface"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose" or "surface".')
         if target not in ("sampled", "greedy"):

@@ -48,7 +48,8 @@ class ActionCosts:
         rows, columns = np.asarray(cells).T
         best = self.field[rows // self.spacing, columns // self.spacing].min(axis=1)
         best[~self.traversable[rows, columns]] = np.inf
-        return np.minimum(best, self._straight(cells)[0])
+        straight = self._straight(cells)[0]
+        return np.where(np.isfinite(straight), straight, best)
 
     def to_views(self, cells: np.ndarray, headings: np.ndarray) -> np.ndarray:
         """Fewest actions to stand in N x 2 cells (row, column) with N yaws in radians, N float64; inf out of reach."""
@@ -70,7 +71,7 @@ class ActionCosts:
         to_z = frame.origin_z + (rows + 0.5) * frame.resolution
         errors = heading_error(self.pose, to_x, to_z)
         here = np.array(frame.cell(x, z))
-        there = np.array([rows, columns]).T == here
+        there = here == np.array([rows, columns]).T
         errors = np.where(there.all(axis=1), 0.0, errors)
         actions = _turns(errors, self.robot) + np.hypot(to_x - x, to_z - z) / self.robot.forward_step
         actions[there.all(axis=1)] = 0.0

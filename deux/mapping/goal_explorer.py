@@ -8,8 +8,10 @@ import numpy as np
 
 from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
 from deux.errors import DeuxError
+from deux.mapping.action_costs import action_costs
 from deux.mapping.finished_frontiers import FinishedFrontiers
-from deux.mapping.frontier_targets import FrontierCandidates, frontier_candidates, frontier_target
+from deux.mapping.frontier_targets import FrontierCandidates, cell_centres, frontier_candidates, frontier_target
+from deux.mapping.navigation import Motion
 from deux.mapping.occupancy import EXACT, PREDICTED, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Point, Pursuit, Target
@@ -32,9 +34,10 @@ class GoalExplorer(Explorer):
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         depth_option: what the subclass calls its option `depth`, for the message.
+        motion: "arcs", steps between turns where there is room; or "turns", turns on the spot.
 
     Raises:
-        DeuxError: `depth` is neither of the two.
+        DeuxError: `depth` or `motion` is neither of the two.
     """
 
     frontier_reach = 0.3
@@ -63,15 +66,19 @@ class GoalExplorer(Explorer):
         safety_margin: float,
         unknown_traversable: bool,
         depth_option: str = "depth",
+        motion: Motion = "turns",
     ) -> None:
         if depth not in ("predicted", "sensor"):
             raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
+        if motion not in ("arcs", "turns"):
+            raise DeuxError(f'explore.motion is "{motion}": it must be "arcs" or "turns".')
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
         self._depth = depth
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin
         self._unknown_traversable = unknown_traversable
+        self.motion = motion
 
     @abstractmethod
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
@@ -87,6 +94,22 @@ class GoalExplorer(Explorer):
     def target_is_stale(self, target: Target) -> bool:
         """Whether the target is no longer worth going to; asked before each action."""
         return False
+
+    def frontier_is_resolved(self) -> bool:
+        """Whether no frontier cell is left around the one that was chosen; false where the target is on none."""
+        if self.frontier is None:
+            return False
+        return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)
+
+    def actions_to(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
+        """Fewest actions to stand at each candidate's place and face its cell, N float64; see `action_costs`."""
+        frame = self.occupancy.frame
+        traversable = self._traversable(frame.cell(pose[0, 3], pose[2, 3]), self._clearance)
+        cells, places = candidates.cells, candidates.places
+        right, down = (cell_centres(frame, cells) - cell_centres(frame, places)).T
+        costs = action_costs(traversable, frame, pose, self.robot)
+        facing = costs.to_views(places, np.arctan2(-right, -down))
+        return np.where((cells == places).all(axis=1), costs.to(places), facing)
 
     def reset(self, episode: Episode) -> None:
         """Forget everything and begin an episode."""
@@ -148,7 +171,7 @@ class GoalExplorer(Explorer):
                 target = self._next_target(pose, here)
                 if target is None:
                     return self._recovery.turn_away(math.ceil(self.escape_distance / self.robot.forward_step))
-                self._pursuit = Pursuit(target, self.robot)
+                self._pursuit = Pursuit(target, self.robot, motion=self.motion)
             action = self._pursuit.act(pose, self._traversable(here, self._clearance), self.occupancy.frame)
             if action is not None:
                 return action

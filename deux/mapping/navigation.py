@@ -1,7 +1,7 @@
 """Path following: from a path on the map to the robot's actions."""
 
 import math
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from deux.contracts import Action, Robot
 from deux.geometry.grid import GridFrame
 from deux.geometry.poses import yaw_of
 from deux.mapping.planning import line_is_clear
+
+Motion = Literal["arcs", "turns"]
+"""How a robot changes its heading on a path: while it goes on, or on the spot."""
 
 Coordinate = TypeVar("Coordinate", float, np.ndarray)
 
@@ -25,18 +28,32 @@ def turn_towards(error: float) -> Action:
 
 
 class PathFollower:
-    """Follows a path: turns until the next waypoint lies within half a turn of straight ahead, then goes forward.
+    """Follows a path: turns towards the next waypoint, and goes forward once it lies within half a turn of ahead.
 
     The waypoint, `Path[delta_next]` of Algorithm 1, is the farthest point of the path within the lookahead that
     can be reached in a straight line. A turn that would only undo the turn before it is replaced by a step
     forward, so that the robot cannot swing left and right on the spot.
 
+    With the motion "arcs" it goes forward between turns as well, where the next step is free. A step after every k
+    turns by an angle a moves it on a circle of radius r = step / (k a). A waypoint at distance d and heading error e
+    lies on or outside of that circle, so that the robot does not go around it, if d >= 2 r sin|e|. The
+    heading then turns by up to e more than on the spot, which buys frames with parallax.
+
     Args:
-        robot: its turn angle.
-        lookahead: distance to the waypoint in metres.
+        robot: its turn angle and forward step.
+        lookahead: distance to the waypoint in metres; None for 1 with turns on the spot, and 2 with arcs.
+        motion: how it turns.
     """
 
-    def __init__(self, robot: Robot, lookahead: float = 1.0) -> None:
+    widest_arc = math.radians(60.0)
+    """Heading error above which the robot turns on the spot: a step would bring it nearly no closer."""
+
+    def __init__(self, robot: Robot, lookahead: float | None = None, motion: Motion = "turns") -> None:
+        self._robot = robot
+        self._arcs = motion == "arcs"
+        if lookahead is None:
+            lookahead = 2.0 if self._arcs else 1.0
+        self._turns = 0  # since the last step forward
         self._tolerance = math.radians(robot.turn_angle) / 2.0 + 1e-6
         self._lookahead = lookahead
         self._last: Action | None = None
@@ -55,10 +72,25 @@ class PathFollower:
         action = Action.FORWARD
         if abs(error) > self._tolerance:
             action = turn_towards(error)
-            if {action, self._last} == {Action.LEFT, Action.RIGHT}:
+            undone = {action, self._last} == {Action.LEFT, Action.RIGHT}
+            if undone or (self._arcs and self._may_arc(pose, x, z, error, traversable, frame)):
                 action = Action.FORWARD
+        self._turns = 0 if action is Action.FORWARD else self._turns + 1
         self._last = action
         return action
+
+    def _may_arc(
+        self, pose: np.ndarray, x: float, z: float, error: float, traversable: np.ndarray, frame: GridFrame
+    ) -> bool:
+        """Whether a step before the next turn leads to waypoint (x, z) on an arc and its way is free."""
+        if self._turns == 0 or abs(error) > self.widest_arc:
+            return False
+        radius = self._robot.forward_step / (self._turns * math.radians(self._robot.turn_angle))
+        if math.hypot(x - pose[0, 3], z - pose[2, 3]) < 2.0 * radius * math.sin(abs(error)):
+            return False
+        forward = pose[[0, 2], 2] / np.linalg.norm(pose[[0, 2], 2])
+        end = pose[[0, 2], 3] + forward * (self._robot.forward_step + frame.resolution)
+        return bool(line_is_clear(traversable, frame.cell(pose[0, 3], pose[2, 3]), frame.cell(*end)))
 
     def _waypoint(self, pose: np.ndarray, path: np.ndarray, traversable: np.ndarray, frame: GridFrame) -> np.ndarray:
         """World (x, z) of the point to head for."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from deux.contracts import Action, Robot
 from deux.geometry.grid import GridFrame
-from deux.mapping.navigation import PathFollower, heading_error, turn_towards
+from deux.mapping.navigation import Motion, PathFollower, heading_error, turn_towards
 from deux.mapping.planning import path_length, shortest_path
 
 Point = tuple[float, float]
@@ -39,6 +39,7 @@ class Pursuit:
         robot: its motion.
         patience: actions without progress after which the target is given up; a half turn takes 18.
         most_steps: actions after which the target is given up in any case (exploring_exploration's 200).
+        motion: how it turns on its path, see `PathFollower`.
     """
 
     goal_radius = 0.2
@@ -47,11 +48,13 @@ class Pursuit:
     look_tolerance = math.radians(20.0)
     """Heading error within which the robot faces what it was to look at."""
 
-    def __init__(self, target: Target, robot: Robot, patience: int = 40, most_steps: int = 200) -> None:
+    def __init__(
+        self, target: Target, robot: Robot, patience: int = 40, most_steps: int = 200, motion: Motion = "turns"
+    ) -> None:
         self.target = target
         self.reached = False
         self._robot = robot
-        self._follower = PathFollower(robot)
+        self._follower = PathFollower(robot, motion=motion)
         self._patience = patience
         self._steps_left = most_steps
         self._steps_since_progress = 0

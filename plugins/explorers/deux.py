@@ -9,6 +9,7 @@ from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
 from deux.mapping.informative_targets import InformativeTargets, MapNow
+from deux.mapping.navigation import Motion
 from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
@@ -34,6 +35,7 @@ class DeuxExplorer(GoalExplorer):
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
+        motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
         per_action: whether the value of an informative target is divided by the actions that it costs.
         revisits: whether informative targets lie on known floor too while there is a frontier to go to.
         on_the_way: whether the views on the way to an informative target count as well as the one there.
@@ -58,11 +60,14 @@ class DeuxExplorer(GoalExplorer):
         max_range: float = 3.0,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
+        motion: Motion = "arcs",
         per_action: bool = True,
         revisits: bool = True,
         on_the_way: bool = True,
     ) -> None:
-        super().__init__(map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth")
+        super().__init__(
+            map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth", motion
+        )
         if residual_pose not in (None, "pose", "surface", "constant"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')
         if target not in ("sampled", "greedy", "informative"):

@@ -7,7 +7,7 @@ import numpy as np
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
-from deux.mapping.navigation import heading_error
+from deux.mapping.navigation import Motion, heading_error
 from deux.mapping.pursuit import Target
 
 
@@ -25,6 +25,7 @@ class FrontierExplorer(GoalExplorer):
         max_range: distance along the floor in metres up to which depth enters the map.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
+        motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
     """
 
     def __init__(
@@ -35,8 +36,9 @@ class FrontierExplorer(GoalExplorer):
         max_range: float = 3.0,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
+        motion: Motion = "arcs",
     ) -> None:
-        super().__init__(depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth")
+        super().__init__(depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth", motion)
         if choose not in ("nearest", "largest"):
             raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')
         self._choose = choose
@@ -47,13 +49,15 @@ class FrontierExplorer(GoalExplorer):
             row, column = self.free_places(distance, 1)[0]
             return Target(self.occupancy.frame.centre(row, column))
         if self._choose == "nearest":
-            index = int(np.argmin(self._actions_to(pose, candidates)))
+            arcs = self.motion == "arcs"
+            actions = self.actions_to(pose, candidates) if arcs else self._estimated_actions(pose, candidates)
+            index = int(np.argmin(actions))
         else:
             largest = np.unique(candidates.frontier)[:3]
             index = int(self.rng.choice(np.flatnonzero(candidates.frontier == self.rng.choice(largest))))
         return self.frontier_target(candidates, index)
 
-    def _actions_to(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
+    def _estimated_actions(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
         """About how many actions each candidate costs: the turn to face it and the steps along the path."""
         x, z = cell_centres(self.occupancy.frame, candidates.cells).T
         turns = np.degrees(np.abs(heading_error(pose, x, z))) / self.robot.turn_angle
@@ -61,6 +65,4 @@ class FrontierExplorer(GoalExplorer):
 
     def target_is_stale(self, target: Target) -> bool:
         """Whether no frontier cell is left around the one that was chosen."""
-        if self.frontier is None:
-            return False
-        return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)
+        return self.frontier_is_resolved()

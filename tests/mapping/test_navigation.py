@@ -61,3 +61,42 @@ def test_heads_for_the_corner_and_not_through_the_wall_behind_it():
     row, column = FRAME.cell(0.0, -0.35)
     walled[row:, :column] = False
     assert PathFollower(Robot(), 0.6).action(pose, path, walled, FRAME) is Action.FORWARD
+
+
+def drive(motion, wanted, steps=60, open_cells=OPEN):
+    """Follow a straight path from the origin to a point; returns the actions and how near the robot came."""
+    follower, robot = PathFollower(Robot(), motion=motion), Robot()
+    x, z, yaw, actions, nearest = 0.0, 0.0, 0.0, [], math.inf
+    for _ in range(steps):
+        pose = camera_pose(x, 1.25, z, yaw)
+        nearest = min(nearest, math.hypot(wanted[0] - x, wanted[1] - z))
+        if nearest <= 0.2:
+            break
+        path = np.linspace((x, z), wanted, 40)
+        actions.append(follower.action(pose, path, open_cells, FRAME))
+        if actions[-1] is Action.FORWARD:
+            x, z = x + robot.forward_step * pose[0, 2], z + robot.forward_step * pose[2, 2]
+        else:
+            yaw += math.radians(robot.turn_angle) * (1 if actions[-1] is Action.LEFT else -1)
+    return actions, nearest
+
+
+@pytest.mark.parametrize("degrees", [20, 50, 100, -160])
+@pytest.mark.parametrize("distance", [0.5, 1.0, 2.2])
+def test_arcs_arrive_with_about_as_many_actions_as_turns_on_the_spot(distance, degrees):
+    wanted = -distance * math.sin(math.radians(degrees)), -distance * math.cos(math.radians(degrees))
+    arcs, nearest = drive("arcs", wanted)
+    assert nearest <= 0.2
+    longer = math.ceil(math.degrees(PathFollower.widest_arc) / 10.0) + 1  # an arc doubles the angle; and one step
+    assert len(arcs) <= len(drive("turns", wanted)[0]) + longer
+
+
+def test_arcs_step_between_turns_only_where_there_is_room():
+    wanted = (-1.3, -1.6)
+    arcs = drive("arcs", wanted)[0]
+    first_step, last_turn = arcs.index(Action.FORWARD), len(arcs) - 1 - arcs[::-1].index(Action.LEFT)
+    assert first_step < last_turn
+    walled = OPEN.copy()
+    walled[:48, 48:] = False  # what lies ahead of the robot, which stands in cell (50, 50)
+    spot = drive("arcs", wanted, open_cells=walled)[0]
+    assert spot.index(Action.FORWARD) > first_step

@@ -4,15 +4,24 @@ Everything follows from the true depth, the poses and the intrinsics of the fram
 the dataset's folder is changed.
 """
 
+import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target, yaw_of
+from deux.io.atomic import write_json
+from deux.metrics.intervals import Estimate
+from deux.metrics.tables import Cell, Column, ResultTable, Row
+
+SCORECARD_FILE = "scorecard.json"
+"""A dataset's scorecard, in the folder of the run that collected it or trained on it."""
 
 MIN_BASELINE, MAX_BASELINE = 0.15, 0.8
 """Metres between two cameras with useful parallax."""
@@ -73,9 +82,39 @@ class Scorecard:
     depth_distance: float | None = None
     test_shares: Mapping[str, float] = field(default_factory=dict)
 
-    def summary(self) -> dict[str, object]:
-        """The scorecard as JSON values."""
-        return asdict(self)
+    def save(self, folder: Path) -> Path:
+        """Write `scorecard.json` into a run folder, whole or not at all."""
+        path = folder / SCORECARD_FILE
+        write_json(path, asdict(self))
+        return path
+
+    @classmethod
+    def load(cls, folder: Path) -> "Scorecard":
+        """Read a run folder's `scorecard.json`.
+
+        Raises:
+            DeuxError: it is missing or not what `save` writes.
+        """
+        path = folder / SCORECARD_FILE
+        try:
+            return cls(**json.loads(path.read_text()))
+        except (OSError, ValueError, TypeError) as error:
+            raise DeuxError(f"{path} is no scorecard of deux ({error}); collect or run it again.") from None
+
+    def table(self, caption: str) -> ResultTable:
+        """The scorecard as a table, an entry a row; the test frames' shares of depth stand beside the dataset's own.
+
+        Args:
+            caption: what was scored.
+        """
+        columns = (Column("value", digits=3), Column("test frames", digits=3))
+        rows = []
+        for name, value in asdict(self).items():
+            if name != "test_shares" and value is not None:
+                numbers = (value, self.test_shares.get(name))
+                cells = tuple(Cell(None if n is None else Estimate(float(n), math.nan)) for n in numbers)
+                rows.append(Row((name.replace("_", " "),), cells))
+        return ResultTable(caption, ("entry",), columns, (tuple(rows),), name="scorecard")
 
 
 def score(

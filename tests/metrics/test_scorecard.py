@@ -11,6 +11,7 @@ from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose, source_from_target
 from deux.metrics.scorecard import (
+    Scorecard,
     depth_histogram,
     depth_shares,
     has_parallax,
@@ -139,3 +140,13 @@ def test_large_datasets_are_sampled_for_pixels_only():
 def test_what_has_no_scorecard_says_so(poses, known, says):
     with pytest.raises(DeuxError, match=says):
         score(Wall(Path("d"), along(poses, 0.25), known=known))
+
+
+def test_a_scorecard_is_read_as_it_was_written(tmp_path):
+    card = score(Wall(Path("d"), along(10, 0.25)), tests=Wall(Path("t"), along(4, 0.25), depth=0.5))
+    card.save(tmp_path)
+    assert Scorecard.load(tmp_path) == card
+    assert "near" in card.table("Scorecard").markdown()
+    (tmp_path / "scorecard.json").write_text("{}")
+    with pytest.raises(DeuxError, match="is no scorecard of deux"):
+        Scorecard.load(tmp_path)

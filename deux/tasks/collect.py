@@ -6,7 +6,9 @@ from omegaconf import DictConfig
 
 from deux.collection.explored_map import episode_poses, explored_map
 from deux.configuration import run_folder, sections_of
+from deux.data.dataset_reader import DatasetReader
 from deux.io.layout import sequences
+from deux.metrics.scorecard import score
 from deux.task_sections import Sections
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets, needs_model
@@ -21,7 +23,7 @@ MOST_TRAJECTORIES = 6
 
 
 def run(cfg: DictConfig) -> None:
-    """Collect the configured explorer's dataset and draw its trajectories."""
+    """Collect the configured explorer's dataset, draw its trajectories and score its frames."""
     quieten_libraries()
     sections = sections_of(cfg)
     datasets = Datasets(sections, ["train"])
@@ -31,6 +33,9 @@ def run(cfg: DictConfig) -> None:
         dataset = exploration.collect(run)
         if leads():
             exploration.draw(dataset, run)
+            card = score(DatasetReader(dataset))
+            card.save(run.path)
+            say(card.table(f"Scorecard of the {exploration.explorer.name} frames"))
             say(f"Dataset: {dataset}")
 
 

@@ -10,6 +10,7 @@ from deux.collection.pipeline import frame_count
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel
 from deux.data.dataset_reader import DatasetReader
+from deux.metrics.scorecard import score
 from deux.report.results import RESULTS_FILE, Results
 from deux.task_sections import Sections
 from deux.tasks.active_training import ActiveTraining, read_rounds
@@ -34,7 +35,7 @@ def run(cfg: DictConfig) -> None:
             frames = experiment.explore(run)
             model = experiment.train(frames, run)
             if leads():
-                errors = experiment.evaluate(model, run)
+                errors = experiment.evaluate(model, frames, run)
                 experiment.write(frames, errors, run)
         experiment.show(run)
 
@@ -74,12 +75,14 @@ class Experiment:
         with run.stage("train"):
             return self._final.train(DatasetReader(frames), run)
 
-    def evaluate(self, model: DepthModel, run: RunFolder) -> "Evaluation":
-        """Measure the model's errors on free viewpoints of the test scenes."""
+    def evaluate(self, model: DepthModel, frames: Path, run: RunFolder) -> "Evaluation":
+        """Measure the model's errors on free viewpoints of the test scenes, and score its frames beside these."""
         say("Evaluate on free viewpoints of the test scenes")
         with run.stage("evaluate"):
             viewpoints = self._datasets.viewpoints("test", self._evaluation.viewpoints)
-            return self._test.evaluate(model, DatasetReader(viewpoints), run)
+            found = self._test.evaluate(model, DatasetReader(viewpoints), run)
+        score(DatasetReader(frames), tests=DatasetReader(viewpoints)).save(run.path)
+        return found
 
     def write(self, frames: Path, found: "Evaluation", run: RunFolder) -> None:
         """Draw the trajectories and write `results.json`, which says that the run is finished."""

@@ -25,6 +25,9 @@ def test_everything_that_a_run_leaves_behind(finished):
     for predicted in ("metrics", "baseline", "constant"):
         assert tuple(results[predicted]) == tuple(METRICS)
         assert all(math.isfinite(value) and value > 0 for value in results[predicted].values())
+    card = json.loads((run / "scorecard.json").read_text())
+    assert card["frames"] == results["frames"]
+    assert 0 <= card["depth_distance"] <= 1
     assert set(results["seconds"]) == {"seed", "collect", "train", "evaluate"}
     assert {path.name for path in (run / "figures").iterdir()} == {
         "test_frames.png",

@@ -1,0 +1,273 @@
+"""Scorecard of a dataset: what its frames can teach an unsupervised depth model, without training one.
+
+Everything follows from the true depth, the poses and the intrinsics of the frames that the list files name; nothing in
+the dataset's folder is changed.
+"""
+
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.errors import DeuxError
+from deux.geometry.poses import source_from_target, yaw_of
+from deux.io.atomic import write_json
+from deux.metrics.intervals import Estimate
+from deux.metrics.tables import Cell, Column, ResultTable, Row
+
+SCORECARD_FILE = "scorecard.json"
+"""A dataset's scorecard, in the folder of the run that collected it or trained on it."""
+
+MIN_BASELINE, MAX_BASELINE = 0.15, 0.8
+"""Metres between two cameras with useful parallax."""
+
+MAX_TURN = 40.0
+"""Degrees between the headings of two cameras that share enough of their view."""
+
+DEPTH_CHANGE = 0.1
+"""The relative change of depth whose effect on a source frame is measured."""
+
+LEAST_SHIFT = 0.25
+"""Pixels by which a change of depth must move a point in a source frame for images to tell of it."""
+
+PLACE_SIZE = 0.5
+"""Edge of a place, a square cell of the floor plan, in metres."""
+
+VIEW_ANGLE = 30.0
+"""Degrees of heading that make one view of a place."""
+
+NEAR, FAR = 1.0, 3.0
+"""Metres: nearer pixels are near, farther ones far, those between them middle."""
+
+_BINS = np.geomspace(0.1, 20.0, 33)
+"""Edges of the bins of depth, in metres; equally wide in the logarithm."""
+
+DepthHistogram = np.ndarray
+"""Shares of the pixels in each bin of depth, summing to 1."""
+
+
+@dataclass(frozen=True)
+class Scorecard:
+    """What a dataset's frames can teach; shares are between 0 and 1.
+
+    Args:
+        frames: target frames, those that the list files name.
+        sampled: of these, how many the shares of pixels are measured on.
+        parallax: share of the target frames with a source frame as of `has_parallax`.
+        moved: share of the pixels with true depth that `moved_share` counts, mean over the sampled frames.
+        places: distinct cells of `PLACE_SIZE` of a scene in which a target's camera stands.
+        views: distinct pairs of a place and a heading in steps of `VIEW_ANGLE`.
+        near: share of the pixels nearer than `NEAR`.
+        middle: share of the pixels between `NEAR` and `FAR`.
+        far: share of the pixels at `FAR` or beyond.
+        depth_distance: total variation between the histograms of depth of these frames and of the test frames, 0 to 1;
+            None where there are no test frames to compare with.
+        test_shares: the shares near, middle and far of the test frames' pixels; empty where there are none.
+    """
+
+    frames: int
+    sampled: int
+    parallax: float
+    moved: float
+    places: int
+    views: int
+    near: float
+    middle: float
+    far: float
+    depth_distance: float | None = None
+    test_shares: Mapping[str, float] = field(default_factory=dict)
+
+    def save(self, folder: Path) -> Path:
+        """Write `scorecard.json` into a run folder, whole or not at all."""
+        path = folder / SCORECARD_FILE
+        write_json(path, asdict(self))
+        return path
+
+    @classmethod
+    def load(cls, folder: Path) -> "Scorecard":
+        """Read a run folder's `scorecard.json`.
+
+        Raises:
+            DeuxError: it is missing or not what `save` writes.
+        """
+        path = folder / SCORECARD_FILE
+        try:
+            return cls(**json.loads(path.read_text()))
+        except (OSError, ValueError, TypeError) as error:
+            raise DeuxError(f"{path} is no scorecard of deux ({error}); collect or run it again.") from None
+
+    def table(self, caption: str) -> ResultTable:
+        """The scorecard as a table, an entry a row; the test frames' shares of depth stand beside the dataset's own.
+
+        Args:
+            caption: what was scored.
+        """
+        columns = (Column("value", digits=3), Column("test frames", digits=3))
+        rows = []
+        for name, value in asdict(self).items():
+            if name != "test_shares" and value is not None:
+                numbers = (value, self.test_shares.get(name))
+                cells = tuple(Cell(None if n is None else Estimate(float(n), math.nan)) for n in numbers)
+                rows.append(Row((name.replace("_", " "),), cells))
+        return ResultTable(caption, ("entry",), columns, (tuple(rows),), name="scorecard")
+
+
+def score(
+    reader: Reader,
+    split: str = "train",
+    offsets: tuple[int, ...] = (-1, -2),
+    tests: Reader | None = None,
+    most_frames: int = 50,
+) -> Scorecard:
+    """Compute the scorecard of one split of a dataset.
+
+    Args:
+        reader: reads the dataset.
+        split: which of its splits.
+        offsets: the source frames, in frames from the target, where the dataset lists none.
+        tests: reads a dataset whose "test" split the depths are compared with; None for no comparison.
+        most_frames: frames at most, evenly spread over the list, on which shares of pixels are measured.
+
+    Raises:
+        DeuxError: the split is empty, or a frame has no true depth or no pose.
+    """
+    triplets = reader.triplets(split, offsets)
+    if not triplets:
+        raise DeuxError(f"{reader.folder} lists no {split} frames, so that it has no scorecard.")
+    poses = {frame: _pose(reader, frame) for one in triplets for frame in (one.target, *one.sources)}
+    parallax = [any(has_parallax(poses[one.target], poses[frame]) for frame in one.sources) for one in triplets]
+    sampled = _spread(triplets, most_frames)
+    depths = [_depth(reader, one.target) for one in sampled]
+    moved = [
+        moved_share(depth, reader.intrinsics(one.target), [_motion(poses, one, frame) for frame in one.sources])
+        for one, depth in zip(sampled, depths, strict=True)
+    ]
+    places = {(_scene(one.target), *_place(poses[one.target])) for one in triplets}
+    views = {(_scene(one.target), *_place(poses[one.target]), _heading(poses[one.target])) for one in triplets}
+    shares, distance, test_shares = depth_shares(depths), None, {}
+    if tests is not None:
+        others = [_depth(tests, one.target) for one in _spread(tests.triplets("test", offsets), most_frames)]
+        distance = total_variation(depth_histogram(depths), depth_histogram(others))
+        test_shares = depth_shares(others)
+    return Scorecard(
+        frames=len(triplets),
+        sampled=len(sampled),
+        parallax=float(np.mean(parallax)),
+        moved=float(np.nanmean(moved)) if not np.all(np.isnan(moved)) else 0.0,
+        places=len(places),
+        views=len(views),
+        **shares,
+        depth_distance=distance,
+        test_shares=test_shares,
+    )
+
+
+def has_parallax(target: np.ndarray, source: np.ndarray) -> bool:
+    """Whether two cameras see with useful parallax: `MIN_BASELINE` to `MAX_BASELINE` apart, turned below `MAX_TURN`.
+
+    Args:
+        target: camera-to-world matrix, 4 x 4, metres.
+        source: likewise.
+    """
+    turned = source_from_target(target, source)[:3, :3]
+    angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1.0) / 2.0, -1.0, 1.0)))
+    baseline = float(np.linalg.norm(target[:3, 3] - source[:3, 3]))
+    return MIN_BASELINE - 1e-6 <= baseline <= MAX_BASELINE + 1e-6 and bool(angle < MAX_TURN)
+
+
+def moved_share(depth: np.ndarray, intrinsics: np.ndarray, motions: Sequence[np.ndarray]) -> float:
+    """Share of the pixels at which an error of depth shows in some source frame.
+
+    A pixel u of depth z lies at pi(K T z K^-1 u) in a source frame. It counts where (1 + `DEPTH_CHANGE`) z moves that
+    point by `LEAST_SHIFT` pixels or more, and the point lies inside the source frame. Occlusion is not checked.
+
+    Args:
+        depth: H x W metres; 0 where there is none.
+        intrinsics: 3 x 3, of both cameras.
+        motions: 4 x 4 each, from the target camera to a source camera.
+
+    Returns:
+        The share of the pixels with depth; NaN where there is none.
+    """
+    rows, columns = np.nonzero(depth > 0)
+    if not rows.size:
+        return float("nan")
+    rays = np.linalg.inv(intrinsics) @ np.stack([columns, rows, np.ones_like(rows)]).astype(float)
+    points = rays * depth[rows, columns]
+    counted = np.zeros(rows.size, bool)
+    for matrix in motions:
+        here, there = (_project(intrinsics, matrix, points * scale) for scale in (1.0, 1.0 + DEPTH_CHANGE))
+        limits = np.array([[depth.shape[1] - 0.5], [depth.shape[0] - 0.5]])
+        with np.errstate(invalid="ignore"):
+            inside = np.all((here >= -0.5) & (here <= limits), axis=0)
+            counted |= inside & (np.linalg.norm(there - here, axis=0) >= LEAST_SHIFT)
+    return float(counted.mean())
+
+
+def depth_shares(depths: Sequence[np.ndarray]) -> dict[str, float]:
+    """Shares of the pixels with depth that are near, middle and far; all 0 where no pixel has depth."""
+    known = np.concatenate([depth[depth > 0].ravel() for depth in depths]) if depths else np.zeros(0)
+    count = max(1, known.size)
+    near, far = float((known < NEAR).sum() / count), float((known >= FAR).sum() / count)
+    return {"near": near, "middle": known.size / count - near - far, "far": far}
+
+
+def depth_histogram(depths: Sequence[np.ndarray]) -> DepthHistogram:
+    """Shares of the pixels with depth in bins that are equally wide in log depth; depths beyond count at the ends."""
+    known = np.concatenate([depth[depth > 0].ravel() for depth in depths]) if depths else np.zeros(0)
+    counts, _ = np.histogram(np.clip(known, _BINS[0], _BINS[-1]), _BINS)
+    return counts / max(1, known.size)
+
+
+def total_variation(first: DepthHistogram, second: DepthHistogram) -> float:
+    """Total variation distance, half the sum of |p - q| over all bins: 0 for equal histograms, 1 for disjoint ones."""
+    return float(np.abs(first - second).sum() / 2.0)
+
+
+def _project(intrinsics: np.ndarray, matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Pixel coordinates, 2 x N, of points (3 x N, target camera) in a source frame; NaN behind the camera."""
+    seen = intrinsics @ (matrix[:3, :3] @ points + matrix[:3, 3:])
+    return seen[:2] / np.where(seen[2] > 1e-6, seen[2], np.nan)
+
+
+def _motion(poses: Mapping[FrameReference, np.ndarray], triplet: Triplet, source: FrameReference) -> np.ndarray:
+    return source_from_target(poses[triplet.target], poses[source])
+
+
+def _place(pose: np.ndarray) -> tuple[int, int]:
+    return int(np.floor(pose[0, 3] / PLACE_SIZE)), int(np.floor(pose[2, 3] / PLACE_SIZE))
+
+
+def _scene(frame: FrameReference) -> str:
+    """The name of a collected frame's scene and floor: its sequence's, without the number of episode or viewpoint."""
+    return re.sub(r"-(view)?\d+$", "", frame.sequence)
+
+
+def _heading(pose: np.ndarray) -> int:
+    """Number of the heading's sector; sectors are centred on the multiples of `VIEW_ANGLE`."""
+    return round(np.degrees(yaw_of(pose)) / VIEW_ANGLE) % round(360.0 / VIEW_ANGLE)
+
+
+def _spread(triplets: Sequence[Triplet], most: int) -> list[Triplet]:
+    """At most `most` of them, evenly spread."""
+    chosen = np.unique(np.linspace(0, len(triplets) - 1, min(most, len(triplets))).round().astype(int))
+    return [triplets[k] for k in chosen]
+
+
+def _pose(reader: Reader, frame: FrameReference) -> np.ndarray:
+    pose = reader.pose(frame)
+    if pose is None:
+        raise DeuxError(f"Frame {frame} of {reader.folder} has no pose, which the scorecard needs.")
+    return pose
+
+
+def _depth(reader: Reader, frame: FrameReference) -> np.ndarray:
+    depth = reader.ground_truth(frame)
+    if depth is None:
+        raise DeuxError(f"Frame {frame} of {reader.folder} has no true depth, which the scorecard needs.")
+    return depth

@@ -59,7 +59,7 @@ def test_its_frames_may_come_from_other_scenes(tiny, tmp_path):
 
 def test_an_unknown_source_of_its_scenes_is_told_before_any_work(tiny, tmp_path):
     sentence = tiny(tmp_path, *GUIDED, "seed_model.source=apartmens").sentence
-    assert sentence.startswith("seed_model.source: there is no scenes called 'apartmens'")
+    assert sentence.startswith("there is no source of scenes called 'apartmens': did you mean apartments?")
     assert not list(tmp_path.glob("datasets/*"))
 
 

@@ -53,8 +53,11 @@ def test_the_splits_are_the_papers(preset, sizes):
 
 
 @pytest.mark.parametrize("model", ["kbnet", "voiced", "fusionnet", "scaffnet"])
-def test_every_model_trains_at_the_papers_rate(model):
-    training = compose(["experiment=paper_mp3d", f"model={model}"]).training
+@pytest.mark.parametrize("preset", ["paper_mp3d", "paper_hm3d"])
+def test_every_model_is_the_published_one_at_the_papers_rate(preset, model):
+    cfg = compose([f"experiment={preset}", f"model={model}", "scenes.root=scans"])
+    assert cfg.model.margin == 0
+    training = cfg.training
     assert (training.learning_rate, training.batch_size) == (1e-4, 8)
 
 

@@ -11,6 +11,7 @@ from deux.geometry.sliding_max import sliding_max
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range
 from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
+from deux_plugins.depth_models.parts.margin import check_margin, crop, repeat_edge, surround_with_zeros
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
 from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 from deux_plugins.depth_models.scaffnet import ScaffNet
@@ -38,6 +39,8 @@ class FusionNet(DepthModel):
         scaffnet_decoder_filters: ScaffNet's `decoder_filters`.
         min_depth: nearest predicted depth in metres, ScaffNet's too.
         max_depth: farthest predicted depth in metres, ScaffNet's too.
+        margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
+            depth loses again, as KBNet's. ScaffNet sees the extended points too; 0 is the published network.
     """
 
     objective: ClassVar[LossSettings] = {
@@ -59,12 +62,15 @@ class FusionNet(DepthModel):
         scaffnet_decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 32),
         min_depth: float = 0.1,
         max_depth: float = 10.0,
+        margin: int = 0,
     ) -> None:
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(image_filters=image_filters, depth_filters=depth_filters, decoder_filters=decoder_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
+        check_margin(margin)
+        self.margin = margin
         self.scale_window = scale_window
         self.scaffnet_settings: dict[str, Any] = {
             "pools": scaffnet_pools,
@@ -89,6 +95,10 @@ class FusionNet(DepthModel):
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
     ) -> Prediction:
         """Predict dense depth; see `DepthModel.forward`. `extras["prior"]` is ScaffNet's depth as it came."""
+        margin = 0 if self.training else self.margin
+        if margin:
+            image = repeat_edge(image, margin)
+            sparse_depth, validity = (surround_with_zeros(x, margin) for x in (sparse_depth, validity))
         with torch.no_grad():
             prior = self.scaffnet(image, sparse_depth, validity, intrinsics).depth
         points = sparse_depth * validity
@@ -101,7 +111,8 @@ class FusionNet(DepthModel):
         logits, offset = self.decoder(latent, joins, [*sizes(features), full_size]).split(1, dim=1)
         factor = MIN_FACTOR + (MAX_FACTOR - MIN_FACTOR) * torch.sigmoid(logits)
         depth = factor * scaffold + offset.clamp(-MAX_OFFSET, MAX_OFFSET)
-        return Prediction(depth.clamp(self.min_depth, self.max_depth), {"prior": prior})
+        depth = depth.clamp(self.min_depth, self.max_depth)
+        return Prediction(crop(depth, margin), {"prior": crop(prior, margin)})
 
     def augmentation(self) -> Sequence[Augmentation]:
         """Half of the samples are mirrored left to right."""

@@ -12,6 +12,7 @@ from deux_plugins.depth_models.parts.convolution import Convolution
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
 from deux_plugins.depth_models.parts.levels import check_levels, sizes
+from deux_plugins.depth_models.parts.margin import check_margin, crop, surround_with_zeros
 from deux_plugins.depth_models.parts.pooling import check_windows
 from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 
@@ -51,6 +52,8 @@ class ScaffNet(DepthModel):
         decoder_filters: channels of the decoder's five levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres; sparse points beyond it are taken to lie there.
+        margin: pixels without a point by which a trained network's map of points is extended on all sides, and which
+            its depth loses again, as KBNet's; 0 is the published network.
     """
 
     supervised: ClassVar[bool] = True
@@ -64,12 +67,15 @@ class ScaffNet(DepthModel):
         decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 32),
         min_depth: float = 0.1,
         max_depth: float = 10.0,
+        margin: int = 0,
     ) -> None:
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(filters=filters, decoder_filters=decoder_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
+        check_margin(margin)
+        self.margin = margin
         self.spatial_pyramid_pool = SpatialPyramidPool(tuple(pools), pool_filters)
         self.encoder = VGGEncoder(pool_filters, filters, batch_norm=True)
         self.decoder = Decoder(filters[4], [*filters[3::-1], pool_filters], decoder_filters, batch_norm=True)
@@ -78,13 +84,16 @@ class ScaffNet(DepthModel):
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
     ) -> Prediction:
         """Predict dense depth from the sparse points as sampled; see `DepthModel.forward`."""
+        margin = 0 if self.training else self.margin
+        if margin:
+            sparse_depth = surround_with_zeros(sparse_depth, margin)
         pyramid = self.spatial_pyramid_pool(sparse_depth.clamp(max=self.max_depth))
         features = self.encoder(pyramid)
         *skips, latent = features
         full_size = (sparse_depth.shape[2], sparse_depth.shape[3])
         joins = [[skip] for skip in (*reversed(skips), pyramid)]
         logits = self.decoder(latent, joins, [*sizes(features), full_size])
-        return Prediction(depth_from_logits(logits, self.min_depth, self.max_depth))
+        return Prediction(depth_from_logits(crop(logits, margin), self.min_depth, self.max_depth))
 
     def augmentation(self) -> Sequence[Augmentation]:
         """Half of the samples are mirrored left to right."""

@@ -12,6 +12,7 @@ from deux.geometry.scaffolding import interpolate
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_nearness
 from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
+from deux_plugins.depth_models.parts.margin import check_margin, crop, repeat_edge, surround_with_zeros
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
 from deux_plugins.depth_models.parts.vgg_encoder import VGG8, VGG11, VGGEncoder
 
@@ -29,6 +30,8 @@ class VOICED(DepthModel):
         decoder_filters: channels of the decoder's four levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres.
+        margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
+            depth loses again, as KBNet's; 0 is the published network.
     """
 
     objective: ClassVar[LossSettings] = {
@@ -47,12 +50,15 @@ class VOICED(DepthModel):
         decoder_filters: tuple[int, ...] = (256, 128, 128, 64),
         min_depth: float = 0.1,
         max_depth: float = 10.0,
+        margin: int = 0,
     ) -> None:
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(image_filters=image_filters, depth_filters=depth_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
+        check_margin(margin)
+        self.margin = margin
         convolutions = VGG11 if encoder == "vggnet11" else VGG8
         self.encoder_image = VGGEncoder(3, image_filters, convolutions)
         self.encoder_depth = VGGEncoder(2, depth_filters, convolutions)
@@ -68,12 +74,17 @@ class VOICED(DepthModel):
     ) -> Prediction:
         """Predict dense depth; see `DepthModel.forward`. The published network sees all points, outliers included."""
         points = (sparse_depth > 0).to(sparse_depth.dtype)
-        scaffolding = torch.cat([prepared["scaffolding"], points], dim=1)
-        features = joined(self.encoder_image(image), self.encoder_depth(scaffolding))
+        scaffolding = prepared["scaffolding"]
+        margin = 0 if self.training else self.margin
+        if margin:
+            image, scaffolding = repeat_edge(image, margin), repeat_edge(scaffolding, margin)
+            points = surround_with_zeros(points, margin)
+        depth_inputs = torch.cat([scaffolding, points], dim=1)
+        features = joined(self.encoder_image(image), self.encoder_depth(depth_inputs))
         *skips, latent = features
         logits = self.decoder(latent, [[skip] for skip in reversed(skips)], sizes(features))
         nearness = functional.interpolate(torch.sigmoid(logits), image.shape[2:], mode="bilinear")
-        return Prediction(depth_from_nearness(nearness, self.min_depth, self.max_depth))
+        return Prediction(depth_from_nearness(crop(nearness, margin), self.min_depth, self.max_depth))
 
     def pose_network(self) -> PoseNetwork:
         """The pose network of seven convolutions, newly made."""

@@ -1,5 +1,6 @@
 """FusionNet: the suite of all depth models, and what is particular to it."""
 
+import numpy as np
 import torch
 from torchvision.transforms import v2
 
@@ -12,6 +13,32 @@ from deux_plugins.depth_models.fusionnet import FusionNet, match_scale
 class TestFusionNet(DepthModelSuite):
     def make_model(self) -> DepthModel:
         return FusionNet()
+
+
+class TestFusionNetWithMargin(DepthModelSuite):
+    def make_model(self) -> DepthModel:
+        return FusionNet(
+            image_filters=(4, 8, 8, 8, 8), depth_filters=(4,) * 5, decoder_filters=(8, 8, 8, 4, 4), margin=4
+        )
+
+
+def test_a_margin_is_the_network_on_inputs_extended_by_hand():
+    model, data = FusionNet().eval(), camera_data((40, 56))
+    image = torch.from_numpy(np.pad(data["image"].numpy(), ((0, 0), (0, 0), (5, 5), (5, 5)), mode="edge"))
+    sparse = torch.zeros(2, 1, 50, 66)
+    sparse[:, :, 5:-5, 5:-5] = data["sparse_depth"]
+    extended = run(model, {"image": image, "sparse_depth": sparse, "intrinsics": data["intrinsics"]})
+    model.margin = 5
+    prediction = run(model, data)
+    torch.testing.assert_close(prediction.depth, extended.depth[..., 5:-5, 5:-5])
+    torch.testing.assert_close(prediction.extras["prior"], extended.extras["prior"][..., 5:-5, 5:-5])
+
+
+def test_training_goes_without_the_margin():
+    model, data = FusionNet(margin=4), camera_data((40, 56))
+    trained = run(model.train(), data).depth
+    model.margin = 0
+    torch.testing.assert_close(trained, run(model.eval(), data).depth)
 
 
 def test_half_of_the_training_samples_are_mirrored():

@@ -15,6 +15,20 @@ class TestScaffNet(DepthModelSuite):
         return ScaffNet()
 
 
+class TestScaffNetWithMargin(DepthModelSuite):
+    def make_model(self) -> DepthModel:
+        return ScaffNet(filters=(4, 8, 8, 8, 8), decoder_filters=(8, 8, 8, 4, 4), margin=4)
+
+
+def test_a_margin_is_the_network_on_points_extended_by_hand():
+    model, data = ScaffNet().eval(), camera_data((40, 56))
+    sparse = torch.zeros(2, 1, 50, 66)
+    sparse[:, :, 5:-5, 5:-5] = data["sparse_depth"]
+    extended = model.predict(torch.zeros(2, 3, 50, 66), sparse, data["intrinsics"])
+    model.margin = 5
+    torch.testing.assert_close(model.predict(**data), extended[..., 5:-5, 5:-5])
+
+
 def test_half_of_the_training_samples_are_mirrored():
     (flip,) = ScaffNet().augmentation()
     assert isinstance(flip, v2.RandomHorizontalFlip)

@@ -16,6 +16,33 @@ class TestVOICED(DepthModelSuite):
         return VOICED()
 
 
+class TestVOICEDWithMargin(DepthModelSuite):
+    def make_model(self) -> DepthModel:
+        return VOICED(image_filters=(4, 8, 8, 8, 8), depth_filters=(4,) * 5, decoder_filters=(8, 8, 8, 4), margin=4)
+
+
+def test_a_margin_is_the_network_on_inputs_extended_by_hand():
+    model, data = VOICED().eval(), camera_data((40, 56))
+    scaffolding = np.stack([model.prepare(depth)["scaffolding"] for depth in data["sparse_depth"][:, 0].numpy()])
+
+    def extended(x, mode):
+        return torch.from_numpy(np.pad(np.asarray(x), ((0, 0), (0, 0), (5, 5), (5, 5)), mode=mode))
+
+    sparse = extended(data["sparse_depth"], "constant")
+    inputs = {"sparse_depth": sparse, "validity": (sparse > 0).float(), "intrinsics": data["intrinsics"]}
+    with torch.no_grad():
+        depth = model(extended(data["image"], "edge"), scaffolding=extended(scaffolding, "edge"), **inputs).depth
+    model.margin = 5
+    torch.testing.assert_close(model.predict(**data), depth[..., 5:-5, 5:-5])
+
+
+def test_training_goes_without_the_margin():
+    model, data = VOICED(margin=4), camera_data((40, 56))
+    trained = run(model.train(), data).depth
+    model.margin = 0
+    torch.testing.assert_close(trained, run(model.eval(), data).depth)
+
+
 def test_number_of_parameters_of_the_smaller_encoder():
     assert sum(p.numel() for p in VOICED(encoder="vggnet08").parameters()) == 6_723_440
 

@@ -116,6 +116,9 @@ class DepthModel(nn.Module, ABC):
     published_prefix: ClassVar[str] = ""
     """What the published code has before every name in these: "module." where it wraps modules in DataParallel."""
 
+    published_options: ClassVar[Mapping[str, Any]] = {}
+    """Options that a model with published weights always has, for it to compute what the published code does."""
+
     size_multiple: ClassVar[int] = 1
     """`predict` pads images to a multiple of this many pixels and crops the result."""
 

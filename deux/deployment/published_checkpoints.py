@@ -46,7 +46,8 @@ def load_published(
         path: the published checkpoint, such as kbnet-void1500.pth.
         pose_path: the published checkpoint of its pose network. With it, every call of `model.pose_network()` returns
             a new pose network with these weights, in eval mode.
-        settings: options of the model where the checkpoint was trained with other than the defaults.
+        settings: options of the model where the checkpoint was trained with other than the defaults. What is among the
+            model's `published_options` is left to the model.
 
     Returns:
         The model on the CPU, in eval mode.
@@ -54,7 +55,8 @@ def load_published(
     Raises:
         DeuxError: a file cannot be read or is not a checkpoint of this model, or of its pose network.
     """
-    model: DepthModel = registry().create("depth_models", name, settings or {})
+    published = registry().get("depth_models", name).published_options
+    model: DepthModel = registry().create("depth_models", name, {**(settings or {}), **published})
     if not model.published_modules():
         raise DeuxError(f"the depth model {name!r} has no published checkpoints: deux.load(path) reads our own.")
     _load(model, Path(path), name)

@@ -1,6 +1,6 @@
 """FusionNet: unsupervised depth completion from ScaffNet's topology and the image (Wong et al., RA-L 2021)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 import torch
@@ -50,6 +50,8 @@ class FusionNet(DepthModel):
         "local_smoothness": 1.0,
         "topology_prior": 0.10,
     }
+
+    published_options: ClassVar[Mapping[str, Any]] = {"margin": 0}
 
     def __init__(
         self,

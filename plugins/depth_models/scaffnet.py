@@ -1,7 +1,7 @@
 """ScaffNet: supervised densification of sparse depth without an image (Wong, Cicek and Soatto, RA-L 2021)."""
 
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -58,6 +58,8 @@ class ScaffNet(DepthModel):
 
     supervised: ClassVar[bool] = True
     objective: ClassVar[LossSettings] = {"supervised_depth": 1.0}
+
+    published_options: ClassVar[Mapping[str, Any]] = {"margin": 0}
 
     def __init__(
         self,

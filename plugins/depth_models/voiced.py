@@ -1,6 +1,7 @@
 """VOICED: unsupervised depth completion from visual inertial odometry (Wong et al., RA-L 2020)."""
 
-from typing import ClassVar, Literal
+from collections.abc import Mapping
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -41,6 +42,8 @@ class VOICED(DepthModel):
         "local_smoothness": 2.0,
         "pose_consistency": 0.10,
     }
+
+    published_options: ClassVar[Mapping[str, Any]] = {"margin": 0}
 
     def __init__(
         self,

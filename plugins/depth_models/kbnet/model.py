@@ -1,7 +1,7 @@
 """KBNet as a depth model of the framework."""
 
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 from torch import Tensor, nn
 
@@ -10,6 +10,7 @@ from deux_plugins.depth_models.kbnet.encoder import KBNetEncoder
 from deux_plugins.depth_models.kbnet.sparse_to_dense import SparseToDensePool
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
+from deux_plugins.depth_models.parts.first_weights import FirstWeights, draw_he_weights
 from deux_plugins.depth_models.parts.levels import check_levels
 from deux_plugins.depth_models.parts.margin import (
     check_margin,
@@ -39,6 +40,8 @@ class KBNet(DepthModel):
             depth loses again. The convolutions have no bias and pad with zeros, so that a briefly trained network
             predicts the outer pixels too near; with a margin those are cropped. Training goes without it, as it gains
             nothing from it (docs/decisions/0022-rim.md). The published network has none.
+        first_weights: what a training from scratch starts from: "glorot", as published; or "he", with which short
+            trainings are less often stuck at the near end (docs/decisions/0023-first-weights.md).
     """
 
     objective: ClassVar[LossSettings] = {
@@ -49,6 +52,7 @@ class KBNet(DepthModel):
     }
 
     published_prefix = "module."
+    published_options: ClassVar[Mapping[str, Any]] = {"margin": 0}
 
     def __init__(
         self,
@@ -61,6 +65,7 @@ class KBNet(DepthModel):
         min_depth: float = 0.1,
         max_depth: float = 10.0,
         margin: int = 0,
+        first_weights: FirstWeights = "glorot",
     ) -> None:
         super().__init__()
         check_depth_range(min_depth, max_depth)
@@ -73,6 +78,8 @@ class KBNet(DepthModel):
         self.encoder = KBNetEncoder(pool_filters, image_filters, depth_filters)
         joined = [image + depth for image, depth in zip(image_filters, depth_filters, strict=True)]
         self.decoder = Decoder(joined[4], [*reversed(joined[:4]), 0], decoder_filters)
+        if first_weights == "he":
+            draw_he_weights(self, self.decoder.output)
 
     def forward(
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor

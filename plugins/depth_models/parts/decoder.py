@@ -1,6 +1,7 @@
 """The decoder with skip connections that the published depth models share."""
 
 from collections.abc import Sequence
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -99,6 +100,11 @@ class Decoder(nn.Module):
             channels = width
         self.add_module(f"output{self.levels[-1]}", Convolution(channels, out_channels, activation="linear"))
 
+    @property
+    def output(self) -> Convolution:
+        """The output layer."""
+        return cast(Convolution, self.get_submodule(f"output{self.levels[-1]}"))
+
     def forward(self, latent: Tensor, skips: Sequence[Sequence[Tensor]], sizes: Sequence[Size]) -> Tensor:
         """Decode.
 
@@ -114,10 +120,10 @@ class Decoder(nn.Module):
         x = latent
         for level, skip, size in zip(self.levels, skips, sizes, strict=True):
             x = self.get_submodule(f"deconv{level}")(x, skip, size)
-        output = self.get_submodule(f"output{self.levels[-1]}")
+        output = self.output
         with torch.autocast(x.device.type, enabled=False):
             if self.training and tuned_for_cpu(x):
-                return convolve_to_few_channels(x.float(), output.get_parameter("conv.weight"))
+                return convolve_to_few_channels(x.float(), output.conv.weight)
             return output(x.float())
 
 

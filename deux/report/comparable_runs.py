@@ -8,7 +8,7 @@ from functools import cached_property
 
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate, estimate
-from deux.report.conditions import Conditions, FlatOptions, variant_labels
+from deux.report.conditions import DRAWN_BY_SEED, Conditions, FlatOptions, variant_labels
 from deux.report.display_names import Variant
 from deux.report.results import RESULTS_FILE
 from deux.report.runs import FoundRuns, Run
@@ -141,18 +141,35 @@ class ComparableRuns:
         return estimate(shared) if len(shared) > 1 else None
 
     @property
+    def drawn_by_seed(self) -> bool:
+        """Whether each seed has test scenes of its own."""
+        return DRAWN_BY_SEED in self.testing
+
+    @property
     def baseline(self) -> SeedErrors:
-        """The errors of interpolation on the test frames, which no seed changes: their mean, without an interval."""
-        results = [run.results for run in self.finished if run.results]
-        return SeedErrors(
-            (), {name: Estimate(sum(r.baseline[name] for r in results) / len(results)) for name in METRICS}
-        )
+        """The errors of interpolation: over the seeds where each has its own test scenes, else without an interval."""
+        found = {
+            seed: {name: sum(errors[name] for errors in alike) / len(alike) for name in METRICS}
+            for seed, alike in self._baselines.items()
+        }
+        if self.drawn_by_seed:
+            return SeedErrors.over(found)
+        return SeedErrors((), {name: Estimate(errors[name]) for errors in found.values() for name in METRICS})
 
     @property
     def same_frames(self) -> bool:
-        """Whether interpolation errs alike in all runs, as it must where the test frames are the same."""
-        errors = [run.results.baseline["mae"] for run in self.finished if run.results]
-        return max(errors) - min(errors) <= _SAME_FRAMES * max(errors)
+        """Whether interpolation errs alike in all runs with the same test frames: of a seed, where it draws these."""
+        errors = [[one["mae"] for one in alike] for alike in self._baselines.values()]
+        return all(max(alike) - min(alike) <= _SAME_FRAMES * max(alike) for alike in errors)
+
+    @property
+    def _baselines(self) -> dict[int, list[dict[str, float]]]:
+        """The interpolation's errors of the runs on the same test frames: by seed, or all below 0."""
+        found: dict[int, list[dict[str, float]]] = defaultdict(list)
+        for run in self.finished:
+            if run.results:
+                found[run.conditions.seed if self.drawn_by_seed else 0].append(run.results.baseline)
+        return dict(sorted(found.items()))
 
     def explorer(self, run: Run) -> Variant:
         """The explorer of one of the runs."""

@@ -115,13 +115,13 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
     if identity is None:
         named = {"model": {"name": results.model}, "explore": {"name": results.explore}, "seed": results.seed}
         identity = {"task": "experiment" if results.explore else "evaluate", **named}
-    tested = conditions(identity)
     trained_by = identity if identity["task"] == "experiment" else (results.trained or {}).get("settings")
     if not isinstance(trained_by, Mapping):
         return "it is not known on what its model was trained"
     if trained_by.get("training_data"):
         return "its model was trained on a given dataset, which no explorer collected for it"
     made_of = conditions(trained_by)
+    tested = conditions(identity, made_of.seed)
     return Run(path, replace(made_of, testing=tested.testing), made_of.testing, results, _overrides(path))
 
 

@@ -1,7 +1,7 @@
 """Tables I, II and III of the paper, from groups of comparable runs."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from deux.metrics.depth_errors import METRICS
@@ -144,9 +144,22 @@ def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str
             if known:
                 notes.append(
                     f"{names.model(model)}, MAE beyond {names.explorer(reference)}'s with the same seed (below 0 is "
-                    f"better): {', '.join(known)}."
+                    f"better; Student's t over the seeds): {', '.join(known)}."
                 )
+            notes += _scene_differences(runs, names, reference, model)
     return notes
+
+
+def _scene_differences(runs: ComparableRuns, names: DisplayNames, reference: Variant, model: Variant) -> Iterator[str]:
+    """The same scene by scene, with the interval of the hierarchical bootstrap; nothing without errors by scene."""
+    others = [other for other in names.ordered_explorers(runs.explorers) if other != reference]
+    found = {names.explorer(other): runs.scene_difference(other, reference, model) for other in others}
+    known = [f"{name} {one.mean:+.1f} ± {one.half_width:.1f}" for name, one in found.items() if one]
+    if known:
+        yield (
+            f"{names.model(model)}, the same with the same seed and scene (bootstrap over seeds and over the scenes of "
+            f"each; too narrow where trainings differ more than scenes): {', '.join(known)}."
+        )
 
 
 def _over_models(runs: ComparableRuns, explorer: Variant) -> tuple[frozenset[Variant], SeedErrors]:
@@ -184,7 +197,7 @@ def _finished(
         if not runs.same_frames:
             general.append("Interpolation does not err alike in all runs: they were not tested on the same frames.")
         if runs.repeated:
-            general.append(f"Runs that were done twice: {runs.repeated}; the newest counts.")
+            general.append(f"Runs that are there twice, with equal errors: {runs.repeated}; each counts once.")
     return replace(table, notes=(*notes, *general), units_in_headings=False).ranked(by_part=rank_by_part)
 
 

@@ -16,7 +16,8 @@ from deux.report.conditions import Conditions, FlatOptions, conditions
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
 
 _CONFIG_FILE = Path(".hydra", "config.yaml")
-_OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
+OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
+"""The overrides of a run's command, in its folder."""
 
 _TASKS = ("experiment", "evaluate")
 """The tasks whose results belong in the tables."""
@@ -149,7 +150,7 @@ def read_identity(path: Path) -> dict[str, Any] | None:
 def _overrides(path: Path) -> tuple[str, ...]:
     """The overrides of the run's command; none where they are not known."""
     try:
-        overrides = yaml.safe_load((path / _OVERRIDES_FILE).read_text())
+        overrides = yaml.safe_load((path / OVERRIDES_FILE).read_text())
     except (OSError, ValueError, yaml.YAMLError):
         return ()
     return tuple(map(str, overrides)) if isinstance(overrides, list) else ()

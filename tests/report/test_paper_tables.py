@@ -48,7 +48,8 @@ def test_a_note_compares_explorers_seed_by_seed(write_run, outputs, names):
     (runs,) = compare(outputs)
     interval = stats.t.ppf(0.975, 2) / 3**0.5
     assert table_one(runs, names, "apartments", baseline="random").notes[0] == (
-        f"KBNet, MAE beyond Random's with the same seed (below 0 is better): DEUX -4.0 ± {interval:.1f}."
+        "KBNet, MAE beyond Random's with the same seed (below 0 is better; Student's t over the seeds): "
+        f"DEUX -4.0 ± {interval:.1f}."
     )
     for baseline in (None, "frontier"):
         notes = table_one(runs, names, "apartments", baseline=baseline).notes
@@ -107,5 +108,5 @@ def test_runs_that_cannot_be_compared_are_pointed_out(write_run, outputs, names)
     (runs,) = compare(outputs)
     notes = " ".join(table_one(runs, names, "apartments").notes)
     assert "were not tested on the same frames" in notes
-    assert "Runs that were done twice: 1; the newest counts." in notes
+    assert "Runs that are there twice, with equal errors: 1; each counts once." in notes
     assert "One seed (0) each" in notes

@@ -45,8 +45,9 @@ class Houses(SeededScenes):
         test: number of houses that are kept for the final numbers, or a list of their seeds.
         least_area: least floor area of a house, square metres, 150 or more.
         most_area: greatest floor area, 500 or less and 1.2 times the least one or more.
-        draw: number of the draw: each has other houses. The configuration sets the seed here, so that a seed changes the
-            houses as well; None takes the same ones for every seed, those of draw 0. Lists of seeds stay as they are.
+        draw: number of the draw: each has other houses. The configuration sets the seed here, so that a seed changes
+            the houses as well; None takes the same ones for every seed, those of draw 0. Lists of seeds
+            stay as they are.
 
     Raises:
         DeuxError: the range of areas is not one that houses can have.

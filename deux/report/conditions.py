@@ -30,6 +30,7 @@ MODEL = (
     "training.compile",
     "training.sources",
     "training.offsets",
+    "training.averaging",
     "trainer.precision",
     "trainer.accumulate_grad_batches",
     "trainer.gradient_clip_val",

@@ -14,7 +14,11 @@ INTERPOLATION = "Interpolation"
 
 
 def table_one(
-    runs: ComparableRuns, names: DisplayNames, dataset: str, name: str = "table1", baseline: str | None = None
+    runs: ComparableRuns,
+    names: DisplayNames,
+    dataset: str,
+    name: str = "table1",
+    baseline: str | tuple[str, ...] | None = None,
 ) -> ResultTable:
     """Table I: every explorer and every depth model on the test split of one dataset.
 
@@ -23,7 +27,7 @@ def table_one(
         names: of rows and columns.
         dataset: what the dataset is called.
         name: of the table's files.
-        baseline: an explorer that a note compares the others with, seed by seed; None for no such note.
+        baseline: the explorers that notes compare the others with, seed by seed; None for no such note.
     """
     models = names.ordered_models(runs.models)
     parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), _cells(runs.baseline) * len(models), ranked=False),)]
@@ -132,11 +136,12 @@ def _cells(errors: SeedErrors | None) -> tuple[Cell, ...]:
     return tuple(Cell(errors.estimates[name], seeds=errors.seeds) for name in METRICS)
 
 
-def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str | None) -> list[str]:
+def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str | tuple[str, ...] | None) -> list[str]:
     """For each model how much higher than the baseline's the explorers' errors are, a sentence each."""
     notes = []
     explorers = names.ordered_explorers(runs.explorers)
-    for reference in (explorer for explorer in explorers if explorer.name == baseline):
+    wanted = (baseline,) if isinstance(baseline, str) else baseline or ()
+    for reference in (explorer for explorer in explorers if explorer.name in wanted):
         for model in names.ordered_models(runs.models):
             others = [other for other in explorers if other != reference]
             found = {names.explorer(other): runs.paired_difference(other, reference, model) for other in others}

@@ -31,7 +31,7 @@ class ReportSettings:
             docs/results/houses; a report of it is the report of the runs. None copies nothing.
         first: the dataset of Table I; None for the one on which the most explorers were compared.
         transferred: explorers of which Table II also shows the models that were trained on the first dataset.
-        baseline: the explorer that the others of Table I are compared with, seed by seed; None for none.
+        baseline: the explorer, or several, that the others of Table I are compared with, seed by seed; None for none.
         models: what each depth model is called, in order of the columns.
         explorers: what each explorer is called, in order of the rows, in parts with a line between them.
     """
@@ -40,7 +40,7 @@ class ReportSettings:
     keep: str | None
     first: str | None
     transferred: tuple[str, ...]
-    baseline: str | None
+    baseline: str | tuple[str, ...] | None
     models: Mapping[str, str]
     explorers: tuple[Mapping[str, str], ...]
 

@@ -147,8 +147,8 @@ def score(
         moved_share(depth, reader.intrinsics(one.target), [_motion(poses, one, frame) for frame in one.sources])
         for one, depth in zip(sampled, depths, strict=True)
     ]
-    places = {(_scene(one.target), *_place(poses[one.target])) for one in triplets}
-    views = {(_scene(one.target), *_place(poses[one.target]), _heading(poses[one.target])) for one in triplets}
+    places = {(scene_name(one.target), *_place(poses[one.target])) for one in triplets}
+    views = {(scene_name(one.target), *_place(poses[one.target]), _heading(poses[one.target])) for one in triplets}
     shares, distance, test_shares = depth_shares(depths), None, {}
     if tests is not None:
         others = [_depth(tests, one.target) for one in _spread(tests.triplets("test", offsets), most_frames)]
@@ -243,7 +243,7 @@ def _place(pose: np.ndarray) -> tuple[int, int]:
     return int(np.floor(pose[0, 3] / PLACE_SIZE)), int(np.floor(pose[2, 3] / PLACE_SIZE))
 
 
-def _scene(frame: FrameReference) -> str:
+def scene_name(frame: FrameReference) -> str:
     """The name of a collected frame's scene and floor: its sequence's, without the number of episode or viewpoint."""
     return re.sub(r"-(view)?\d+$", "", frame.sequence)
 

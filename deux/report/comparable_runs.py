@@ -6,16 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+from deux.errors import DeuxError
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate, estimate
-from deux.report.conditions import Conditions, FlatOptions, variant_labels
+from deux.metrics.scene_bootstrap import SceneValue, scene_estimate
+from deux.report.conditions import DRAWN_BY_SEED, Conditions, FlatOptions, variant_labels
 from deux.report.display_names import Variant
-from deux.report.results import RESULTS_FILE
 from deux.report.runs import FoundRuns, Run
 from deux.report.sweeps import Sweep
 
 _SAME_FRAMES = 1e-3
 """Relative difference of the baselines from which on the test frames are not the same."""
+
+_SAME_ERRORS = 1e-3
+"""Relative difference of the MAE from which on two results are not of one run."""
 
 _AMOUNT = ("scenes.train", "collect.steps", "collect.episodes")
 """What decides on the number of training frames."""
@@ -62,10 +66,10 @@ class ComparableRuns:
     """Runs with equal training frames and budgets but for the explorer, and with the same test frames.
 
     Args:
-        finished: the runs with results; of runs that were done twice, the newest.
+        finished: the runs with results, each once.
         begun: the runs without.
         sweeps: the sweeps that any of them belongs to.
-        repeated: number of runs that were done twice.
+        repeated: number of runs that are there a second time, such as in a copy, with equal errors.
     """
 
     finished: tuple[Run, ...]
@@ -140,19 +144,45 @@ class ComparableRuns:
         shared = [run.errors["mae"] - theirs[seed].errors["mae"] for seed, run in mine.items() if seed in theirs]
         return estimate(shared) if len(shared) > 1 else None
 
+    def scene_difference(self, explorer: Variant, other: Variant, model: Variant) -> Estimate | None:
+        """As `paired_difference`, scene by scene of each seed, with the interval of the hierarchical bootstrap.
+
+        None with fewer than two seeds of both, or where a run does not have the errors of its scenes.
+        """
+        mine, theirs = (self.cells.get((one, model), {}) for one in (explorer, other))
+        shared = [_scene_differences(run, theirs[seed]) for seed, run in mine.items() if seed in theirs]
+        return scene_estimate(shared) if len(shared) > 1 and all(shared) else None
+
+    @property
+    def drawn_by_seed(self) -> bool:
+        """Whether each seed has test scenes of its own."""
+        return DRAWN_BY_SEED in self.testing
+
     @property
     def baseline(self) -> SeedErrors:
-        """The errors of interpolation on the test frames, which no seed changes: their mean, without an interval."""
-        results = [run.results for run in self.finished if run.results]
-        return SeedErrors(
-            (), {name: Estimate(sum(r.baseline[name] for r in results) / len(results)) for name in METRICS}
-        )
+        """The errors of interpolation: over the seeds where each has its own test scenes, else without an interval."""
+        found = {
+            seed: {name: sum(errors[name] for errors in alike) / len(alike) for name in METRICS}
+            for seed, alike in self._baselines.items()
+        }
+        if self.drawn_by_seed:
+            return SeedErrors.over(found)
+        return SeedErrors((), {name: Estimate(errors[name]) for errors in found.values() for name in METRICS})
 
     @property
     def same_frames(self) -> bool:
-        """Whether interpolation errs alike in all runs, as it must where the test frames are the same."""
-        errors = [run.results.baseline["mae"] for run in self.finished if run.results]
-        return max(errors) - min(errors) <= _SAME_FRAMES * max(errors)
+        """Whether interpolation errs alike in all runs with the same test frames: of a seed, where it draws these."""
+        errors = [[one["mae"] for one in alike] for alike in self._baselines.values()]
+        return all(max(alike) - min(alike) <= _SAME_FRAMES * max(alike) for alike in errors)
+
+    @property
+    def _baselines(self) -> dict[int, list[dict[str, float]]]:
+        """The interpolation's errors of the runs on the same test frames: by seed, or all below 0."""
+        found: dict[int, list[dict[str, float]]] = defaultdict(list)
+        for run in self.finished:
+            if run.results:
+                found[run.conditions.seed if self.drawn_by_seed else 0].append(run.results.baseline)
+        return dict(sorted(found.items()))
 
     def explorer(self, run: Run) -> Variant:
         """The explorer of one of the runs."""
@@ -191,7 +221,11 @@ class ComparableRuns:
 
 
 def group_comparable(found: FoundRuns, sweeps: Sequence[Sweep]) -> list[ComparableRuns]:
-    """All groups of comparable runs with a finished one among them, the largest first."""
+    """All groups of comparable runs with a finished one among them, the largest first.
+
+    Raises:
+        DeuxError: the same run is there twice with other errors.
+    """
     groups: dict[tuple[FlatOptions, FlatOptions, FlatOptions], list[Run]] = defaultdict(list)
     for run in (*found.finished, *found.begun):
         groups[run.conditions.training, run.own_testing, run.conditions.testing].append(run)
@@ -200,16 +234,35 @@ def group_comparable(found: FoundRuns, sweeps: Sequence[Sweep]) -> list[Comparab
 
 
 def _without_repetitions(runs: Sequence[Run], sweeps: Sequence[Sweep]) -> ComparableRuns:
-    newest: dict[Conditions, Run] = {}
-    for run in sorted(runs, key=lambda run: (_finished_at(run), run.path)):
-        newest[run.conditions] = run
-    finished = tuple(run for run in newest.values() if run.results)
-    begun = tuple(run for run in newest.values() if not run.results)
+    once: dict[Conditions, Run] = {}
+    for run in sorted(runs, key=lambda run: (run.results is None, run.path)):
+        _check_alike(once.setdefault(run.conditions, run), run)
+    finished = tuple(run for run in once.values() if run.results)
+    begun = tuple(run for run in once.values() if not run.results)
     folders = {run.path.parent for run in runs}
     own_sweeps = tuple(sweep for sweep in sweeps if sweep.folder in folders)
     return ComparableRuns(finished, begun, own_sweeps, sum(bool(run.results) for run in runs) - len(finished))
 
 
-def _finished_at(run: Run) -> float:
-    """When the results were written, in seconds; before all others where there are none."""
-    return (run.path / RESULTS_FILE).stat().st_mtime if run.results else 0.0
+def _check_alike(one: Run, other: Run) -> None:
+    """Raise DeuxError unless two finished runs with equal conditions err alike."""
+    if one.results is None or other.results is None:
+        return
+    mine, theirs = one.errors["mae"], other.errors["mae"]
+    if abs(mine - theirs) > _SAME_ERRORS * max(mine, theirs):
+        raise DeuxError(
+            f"{one.path} and {other.path} are the same run with other errors (MAE {mine:.1f} and {theirs:.1f} mm): "
+            "keep one of them below the folder of the report."
+        )
+
+
+def _scene_differences(run: Run, other: Run) -> dict[str, SceneValue]:
+    """How much higher a run's MAE is than another's on the test scenes of both, weighed by their frames."""
+    assert run.results is not None
+    assert other.results is not None
+    theirs = {scene["scene"]: scene["metrics"]["mae"] for scene in other.results.scenes}
+    return {
+        scene["scene"]: SceneValue(scene["metrics"]["mae"] - theirs[scene["scene"]], scene["frames"])
+        for scene in run.results.scenes
+        if scene["scene"] in theirs
+    }

@@ -30,6 +30,7 @@ MODEL = (
     "training.compile",
     "training.sources",
     "training.offsets",
+    "training.averaging",
     "trainer.precision",
     "trainer.accumulate_grad_batches",
     "trainer.gradient_clip_val",
@@ -79,6 +80,12 @@ BUDGET = (
 )
 """What the budget is made of, which does not depend on the scenes: how much is explored, and how long is trained."""
 
+DRAW = "scenes.draw"
+"""The option of generated scenes that says which ones a seed takes."""
+
+DRAWN_BY_SEED = (DRAW, '"seed"')
+"""What conditions say in place of the number of the draw where it is the seed, so that seeds stand in one table."""
+
 _SPLITS = ("scenes.train", "scenes.validation", "scenes.test")
 _OPTIONAL_SECTIONS = ("callbacks",)
 """Sections that are empty unless something was chosen."""
@@ -114,23 +121,27 @@ class Conditions:
         return tuple(sorted({*self.training_frames, *self.budget}))
 
 
-def conditions(configuration: Mapping[str, Any]) -> Conditions:
+def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Conditions:
     """Take a run's configuration apart, of whatever version it is.
 
     Args:
         configuration: all of it, as `run.json` holds it.
+        seed: of the run that trained the model, where this one only evaluates it; None for the configuration's own.
     """
     configuration = current_keys(configuration)
     options = flatten_options(configuration)
     if any(key == "training.steps" for key, _ in options):  # the number of epochs is not used then
         options = tuple(option for option in options if option[0] != "training.epochs")
+    own_seed = int(configuration.get("seed", 0))
+    by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
+    options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)
     recorded = bool((configuration.get("evaluation") or {}).get("data"))
     return Conditions(
         model=_name(configuration, "model"),
         model_options=_part(options, MODEL),
         explorer=None if configuration.get("training_data") else _name(configuration, "explore"),
         explorer_options=_part(options, EXPLORER),
-        seed=int(configuration.get("seed", 0)),
+        seed=own_seed,
         training_frames=_part(options, TRAINING_FRAMES),
         budget=_part(options, BUDGET),
         testing=_part(options, RECORDED_TEST_FRAMES if recorded else TEST_FRAMES),

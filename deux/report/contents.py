@@ -70,7 +70,7 @@ def read_contents(
     names: DisplayNames,
     first: str | None = None,
     starred: Sequence[str] = (),
-    baseline: str | None = None,
+    baseline: str | tuple[str, ...] | None = None,
 ) -> Contents:
     """Read the runs below a folder and put them into the paper's tables.
 
@@ -79,7 +79,7 @@ def read_contents(
         names: of explorers and models, in order.
         first: the name of Table I's dataset; None for the one on which the most explorers were compared.
         starred: explorers of which Table II also shows the models that were trained on the first dataset.
-        baseline: the explorer that the others are compared with, seed by seed.
+        baseline: the explorers that the others are compared with, seed by seed.
 
     Raises:
         DeuxError: there is no finished run, a run's file is damaged, or no dataset is called `first`.
@@ -136,7 +136,7 @@ class _Tables:
         names: DisplayNames,
         datasets: DatasetNames,
         starred: Sequence[str],
-        baseline: str | None,
+        baseline: str | tuple[str, ...] | None,
     ) -> None:
         self._groups, self._names, self._datasets = groups, names, datasets
         self._starred, self._baseline = starred, baseline

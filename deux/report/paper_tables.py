@@ -1,7 +1,7 @@
 """Tables I, II and III of the paper, from groups of comparable runs."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from deux.metrics.depth_errors import METRICS
@@ -14,7 +14,11 @@ INTERPOLATION = "Interpolation"
 
 
 def table_one(
-    runs: ComparableRuns, names: DisplayNames, dataset: str, name: str = "table1", baseline: str | None = None
+    runs: ComparableRuns,
+    names: DisplayNames,
+    dataset: str,
+    name: str = "table1",
+    baseline: str | tuple[str, ...] | None = None,
 ) -> ResultTable:
     """Table I: every explorer and every depth model on the test split of one dataset.
 
@@ -23,7 +27,7 @@ def table_one(
         names: of rows and columns.
         dataset: what the dataset is called.
         name: of the table's files.
-        baseline: an explorer that a note compares the others with, seed by seed; None for no such note.
+        baseline: the explorers that notes compare the others with, seed by seed; None for no such note.
     """
     models = names.ordered_models(runs.models)
     parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), _cells(runs.baseline) * len(models), ranked=False),)]
@@ -132,11 +136,12 @@ def _cells(errors: SeedErrors | None) -> tuple[Cell, ...]:
     return tuple(Cell(errors.estimates[name], seeds=errors.seeds) for name in METRICS)
 
 
-def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str | None) -> list[str]:
+def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str | tuple[str, ...] | None) -> list[str]:
     """For each model how much higher than the baseline's the explorers' errors are, a sentence each."""
     notes = []
     explorers = names.ordered_explorers(runs.explorers)
-    for reference in (explorer for explorer in explorers if explorer.name == baseline):
+    wanted = (baseline,) if isinstance(baseline, str) else baseline or ()
+    for reference in (explorer for explorer in explorers if explorer.name in wanted):
         for model in names.ordered_models(runs.models):
             others = [other for other in explorers if other != reference]
             found = {names.explorer(other): runs.paired_difference(other, reference, model) for other in others}
@@ -144,9 +149,22 @@ def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str
             if known:
                 notes.append(
                     f"{names.model(model)}, MAE beyond {names.explorer(reference)}'s with the same seed (below 0 is "
-                    f"better): {', '.join(known)}."
+                    f"better; Student's t over the seeds): {', '.join(known)}."
                 )
+            notes += _scene_differences(runs, names, reference, model)
     return notes
+
+
+def _scene_differences(runs: ComparableRuns, names: DisplayNames, reference: Variant, model: Variant) -> Iterator[str]:
+    """The same scene by scene, with the interval of the hierarchical bootstrap; nothing without errors by scene."""
+    others = [other for other in names.ordered_explorers(runs.explorers) if other != reference]
+    found = {names.explorer(other): runs.scene_difference(other, reference, model) for other in others}
+    known = [f"{name} {one.mean:+.1f} ± {one.half_width:.1f}" for name, one in found.items() if one]
+    if known:
+        yield (
+            f"{names.model(model)}, the same with the same seed and scene (bootstrap over seeds and over the scenes of "
+            f"each; too narrow where trainings differ more than scenes): {', '.join(known)}."
+        )
 
 
 def _over_models(runs: ComparableRuns, explorer: Variant) -> tuple[frozenset[Variant], SeedErrors]:
@@ -184,7 +202,7 @@ def _finished(
         if not runs.same_frames:
             general.append("Interpolation does not err alike in all runs: they were not tested on the same frames.")
         if runs.repeated:
-            general.append(f"Runs that were done twice: {runs.repeated}; the newest counts.")
+            general.append(f"Runs that are there twice, with equal errors: {runs.repeated}; each counts once.")
     return replace(table, notes=(*notes, *general), units_in_headings=False).ranked(by_part=rank_by_part)
 
 

@@ -40,6 +40,8 @@ class Results:
         images: number of test frames; None in results of earlier versions.
         without_truth: number of test frames that count in no mean, since they have no ground truth in range.
         without_points: number of test frames that have no sparse point.
+        scenes: the errors of each test scene, as of `deux.metrics.model_errors.SceneErrors`: scene, frames, metrics and
+            baseline; none in results of earlier versions.
     """
 
     model: str
@@ -55,6 +57,7 @@ class Results:
     images: int | None = None
     without_truth: int = 0
     without_points: int = 0
+    scenes: list[dict[str, Any]] = field(default_factory=list)
 
     def save(self, folder: Path) -> Path:
         """Write `results.json` into a run folder, whole or not at all."""
@@ -74,10 +77,12 @@ class Results:
             results = cls(**json.loads(path.read_text()))
             for errors in (results.metrics, results.baseline, results.constant):
                 _check_errors(errors)
+            for scene in results.scenes:
+                _check_scene(scene)
             return results
         except FileNotFoundError:
             raise DeuxError(f"{path} does not exist: {folder} holds no finished run.") from None
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, KeyError) as error:
             raise DeuxError(f"{path} is no results file of deux ({error}); run it again.") from None
 
     def table(self) -> ResultTable:
@@ -121,3 +126,11 @@ def _check_errors(errors: object) -> None:
     for name in METRICS:
         if not isinstance(errors, dict) or type(errors.get(name)) not in (int, float):
             raise ValueError(f"it has no number for {name}")
+
+
+def _check_scene(scene: dict[str, Any]) -> None:
+    """Raise ValueError or TypeError unless it is what `SceneErrors` has."""
+    if not (isinstance(scene["scene"], str) and isinstance(scene["frames"], int) and scene["frames"] > 0):
+        raise ValueError("a scene has no name or no frames")
+    for errors in (scene["metrics"], scene["baseline"]):
+        _check_errors(errors)

@@ -16,7 +16,8 @@ from deux.report.conditions import Conditions, FlatOptions, conditions
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
 
 _CONFIG_FILE = Path(".hydra", "config.yaml")
-_OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
+OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
+"""The overrides of a run's command, in its folder."""
 
 _TASKS = ("experiment", "evaluate")
 """The tasks whose results belong in the tables."""
@@ -115,13 +116,13 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
     if identity is None:
         named = {"model": {"name": results.model}, "explore": {"name": results.explore}, "seed": results.seed}
         identity = {"task": "experiment" if results.explore else "evaluate", **named}
-    tested = conditions(identity)
     trained_by = identity if identity["task"] == "experiment" else (results.trained or {}).get("settings")
     if not isinstance(trained_by, Mapping):
         return "it is not known on what its model was trained"
     if trained_by.get("training_data"):
         return "its model was trained on a given dataset, which no explorer collected for it"
     made_of = conditions(trained_by)
+    tested = conditions(identity, made_of.seed)
     return Run(path, replace(made_of, testing=tested.testing), made_of.testing, results, _overrides(path))
 
 
@@ -149,7 +150,7 @@ def read_identity(path: Path) -> dict[str, Any] | None:
 def _overrides(path: Path) -> tuple[str, ...]:
     """The overrides of the run's command; none where they are not known."""
     try:
-        overrides = yaml.safe_load((path / _OVERRIDES_FILE).read_text())
+        overrides = yaml.safe_load((path / OVERRIDES_FILE).read_text())
     except (OSError, ValueError, yaml.YAMLError):
         return ()
     return tuple(map(str, overrides)) if isinstance(overrides, list) else ()

@@ -14,7 +14,8 @@ from hydra.errors import HydraException
 
 from deux.report.older_configurations import RENAMED_OPTIONS, current_keys
 
-_SWEEP_FILE = "multirun.yaml"
+SWEEP_FILE = "multirun.yaml"
+"""What Hydra keeps of a sweep, in its folder."""
 
 GRID = ("explore", "model", "seed")
 """The options that span a table: its rows, its columns, and what its intervals are over."""
@@ -64,10 +65,24 @@ def find_sweeps(folder: Path) -> list[Sweep]:
     return sweeps
 
 
+def sweep_file(folder: Path) -> dict[str, Any]:
+    """The part of a sweep's `multirun.yaml` that says what it asked for, which is all that `find_sweeps` reads."""
+    content = yaml.safe_load((folder / SWEEP_FILE).read_text())
+    hydra, chosen = content["hydra"], current_keys(content)
+    asked = {name: hydra["overrides"][name] for name in ("task", "hydra")}
+    return {
+        "hydra": {"overrides": asked, "sweeper": {"params": hydra["sweeper"].get("params")}},
+        "task": content["task"],
+        "explore": {"name": chosen["explore"]["name"]},
+        "model": {"name": chosen["model"]["name"]},
+        "seed": chosen["seed"],
+    }
+
+
 def _sweep_folders(folder: Path) -> Iterator[Path]:
     for found, below, files in os.walk(folder, followlinks=True):
         below[:] = sorted(name for name in below if not name.startswith("."))
-        if _SWEEP_FILE in files:
+        if SWEEP_FILE in files:
             below.clear()
             yield Path(found)
         elif "manifest.json" in files:
@@ -75,7 +90,7 @@ def _sweep_folders(folder: Path) -> Iterator[Path]:
 
 
 def _read(folder: Path) -> Sweep | None:
-    content = yaml.safe_load((folder / _SWEEP_FILE).read_text())
+    content = yaml.safe_load((folder / SWEEP_FILE).read_text())
     if content["task"] not in ("experiment", "evaluate"):
         return None
     hydra = content["hydra"]

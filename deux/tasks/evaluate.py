@@ -77,6 +77,7 @@ class Evaluator:
         from deux.figures.depth_figures import draw_depth_panels
         from deux.figures.drawing import save_figure
         from deux.metrics.model_errors import evaluate
+        from deux.metrics.scorecard import scene_name
 
         model.to(self._device)
         # Whole frames of a recording may differ in size, so that they fit in no batch.
@@ -92,7 +93,9 @@ class Evaluator:
                 done += images
                 report("evaluation", done, len(frames))
 
-            found = evaluate(model, loader, self._camera.min_depth, self._camera.max_depth, count)
+            near, far = self._camera.min_depth, self._camera.max_depth
+            scenes = [scene_name(triplet.target) for _, triplet in frames.triplets]
+            found = evaluate(model, loader, near, far, count, scenes)
         save_figure(draw_depth_panels(self._panels(model, frames)), run.figures / "test_frames.png")
         return found
 

@@ -12,6 +12,7 @@ from deux.figures.drawing import save_figure
 from deux.io.atomic import make_folder, write_atomically
 from deux.report.contents import Contents, read_contents
 from deux.report.display_names import DisplayNames
+from deux.report.kept_runs import keep_runs
 from deux.report.page import html_page
 from deux.report.report_figures import CaptionedFigure, draw_error_against_frames, draw_runs
 from deux.tasks.console import say
@@ -26,17 +27,20 @@ class ReportSettings:
 
     Args:
         runs: a folder with runs and sweeps below it.
+        keep: a folder that takes a copy of the small files of the finished runs and of the sweeps' grids, such as
+            docs/results/houses; a report of it is the report of the runs. None copies nothing.
         first: the dataset of Table I; None for the one on which the most explorers were compared.
         transferred: explorers of which Table II also shows the models that were trained on the first dataset.
-        baseline: the explorer that the others of Table I are compared with, seed by seed; None for none.
+        baseline: the explorer, or several, that the others of Table I are compared with, seed by seed; None for none.
         models: what each depth model is called, in order of the columns.
         explorers: what each explorer is called, in order of the rows, in parts with a line between them.
     """
 
     runs: str | None
+    keep: str | None
     first: str | None
     transferred: tuple[str, ...]
-    baseline: str | None
+    baseline: str | tuple[str, ...] | None
     models: Mapping[str, str]
     explorers: tuple[Mapping[str, str], ...]
 
@@ -50,6 +54,9 @@ def run(cfg: DictConfig) -> None:
         )
     names = DisplayNames(settings.models, settings.explorers)
     contents = read_contents(user_path(settings.runs), names, settings.first, settings.transferred, settings.baseline)
+    if settings.keep:
+        count, size = keep_runs(user_path(settings.runs), user_path(settings.keep))
+        say(f"{count} runs are kept in {user_path(settings.keep)}, the largest with {size / 1000:.1f} kB")
     folder = run_folder()
     figures = draw(contents, names, folder / "figures")
     write(contents, figures, folder)

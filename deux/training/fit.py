@@ -25,6 +25,7 @@ from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.rank_failures import EndTogether
 from deux.training.training_settings import TrainingSettings
+from deux.training.weight_averaging import TailAveraging
 
 log = logging.getLogger(__name__)
 
@@ -81,10 +82,11 @@ def fit(
     module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics)
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}
     kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
+    averaging = [TailAveraging(settings.averaging)] if settings.averaging else []
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
-            "callbacks": [*kept, HealthCheck(), EndTogether(), *callbacks],
+            "callbacks": [*kept, HealthCheck(), EndTogether(), *averaging, *callbacks],
             **_budget(settings),
             **own,
         }

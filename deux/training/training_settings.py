@@ -30,6 +30,9 @@ class TrainingSettings(Schedule):
             geometry never does. Nothing to gain in bf16-mixed, the default there.
         compile: compile the networks by `torch.compile`, in this mode; true is "default". The first step takes longer.
 
+        averaging: fraction of the optimiser steps, from the end, over which the weights are averaged to make the final
+            model; 0 takes those of the last step.
+
     Raises:
         DeuxError: a value is out of its range.
     """
@@ -45,6 +48,7 @@ class TrainingSettings(Schedule):
     checkpoint_minutes: float = 10.0
     tf32: bool = False
     compile: CompileMode | bool = False
+    averaging: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -53,6 +57,7 @@ class TrainingSettings(Schedule):
         check_range("training.num_workers", self.num_workers or 0, 0)
         check_range("training.validations", self.validations, 1)
         check_range("training.checkpoint_minutes", self.checkpoint_minutes, 0)
+        check_range("training.averaging", self.averaging, 0, 1)
         if self.steps is not None:
             check_range("training.steps", self.steps, 1)
         for size in self.crop or ():

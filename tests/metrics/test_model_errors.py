@@ -140,3 +140,27 @@ def batch_without_corner() -> Batch:
     found = batch()
     found.ground_truth[:, :, :2, :3] = 0.0
     return found
+
+
+def test_the_errors_of_each_scene_are_the_means_of_its_frames():
+    """Frames without points, whose interpolation is known last, stay with their scene."""
+    first, second = batch(0, frames=3), batch(1, frames=2)
+    first.sparse_depth[1] = 0.0
+    second.ground_truth[1] = 0.0  # counts nowhere
+    found = evaluate(Constant(2.0), [first, second], scenes=["b", "b", "a", "a", "a"])
+    assert [(one.scene, one.frames) for one in found.scenes] == [("a", 2), ("b", 2)]
+    for name in ("mae", "irmse"):
+        for part in ("metrics", "baseline"):
+            mean = np.mean([getattr(one, part)[name] for one in found.scenes])  # of equally many frames each
+            assert mean == pytest.approx(getattr(found, part)[name], abs=2e-3)
+    truth, points = first.ground_truth[:2], first.sparse_depth[0, 0].numpy()
+    medians = [
+        np.median(one[one > 0]) for one in (*first.sparse_depth[[0, 2], 0].numpy(), *second.sparse_depth.numpy())
+    ]
+    dense = torch.stack([torch.from_numpy(interpolate(points)), torch.full(truth.shape[2:], float(np.median(medians)))])
+    expected = depth_errors(dense[:, None], truth)["mae"].mean().item()
+    assert found.scenes[1].baseline["mae"] == pytest.approx(expected, abs=2e-3)
+
+
+def test_no_errors_by_scene_without_their_names():
+    assert evaluate(Constant(2.0), [batch(0)]).scenes == []

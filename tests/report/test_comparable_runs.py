@@ -3,6 +3,7 @@ import json
 import pytest
 from scipy import stats
 
+from deux.errors import DeuxError
 from deux.report.comparable_runs import group_comparable
 from deux.report.display_names import Variant
 from deux.report.runs import find_runs
@@ -68,12 +69,20 @@ def test_variants_of_an_explorer_are_rows_of_their_own(write_run, outputs):
     assert runs.explorers == {Variant("deux", "residual_pose not set"), Variant("deux", "residual_pose=surface")}
 
 
-def test_a_run_done_twice_counts_once_and_the_newest(write_run, outputs):
+def test_a_run_that_is_there_twice_counts_once(write_run, outputs):
     write_run("deux", "kbnet", 0, 10.0)
-    second = write_run("deux", "kbnet", 0, 20.0, folder="again")
-    (second / "results.json").touch()
+    write_run("deux", "kbnet", 0, 10.001, folder="copy")
     (runs,) = compare(outputs)
-    assert (runs.repeated, runs.errors(DEUX, KBNET).estimates["mae"].mean) == (1, 20.0)
+    assert (runs.repeated, runs.errors(DEUX, KBNET).estimates["mae"].mean) == (1, 10.001)  # the first folder by name
+
+
+def test_the_same_run_with_other_errors_is_a_mistake(write_run, outputs):
+    write_run("deux", "kbnet", 0, 10.0)
+    write_run("deux", "kbnet", 0, 20.0, folder="again")
+    with pytest.raises(
+        DeuxError, match=r"again/\S+ and \S+ are the same run with other errors \(MAE 20.0 and 10.0 mm\)"
+    ):
+        compare(outputs)
 
 
 def test_a_begun_run_that_was_finished_elsewhere_is_not_missing(write_run, outputs):
@@ -132,3 +141,65 @@ def test_runs_of_an_older_version_stand_beside_those_of_this_one(write_run, outp
     path.write_text(json.dumps(configuration))
     (runs,) = compare(outputs)
     assert runs.errors(DEUX, KBNET).seeds == (0, 1)
+
+
+def drawn(here, seed, draw=None):
+    return {**here, "scenes": {**here["scenes"], "draw": seed if draw is None else draw}}
+
+
+def with_results(path, **changes):
+    file = path / "results.json"
+    file.write_text(json.dumps({**json.loads(file.read_text()), **changes}))
+
+
+def test_seeds_with_scenes_of_their_own_stand_in_one_table(write_run, outputs, here):
+    """Interpolation errs as the seed's scenes make it, in the runs of one seed alike."""
+    base = {"rmse": 180.0, "imae": 70.0, "irmse": 150.0}
+    for seed, mae in enumerate((80.0, 90.0, 100.0)):
+        for explorer in ("deux", "random"):
+            path = write_run(explorer, "kbnet", seed, 10.0 + seed, place=drawn(here, seed))
+            with_results(path, baseline={**base, "mae": mae})
+    (runs,) = compare(outputs)
+    assert (runs.drawn_by_seed, runs.same_frames, runs.baseline.seeds) == (True, True, (0, 1, 2))
+    expected = (90.0, pytest.approx(stats.t.ppf(0.975, 2) * stats.sem([80.0, 90.0, 100.0])))
+    assert runs.baseline.estimates["mae"] == expected
+    with_results(path, baseline={**base, "mae": 101.0})
+    assert not compare(outputs)[0].same_frames
+
+
+def test_runs_in_the_same_scenes_for_every_seed_stand_apart(write_run, outputs, here):
+    for seed in (0, 1):
+        write_run("deux", "kbnet", seed, 10.0, folder="fixed")
+        write_run("deux", "kbnet", seed, 10.0, place=drawn(here, seed))
+    assert sorted((runs.drawn_by_seed, len(runs.finished)) for runs in compare(outputs)) == [(False, 2), (True, 2)]
+
+
+def test_a_model_that_is_tested_in_the_scenes_of_another_seed_is_no_run_of_its_own_test(write_run, outputs, here):
+    for seed in (0, 1):
+        write_run("deux", "kbnet", seed, 10.0, place=drawn(here, seed))
+    write_run("deux", "kbnet", 1, 10.0, place=drawn(here, 1, draw=0), trained_in=drawn(here, 1))
+    assert sorted((runs.transferred, len(runs.finished)) for runs in compare(outputs)) == [(False, 2), (True, 1)]
+
+
+def test_the_difference_by_scene_pairs_seed_and_scene(write_run, outputs, here):
+    """Scenes differ by 50 mm in the errors and by 2 mm in the gain, which the interval is of."""
+    errors = {"rmse": 1.0, "imae": 1.0, "irmse": 1.0}
+    for seed in range(2):
+        for explorer, gain in (("random", 0.0), ("deux", 4.0)):
+            scenes = [
+                {
+                    "scene": f"s{seed}{k}",
+                    "frames": 10,
+                    "metrics": {**errors, "mae": 100.0 + 50.0 * k - gain * (1 + k % 2)},
+                    "baseline": {**errors, "mae": 1.0},
+                }
+                for k in range(8)
+            ]
+            path = write_run(explorer, "kbnet", seed, 100.0, place=drawn(here, seed))
+            with_results(path, scenes=scenes)
+    (runs,) = compare(outputs)
+    found = runs.scene_difference(DEUX, RANDOM, KBNET)
+    assert found.mean == pytest.approx(-6.0)
+    assert 0.3 < found.half_width < 2.5
+    with_results(path, scenes=[])
+    assert compare(outputs)[0].scene_difference(DEUX, RANDOM, KBNET) is None

@@ -1,3 +1,5 @@
+import json
+
 import pytest
 from scipy import stats
 
@@ -48,8 +50,12 @@ def test_a_note_compares_explorers_seed_by_seed(write_run, outputs, names):
     (runs,) = compare(outputs)
     interval = stats.t.ppf(0.975, 2) / 3**0.5
     assert table_one(runs, names, "apartments", baseline="random").notes[0] == (
-        f"KBNet, MAE beyond Random's with the same seed (below 0 is better): DEUX -4.0 ± {interval:.1f}."
+        "KBNet, MAE beyond Random's with the same seed (below 0 is better; Student's t over the seeds): "
+        f"DEUX -4.0 ± {interval:.1f}."
     )
+    both = table_one(runs, names, "apartments", baseline=("random", "deux")).notes
+    assert both[0] == table_one(runs, names, "apartments", baseline="random").notes[0]
+    assert "beyond DEUX's with the same seed (below 0 is better; Student's t over the seeds): Random +4.0" in both[1]
     for baseline in (None, "frontier"):
         notes = table_one(runs, names, "apartments", baseline=baseline).notes
         assert not any("same seed" in note for note in notes)
@@ -107,5 +113,18 @@ def test_runs_that_cannot_be_compared_are_pointed_out(write_run, outputs, names)
     (runs,) = compare(outputs)
     notes = " ".join(table_one(runs, names, "apartments").notes)
     assert "were not tested on the same frames" in notes
-    assert "Runs that were done twice: 1; the newest counts." in notes
+    assert "Runs that are there twice, with equal errors: 1; each counts once." in notes
     assert "One seed (0) each" in notes
+
+
+def test_a_note_compares_explorers_scene_by_scene_where_results_have_scenes(write_run, outputs, names):
+    for seed in range(2):
+        for explorer, mae in (("random", 30.0), ("deux", 26.0)):
+            path = write_run(explorer, "kbnet", seed, mae) / "results.json"
+            results = json.loads(path.read_text())
+            scene = {"scene": "flat", "frames": 8, "metrics": results["metrics"], "baseline": results["baseline"]}
+            path.write_text(json.dumps({**results, "scenes": [scene]}))
+    (runs,) = compare(outputs)
+    notes = table_one(runs, names, "apartments", baseline="random").notes
+    assert "KBNet, the same with the same seed and scene (bootstrap over seeds and over the scenes of each;" in notes[1]
+    assert notes[1].endswith(": DEUX -4.0 ± 0.0.")

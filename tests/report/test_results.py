@@ -69,3 +69,13 @@ def test_the_table_says_how_many_frames_and_what_the_baselines_stand_for():
         "there.",
     )
     assert results(images=30).table().notes == ()
+
+
+def test_errors_by_scene_are_kept_and_checked(tmp_path):
+    scene = {"scene": "flat", "frames": 40, "metrics": ERRORS, "baseline": ERRORS}
+    results(scenes=[scene]).save(tmp_path)
+    assert Results.load(tmp_path).scenes == [scene]
+    for broken in ({**scene, "metrics": {}}, {"scene": "flat"}, {**scene, "frames": 0}):
+        results(scenes=[broken]).save(tmp_path)
+        with pytest.raises(DeuxError, match="no results file of deux"):
+            Results.load(tmp_path)

@@ -159,3 +159,24 @@ def test_damaged_results_are_told_in_one_sentence(deux, tmp_path):
     found = deux("task=report", f"report.runs={tmp_path}/runs", f"paths.outputs={tmp_path}/outputs").sentence
     assert found.startswith(f"{tmp_path}/runs/a/results.json is no results file of deux (")
     assert found.endswith("run it again.")
+
+
+def test_kept_runs_are_reported_as_the_runs_are(deux, tmp_path):
+    errors = {"mae": 30.0, "rmse": 90.0, "imae": 20.0, "irmse": 60.0}
+    results = {"model": "kbnet", "explore": "random", "seed": 0, "frames": 18, "seconds": {"train": 1.5}}
+    run = tmp_path / "outputs" / "runs" / "a"
+    run.mkdir(parents=True)
+    (run / "results.json").write_text(
+        json.dumps({**results, **dict.fromkeys(("metrics", "baseline", "constant"), errors)})
+    )
+    outcome = deux(
+        "task=report",
+        f"report.runs={tmp_path}/outputs",
+        f"report.keep={tmp_path}/kept",
+        f"hydra.run.dir={tmp_path}/first",
+    )
+    assert f"1 runs are kept in {tmp_path}/kept" in outcome.out
+    assert deux("task=report", f"report.runs={tmp_path}/kept", f"hydra.run.dir={tmp_path}/second").code == 0
+    tables = [(tmp_path / name / "tables" / "table1.csv").read_text() for name in ("first", "second")]
+    assert tables[0] == tables[1]
+    assert "30.0" in tables[0]

@@ -35,12 +35,20 @@ class Apartments(SeededScenes):
         train: number of flats that are explored, or a list of their seeds.
         validation: number of flats that choose between models, or a list of their seeds.
         test: number of flats that are kept for the final numbers, or a list of their seeds.
+        draw: number of the draw: each has other flats. The configuration sets the seed here, so that a seed changes the
+            flats as well; None takes the same ones for every seed, those of draw 0. Lists of seeds stay as they are.
     """
 
     noun = "flats"
 
-    def __init__(self, train: int | list[int] = 4, validation: int | list[int] = 1, test: int | list[int] = 2) -> None:
-        super().__init__(train, validation, test)
+    def __init__(
+        self,
+        train: int | list[int] = 4,
+        validation: int | list[int] = 1,
+        test: int | list[int] = 2,
+        draw: int | None = None,
+    ) -> None:
+        super().__init__(train, validation, test, draw)
 
     def reference(self, seed: int) -> ApartmentReference:
         """The locator of the flat of a seed."""

@@ -45,6 +45,9 @@ class Houses(SeededScenes):
         test: number of houses that are kept for the final numbers, or a list of their seeds.
         least_area: least floor area of a house, square metres, 150 or more.
         most_area: greatest floor area, 500 or less and 1.2 times the least one or more.
+        draw: number of the draw: each has other houses. The configuration sets the seed here, so that a seed changes
+            the houses as well; None takes the same ones for every seed, those of draw 0. Lists of seeds
+            stay as they are.
 
     Raises:
         DeuxError: the range of areas is not one that houses can have.
@@ -59,13 +62,14 @@ class Houses(SeededScenes):
         test: int | list[int] = 16,
         least_area: int = LEAST_AREA,
         most_area: int = MOST_AREA,
+        draw: int | None = None,
     ) -> None:
         if not (least_area >= LEAST_AREA and NARROWEST * least_area <= most_area <= MOST_AREA):
             raise DeuxError(
                 f"scenes.least_area is {least_area} and scenes.most_area {most_area}, but houses have {LEAST_AREA} to "
                 f"{MOST_AREA} square metres, and the greatest area must be {NARROWEST} times the least or more."
             )
-        super().__init__(train, validation, test)
+        super().__init__(train, validation, test, draw)
         self._areas = least_area, most_area
 
     def reference(self, seed: int) -> HouseReference:

@@ -60,3 +60,18 @@ def test_mistakes_are_one_sentence(settings, message):
     with pytest.raises(DeuxError, match=message) as error:
         construct(Apartments, settings, "scenes").splits()
     assert "\n" not in str(error.value)
+
+
+def test_no_scene_is_in_two_draws_or_among_the_further_ones():
+    draws = [Apartments(20, 5, 20, draw=draw).splits() for draw in range(4)]
+    every = [seed for one in draws for split in (one.train, one.validation, one.test) for seed in seeds(split)]
+    assert len(set(every)) == len(every)
+    assert set(seeds(Apartments().further(700, ()))).isdisjoint(every)
+
+
+def test_draw_0_has_the_scenes_of_all_seeds_without_draws():
+    assert Apartments(3, 1, 2, draw=0).splits() == Apartments(3, 1, 2).splits()
+    assert seeds(Apartments(2, 1, 1, draw=2).splits().test) == [2_200_000]
+    assert seeds(Apartments([7], 0, [9], draw=2).splits().test) == [9]
+    with pytest.raises(DeuxError, match=r"scenes\.draw"):
+        Apartments(draw=-1)

@@ -1,0 +1,60 @@
+"""The mean of the weights over the last steps of a training (tail averaging, Polyak and Juditsky 1992)."""
+
+from typing import Any
+
+from lightning.pytorch import LightningModule, Trainer
+from lightning.pytorch.callbacks import WeightAveraging
+from torch import Tensor
+
+
+class TailAveraging(WeightAveraging):
+    """Gives the model, at the end of its training, the mean of its weights after each step of the last part.
+
+    The training itself goes on from the weights of the last step, and so do validations: what they log is not of the
+    mean. The mean is in float32 and on the training's device whatever the precision. A checkpoint holds both, so that a
+    training which was killed goes on as if it had never stopped; buffers are those of the last step.
+
+    Args:
+        fraction: of the optimiser steps, from the end, that the mean is over; above 0, at most 1.
+    """
+
+    def __init__(self, fraction: float) -> None:
+        super().__init__(use_buffers=False, avg_fn=_running_mean)
+        self.fraction = fraction
+        self._first_step = 0
+
+    def should_update(self, step_idx: int | None = None, epoch_idx: int | None = None) -> bool:
+        """Whether a step, counted from 0, belongs to the last part."""
+        return step_idx is not None and step_idx >= self._first_step
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Find the first step of the last part, and bring the mean to the training's device."""
+        assert self._average_model is not None
+        self._average_model.to(pl_module.device)
+        steps = int(trainer.estimated_stepping_batches)
+        self._first_step = min(steps - 1, round(steps * (1.0 - self.fraction)))
+
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Wait for `on_fit_end`, which also follows where a training is resumed that has no step left to do."""
+
+    def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Give the model the mean, unless the training ended before its last part."""
+        assert self._average_model is not None
+        if int(self._average_model.n_averaged) > 0:
+            self._copy_average_to_current(pl_module)
+
+    def on_validation_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Leave the weights of the last step: exchanging them would round them where the precisions differ."""
+
+    def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Nothing was exchanged."""
+
+    def on_load_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
+        """Load the mean and the weights of the last step; a training without averaging goes on with it from here."""
+        if "averaging_state" in checkpoint:
+            super().on_load_checkpoint(trainer, pl_module, checkpoint)
+
+
+def _running_mean(mean: Tensor, weight: Tensor, count: Tensor | int) -> Tensor:
+    """The mean of count + 1 values, in the precision of the mean."""
+    return mean + (weight.to(mean.dtype) - mean) / (count + 1)

@@ -1,0 +1,84 @@
+import json
+import shutil
+
+import pytest
+
+from deux.errors import DeuxError
+from deux.report.comparable_runs import group_comparable
+from deux.report.kept_runs import keep_runs
+from deux.report.runs import find_runs
+from deux.report.sweeps import find_sweeps
+
+ERRORS = {"mae": 123.456, "rmse": 1234.567, "imae": 12.345, "irmse": 123.456}
+
+
+def groups(folder):
+    return group_comparable(find_runs(folder), find_sweeps(folder))
+
+
+def cells(folder):
+    """All that a table is made of: errors by cell and seed, and what is missing."""
+    return [
+        ({cell: {seed: run.errors for seed, run in runs.items()} for cell, runs in group.cells.items()}, group.missing)
+        for group in groups(folder)
+    ]
+
+
+def test_a_report_of_the_copies_is_the_report_of_the_runs(write_run, write_sweep, outputs, tmp_path):
+    write_sweep(["explore=random,deux"], {"seed": "0,1"})
+    for seed in (0, 1):
+        run = write_run("random", "kbnet", seed, 20.0 + seed, overrides=(f"seed={seed}",))
+        (run / "model.deux").write_bytes(b"0" * 100_000)
+    keep_runs(outputs, tmp_path / "kept")
+    assert cells(tmp_path / "kept") == cells(outputs)
+    (group,) = groups(tmp_path / "kept")
+    assert {(one.explorer.name, one.seed) for one in group.missing} == {("deux", 0), ("deux", 1)}
+    assert group.runs[0].overrides == ("seed=0",)
+    assert group.sweeps[0].command == find_sweeps(outputs)[0].command
+    assert not list((tmp_path / "kept").rglob("model.deux"))
+
+
+def test_a_sweep_in_two_sittings_becomes_one(write_run, outputs, tmp_path):
+    kept = tmp_path / "kept"
+    first = write_run("random", "kbnet", 0, 20.0)
+    keep_runs(outputs, kept)
+    shutil.rmtree(first)
+    write_run("random", "kbnet", 1, 21.0)
+    keep_runs(outputs, kept)
+    keep_runs(outputs, kept)  # again changes nothing
+    (group,) = groups(kept)
+    assert [run.conditions.seed for run in group.finished] == [0, 1]
+    assert group.repeated == 0
+
+
+def test_what_is_kept_is_not_overwritten_by_another_run(write_run, outputs, tmp_path):
+    run = write_run("random", "kbnet", 0, 20.0)
+    keep_runs(outputs, tmp_path / "kept")
+    results = json.loads((run / "results.json").read_text())
+    (run / "results.json").write_text(json.dumps({**results, "seconds": {"train": 9.0}}))
+    keep_runs(outputs, tmp_path / "kept")  # another machine's clock makes no other run
+    results["metrics"]["mae"] = 25.0
+    (run / "results.json").write_text(json.dumps(results))
+    with pytest.raises(DeuxError, match=r"is kept already and is another run than \S+: choose another folder"):
+        keep_runs(outputs, tmp_path / "kept")
+
+
+def test_another_sweep_under_the_same_name_is_refused(write_run, write_sweep, outputs, tmp_path):
+    write_run("random", "kbnet", 0, 20.0)
+    write_sweep(["seed=0,1"])
+    keep_runs(outputs, tmp_path / "kept")
+    write_sweep(["seed=0,1,2"])
+    with pytest.raises(DeuxError, match="is another sweep"):
+        keep_runs(outputs, tmp_path / "kept")
+
+
+def test_a_run_with_16_scenes_is_small(write_run, outputs, tmp_path):
+    run = write_run("random", "kbnet", 0, 20.0)
+    scene = {"scene": "house_2200000", "frames": 40, "metrics": ERRORS, "baseline": ERRORS}
+    results = json.loads((run / "results.json").read_text())
+    (run / "results.json").write_text(json.dumps({**results, "scenes": [scene] * 16}))
+    count, size = keep_runs(outputs, tmp_path / "kept")
+    assert count == 1
+    assert size < 10_000
+    files = [file for file in (tmp_path / "kept").rglob("*") if file.is_file()]
+    assert size == sum(file.stat().st_size for file in files)

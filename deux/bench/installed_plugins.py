@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from deux.contracts import Uncertainty
+from deux.contracts import FreeViewpoints, Uncertainty
 from deux.errors import DeuxError
 from deux.inference.precision import FastPredictor
 from deux.registry import PluginChoice, registry
@@ -29,14 +29,17 @@ class Guide(NamedTuple):
 
 
 def installed(kind: str) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """One of each installed plugin of a kind, with its default options, by name; and a note on each broken one."""
+    """One of each installed plugin of a kind, with its default options, by name; and a note on each broken one.
+
+    Free viewpoints, which take no steps, are no explorer here.
+    """
     made, notes = {}, []
     for name in registry().names(kind):
         try:
             made[name] = registry().create(kind, name, {})
         except DeuxError as error:
             notes.append(f"{name} is left out: {error}")
-    return made, tuple(notes)
+    return {name: one for name, one in made.items() if not isinstance(one, FreeViewpoints)}, tuple(notes)
 
 
 def make_guide(model_name: str | None, accelerator: str = "auto") -> Guide | None:

@@ -15,7 +15,7 @@ from deux.collection.exploration import explore
 from deux.collection.floor_counts import count_all_floors
 from deux.collection.jobs import Executor, run_here
 from deux.collection.sparse import sample_sequences
-from deux.collection.specification import VIEWPOINTS, DatasetSpec, place_name
+from deux.collection.specification import IDEAL_SOURCES, VIEWPOINTS, DatasetSpec, place_name
 from deux.collection.verification import Verdicts, verify_sequences
 from deux.collection.viewpoints import ViewpointPlan, collect_viewpoints, plan_viewpoints
 from deux.contracts import DepthPredictor
@@ -209,8 +209,9 @@ def _episode_plans(spec: DatasetSpec, partial: Path, floors: Mapping[str, int]) 
 
 
 def _viewpoint_plans(spec: DatasetSpec, partial: Path, floors: Mapping[str, int]) -> list[tuple[ViewpointPlan, ...]]:
+    ideal = dict(spec.explorer_settings) == IDEAL_SOURCES
     return [
-        plan_viewpoints(partial / "data", scene, spec.episode_seed(scene, 0), spec.steps, floor)
+        plan_viewpoints(partial / "data", scene, spec.episode_seed(scene, 0), spec.steps, floor, ideal)
         for scene in spec.scenes
         for floor in range(floors[scene.name])
     ]

@@ -17,7 +17,10 @@ DATASET_VERSION = 6
 """Raised by every change of the code that changes the datasets it makes."""
 
 VIEWPOINTS = "viewpoints"
-"""In place of an explorer's name: free poses spread uniformly over the scenes, for evaluation."""
+"""In place of an explorer's name: free poses spread uniformly over the scenes, for evaluation or as a ceiling."""
+
+IDEAL_SOURCES = {"sources": "ideal"}
+"""The settings of `VIEWPOINTS` whose source frames are chosen by true depth around each viewpoint: the ceiling."""
 
 Split = Literal["train", "validation", "test"]
 

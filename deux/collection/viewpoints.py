@@ -1,4 +1,8 @@
-"""Test frames that no explorer chose: free poses spread uniformly over a scene."""
+"""Frames that no explorer chose: free poses spread uniformly over a scene.
+
+Each is recorded as a sequence of three frames whose last is the target. The two before it are those on the robot's way
+to it, or, of ideal viewpoints, the best pair of source frames among free poses around it.
+"""
 
 import math
 from collections.abc import Sequence
@@ -14,6 +18,7 @@ from deux.collection.specification import place_name
 from deux.contracts import COLOR, Action, Frame, Robot, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace
+from deux.geometry.source_frames import SourceRule, SourceView, choose_sources, has_parallax
 from deux.geometry.stratify import stratify
 from deux.io.frames import FrameWriter, prepare_folders
 from deux.io.images import quantise_depth
@@ -33,6 +38,9 @@ MOTIONS = (
 _ATTEMPTS = 50
 """Random poses that are tried in a viewpoint's own part of the floor, and then anywhere, before giving up."""
 
+_CANDIDATES = 12
+"""Free poses around an ideal viewpoint among which its two source frames are chosen."""
+
 _FEW = 256
 """Viewpoints in generated scenes that are made here rather than in processes, which take as long to start."""
 
@@ -48,12 +56,14 @@ class ViewpointPlan(Plan):
         index: number of the viewpoint on its floor.
         count: number of viewpoints that spread over the floor.
         floor: the floor of the scene, an index into `Simulator.floors`.
+        ideal: whether its source frames are ideal ones instead of those on the robot's way.
     """
 
     seed: int
     index: int
     count: int
     floor: int = 0
+    ideal: bool = False
 
     @property
     def size(self) -> int:
@@ -72,7 +82,7 @@ class ViewpointPlan(Plan):
 
 
 def plan_viewpoints(
-    data: Path, scene: SceneReference, seed: int, count: int, floor: int = 0
+    data: Path, scene: SceneReference, seed: int, count: int, floor: int = 0, ideal: bool = False
 ) -> tuple[ViewpointPlan, ...]:
     """The viewpoints of one floor of a scene.
 
@@ -82,10 +92,12 @@ def plan_viewpoints(
         seed: seed of the poses.
         count: number of viewpoints.
         floor: the floor of the scene, an index into `Simulator.floors`.
+        ideal: whether their source frames are ideal ones.
     """
     place = place_name(scene, floor)
     return tuple(
-        ViewpointPlan(data / f"{place}-view{index:04d}", scene, seed, index, count, floor) for index in range(count)
+        ViewpointPlan(data / f"{place}-view{index:04d}", scene, seed, index, count, floor, ideal)
+        for index in range(count)
     )
 
 
@@ -112,10 +124,11 @@ class ViewpointRunner:
         for _, group in groupby(job.plans, key=lambda plan: (plan.scene, plan.floor)):
             plans = tuple(group)
             simulator = self.make_simulator(plans[0].scene)
+            draw = _ideal_frames if plans[0].ideal else _frames
             parts = _parts(simulator, plans[0])
             with FrameWriter() as writer:
                 for plan in plans:
-                    frames = _frames(simulator, plan, parts)
+                    frames = draw(simulator, plan, parts)
                     prepare_folders(plan.paths, simulator.camera.intrinsics, labels=False)
                     for number, frame in enumerate(frames):
                         writer.put(plan.paths, number, frame)
@@ -179,6 +192,54 @@ def _frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndarray]) 
         f"Scene {plan.scene.name} has no viewpoints: the robot finds no room on floor {plan.floor} for one step "
         "forward."
     )
+
+
+def _ideal_frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndarray]) -> list[Frame]:
+    """Draw poses in the viewpoint's part of the floor until two free poses around one are good source frames.
+
+    Both meet `SourceRule`, with visibility by true depth, and are the pair with the highest score of those drawn.
+    """
+    rng, rule = np.random.default_rng([plan.seed, plan.index]), SourceRule()
+    space, intrinsics = simulator.free_space(plan.floor), simulator.camera.intrinsics
+    for cells in (parts[plan.index], np.concatenate(parts)):
+        for _ in range(_ATTEMPTS):
+            row, column = rng.choice(cells) + rng.uniform(-0.5, 0.5, size=2)
+            x, z = space.frame.centre(row, column)
+            target = (x, z, rng.uniform(-math.pi, math.pi))
+            around = [pose for pose in _poses_around(target, rule, rng) if _is_free(space, *pose[:2])]
+            if len(around) < 2 or not _is_free(space, x, z):
+                continue
+            poses = []
+            for place in (target, *around):
+                simulator.reset(*place, plan.floor)
+                poses.append(simulator.pose)
+            frames = [
+                Frame(frame.rgb.copy(), quantise_depth(frame.depth), frame.pose.copy())
+                for frame in simulator.observe(COLOR, np.stack(poses))
+            ]
+            views = [SourceView.of(frame.pose, intrinsics, frame.depth) for frame in frames]
+            good = {k: view for k, view in enumerate(views) if k and has_parallax(views[0], [view], rule)}
+            if len(good) >= 2:
+                best, second = choose_sources(views[0], good, rule).steps
+                return [frames[second], frames[best], frames[0]]
+    raise DeuxError(
+        f"Scene {plan.scene.name} has no ideal viewpoints: no two cameras on floor {plan.floor} see enough of what a "
+        "third one sees."
+    )
+
+
+def _poses_around(
+    target: tuple[float, float, float], rule: SourceRule, rng: np.random.Generator
+) -> list[tuple[float, float, float]]:
+    """Random poses (x, z, yaw) at the rule's distances from the target, turned by half its largest angle at most."""
+    x, z, yaw = target
+    distances = rng.uniform(rule.min_distance, rule.max_distance, _CANDIDATES)
+    directions = rng.uniform(-math.pi, math.pi, _CANDIDATES)
+    turns = np.radians(rng.uniform(-rule.max_angle / 2, rule.max_angle / 2, _CANDIDATES))
+    return [
+        (x + d * math.sin(a), z + d * math.cos(a), yaw + turn)
+        for d, a, turn in zip(distances.tolist(), directions.tolist(), turns.tolist(), strict=True)
+    ]
 
 
 def poses_before(

@@ -6,7 +6,7 @@ metres, the world is Y-up, depth runs along the optical axis and 0 means "no val
 """
 
 from deux.contracts.depth_model import Augmentation, DepthModel, Foundation, LossSettings, Prediction
-from deux.contracts.explorer import Episode, Explorer, ExplorerMap, Need, Observation
+from deux.contracts.explorer import NO_ROBOT, Episode, Explorer, ExplorerMap, FreeViewpoints, Need, Observation
 from deux.contracts.loss import Batch, LossInputs, LossNeed, LossTerm, Reconstructions
 from deux.contracts.reader import FrameReference, Neighbourhood, Reader, Triplet
 from deux.contracts.reward import Experience, Reward
@@ -28,6 +28,7 @@ from deux.geometry.robot import Robot
 __all__ = [
     "COLOR",
     "DEPTH",
+    "NO_ROBOT",
     "Action",
     "Augmentation",
     "Batch",
@@ -43,6 +44,7 @@ __all__ = [
     "Foundation",
     "Frame",
     "FrameReference",
+    "FreeViewpoints",
     "LossInputs",
     "LossNeed",
     "LossSettings",

@@ -7,6 +7,7 @@ from enum import StrEnum
 import numpy as np
 
 from deux.contracts.simulator import Action
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.robot import Robot
@@ -115,3 +116,26 @@ class Explorer(ABC):
     def map(self) -> ExplorerMap | None:
         """The map as it stands, for figures; None if the explorer keeps none."""
         return None
+
+
+class FreeViewpoints(Explorer):
+    """In place of an explorer: the frames come from free poses over the training scenes, and no robot acts.
+
+    Each has ideal source frames, chosen by true depth. It is a ceiling for explorers, not one of them: what asks for
+    actions refuses it.
+    """
+
+    def reset(self, episode: Episode) -> None:
+        """Refuse: there is no episode."""
+        raise DeuxError(NO_ROBOT)
+
+    def act(self, observation: Observation) -> Action:
+        """Refuse: there is no robot."""
+        raise DeuxError(NO_ROBOT)
+
+
+NO_ROBOT = (
+    "free viewpoints are a ceiling and no explorer that acts, so that only task=experiment, task=train and "
+    "task=collect take them: choose another explorer."
+)
+"""Why free viewpoints are refused."""

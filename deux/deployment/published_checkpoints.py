@@ -55,8 +55,8 @@ def load_published(
     Raises:
         DeuxError: a file cannot be read or is not a checkpoint of this model, or of its pose network.
     """
-    published = registry().get("depth_models", name).published_options
-    model: DepthModel = registry().create("depth_models", name, {**(settings or {}), **published})
+    model_class: type[DepthModel] = registry().get("depth_models", name)
+    model: DepthModel = registry().create("depth_models", name, {**(settings or {}), **model_class.published_options})
     if not model.published_modules():
         raise DeuxError(f"the depth model {name!r} has no published checkpoints: deux.load(path) reads our own.")
     _load(model, Path(path), name)

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from deux.errors import DeuxError
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate, estimate
@@ -157,6 +159,27 @@ class ComparableRuns:
     def drawn_by_seed(self) -> bool:
         """Whether each seed has test scenes of its own."""
         return DRAWN_BY_SEED in self.testing
+
+    def share_of_way(self, explorer: Variant, reference: Variant, ceiling: Variant, model: Variant) -> Estimate | None:
+        """How far an explorer comes from the reference's MAE r to the ceiling's c: R = mean(r - x) / mean(r - c).
+
+        Means are over the seeds that all three have. The interval is Student's t interval of the mean of
+        (r - x) - R (r - c), divided by mean(r - c): the delta method for a ratio of paired means (Cochran, Sampling
+        Techniques, 1977, section 2.11).
+
+        Returns:
+            None with fewer than two such seeds, or where r - c is not above 0 with 95 % confidence.
+        """
+        cells = [self.cells.get((one, model), {}) for one in (explorer, reference, ceiling)]
+        seeds = sorted(set.intersection(*(set(cell) for cell in cells)))
+        if len(seeds) < 2:
+            return None
+        x, r, c = (np.array([cell[seed].errors["mae"] for seed in seeds]) for cell in cells)
+        whole = estimate(r - c)
+        if not whole.mean > whole.half_width:
+            return None
+        share = float(np.mean(r - x)) / whole.mean
+        return Estimate(share, estimate((r - x) - share * (r - c)).half_width / whole.mean)
 
     @property
     def baseline(self) -> SeedErrors:

@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from deux.collection.specification import VIEWPOINTS
+
 
 class Variant(NamedTuple):
     """An explorer or a depth model as a report tells them apart.
@@ -15,6 +17,11 @@ class Variant(NamedTuple):
 
     name: str
     label: str = ""
+
+    @property
+    def is_ceiling(self) -> bool:
+        """Whether it stands for free viewpoints, which no table ranks among the explorers."""
+        return self.name == VIEWPOINTS
 
 
 @dataclass(frozen=True)
@@ -42,12 +49,14 @@ class DisplayNames:
         return _ordered(variants, list(self.models))
 
     def explorer_parts(self, variants: Iterable[Variant]) -> list[list[Variant]]:
-        """Explorers in order and in parts; those without a name of their own come last, in a part of theirs."""
-        variants = set(variants)
+        """Explorers in order and in parts: those without a name of their own after the others, and the ceiling last."""
+        found = set(variants)
+        ceiling = sorted(one for one in found if one.is_ceiling)
+        variants = found - set(ceiling)
         parts = [_ordered((one for one in variants if one.name in part), list(part)) for part in self.explorers]
         named = {name for part in self.explorers for name in part}
         parts.append(sorted(one for one in variants if one.name not in named))
-        return [part for part in parts if part]
+        return [part for part in (*parts, ceiling) if part]
 
     def ordered_explorers(self, variants: Iterable[Variant]) -> list[Variant]:
         """Explorers in order, without the parts."""

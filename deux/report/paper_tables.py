@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.tables import Cell, ResultTable, Row, error_columns
@@ -27,7 +28,8 @@ def table_one(
         names: of rows and columns.
         dataset: what the dataset is called.
         name: of the table's files.
-        baseline: the explorers that notes compare the others with, seed by seed; None for no such note.
+        baseline: the explorers that notes compare the others with, seed by seed; None for no such note. The way to the
+            ceiling begins at the first of them.
     """
     models = names.ordered_models(runs.models)
     parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), _cells(runs.baseline) * len(models), ranked=False),)]
@@ -35,7 +37,7 @@ def table_one(
         rows = []
         for explorer in part:
             cells = [cell for model in models for cell in _cells(runs.errors(explorer, model))]
-            rows.append(Row((names.explorer(explorer),), tuple(cells)))
+            rows.append(Row((names.explorer(explorer),), tuple(cells), ranked=not explorer.is_ceiling))
         parts.append(tuple(rows))
     table = ResultTable(
         caption=f"Depth completion on the {dataset} test set",
@@ -45,7 +47,9 @@ def table_one(
         groups=tuple(names.model(model) for model in models),
         name=name,
     )
-    return _finished(table, [runs], _paired_differences(runs, names, baseline))
+    baselines = (baseline,) if isinstance(baseline, str) else baseline or ()
+    notes = [*_paired_differences(runs, names, baselines), *_shares_of_way(runs, names, baselines[:1])]
+    return _finished(table, [runs], notes)
 
 
 def table_two(
@@ -73,12 +77,14 @@ def table_two(
         rows = []
         for explorer in names.ordered_explorers(runs.explorers):
             if errors := runs.errors(explorer, model):
-                rows.append(Row((names.model(model), names.explorer(explorer)), _cells(errors)))
+                labels = names.model(model), names.explorer(explorer)
+                rows.append(Row(labels, _cells(errors), ranked=not explorer.is_ceiling))
         for group in from_first:
             shown = [one for one in group.explorers if one.name in starred] or group.explorers
             for explorer in names.ordered_explorers(shown):
                 if errors := group.errors(explorer, model):
-                    rows.append(Row((names.model(model), f"{names.explorer(explorer)}*"), _cells(errors)))
+                    labels = names.model(model), f"{names.explorer(explorer)}*"
+                    rows.append(Row(labels, _cells(errors), ranked=not explorer.is_ceiling))
         parts.append(tuple(rows))
     table = ResultTable(
         caption=f"Depth completion on the {other} test set",
@@ -115,7 +121,8 @@ def table_three(
             label = names.explorer(explorer)
             if len(averaged) < len(models):
                 label += f" ({', '.join(names.model(model) for model in names.ordered_models(averaged))} only)"
-            rows.append(Row((label,), _cells(errors), ranked=len(averaged) == len(models)))
+            ranked = len(averaged) == len(models) and not explorer.is_ceiling
+            rows.append(Row((label,), _cells(errors), ranked=ranked))
         parts.append(tuple(rows))
     table = ResultTable(
         caption=f"Zero-shot transfer: trained on {trained_on}, tested on {tested_on}",
@@ -136,12 +143,11 @@ def _cells(errors: SeedErrors | None) -> tuple[Cell, ...]:
     return tuple(Cell(errors.estimates[name], seeds=errors.seeds) for name in METRICS)
 
 
-def _paired_differences(runs: ComparableRuns, names: DisplayNames, baseline: str | tuple[str, ...] | None) -> list[str]:
-    """For each model how much higher than the baseline's the explorers' errors are, a sentence each."""
+def _paired_differences(runs: ComparableRuns, names: DisplayNames, baselines: Sequence[str]) -> list[str]:
+    """For each model how much higher than the baselines' the explorers' errors are, a sentence each."""
     notes = []
     explorers = names.ordered_explorers(runs.explorers)
-    wanted = (baseline,) if isinstance(baseline, str) else baseline or ()
-    for reference in (explorer for explorer in explorers if explorer.name in wanted):
+    for reference in (explorer for explorer in explorers if explorer.name in baselines):
         for model in names.ordered_models(runs.models):
             others = [other for other in explorers if other != reference]
             found = {names.explorer(other): runs.paired_difference(other, reference, model) for other in others}
@@ -165,6 +171,24 @@ def _scene_differences(runs: ComparableRuns, names: DisplayNames, reference: Var
             f"{names.model(model)}, the same with the same seed and scene (bootstrap over seeds and over the scenes of "
             f"each; too narrow where trainings differ more than scenes): {', '.join(known)}."
         )
+
+
+def _shares_of_way(runs: ComparableRuns, names: DisplayNames, baselines: Sequence[str]) -> list[str]:
+    """For each model how far the explorers come from a baseline's error to the ceiling's, a sentence each."""
+    notes = []
+    explorers = names.ordered_explorers(runs.explorers)
+    references = [one for one in explorers if one.name in baselines]
+    ceilings = [one for one in explorers if one.is_ceiling]
+    for reference, ceiling, model in product(references, ceilings, names.ordered_models(runs.models)):
+        others = [one for one in explorers if one != reference and not one.is_ceiling]
+        found = {names.explorer(one): runs.share_of_way(one, reference, ceiling, model) for one in others}
+        known = [f"{name} {100 * one.mean:.0f} ± {100 * one.half_width:.0f} %" for name, one in found.items() if one]
+        if known:
+            notes.append(
+                f"{names.model(model)}, share of the way from {names.explorer(reference)}'s MAE to that of "
+                f"{names.explorer(ceiling)} with the same seeds: {', '.join(known)}."
+            )
+    return notes
 
 
 def _over_models(runs: ComparableRuns, explorer: Variant) -> tuple[frozenset[Variant], SeedErrors]:
@@ -198,6 +222,12 @@ def _finished(
         else f"One seed ({seeds}) each, so there are no intervals, where a number says no other n.",
         "Bold: best; underlined: second best; interpolation of the sparse points is not ranked.",
     ]
+    shown = list(shown)
+    if any(explorer.is_ceiling for runs in shown for explorer in runs.explorers):
+        general.append(
+            "Free viewpoints are a ceiling and not ranked: no robot collected them, and true depth chose their source "
+            "frames."
+        )
     for runs in shown:
         if not runs.same_frames:
             general.append("Interpolation does not err alike in all runs: they were not tested on the same frames.")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from deux.collection.perception import MODEL_NEEDS
-from deux.contracts import Explorer, Reward
+from deux.contracts import NO_ROBOT, Explorer, FreeViewpoints, Reward
 from deux.errors import DeuxError
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.registry import PluginChoice, registry
@@ -62,6 +62,8 @@ def find_participants(named: Sequence[str] | None, configured: PluginChoice, has
             if name != configured.name:
                 choice = registry().choose("explorers", {"name": name}, "compare.explorers")
             explorer: Explorer = choice.create()
+            if isinstance(explorer, FreeViewpoints):
+                raise DeuxError(f"{name} cannot be compared: {NO_ROBOT}")
             found.fingerprints[name] = explorer.fingerprint()
             if explorer.needs & MODEL_NEEDS and not has_model:
                 raise DeuxError(f"{name} needs a depth model: name a trained one with seed_model.checkpoint=RUN.")

@@ -23,7 +23,7 @@ from deux.registry import PluginChoice
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import weights_identity
 from deux.tasks.console import say
-from deux.tasks.datasets import Datasets
+from deux.tasks.datasets import Datasets, check_robot
 from deux.tasks.model_training import Recipe, Training
 from deux.tasks.run_folder import ROUNDS, RunFolder
 from deux.training.ranks import decided_by_leader, leads
@@ -73,6 +73,8 @@ class ActiveTraining:
             self.active = construct(ActiveCollectionSettings, active, f"callbacks.{ACTIVE_COLLECTION}")
         self._callbacks = [make_callback(name, options) for name, options in chosen.items()]
         self._explorer = sections.plugin("explore")
+        if self.active is not None:
+            check_robot(self._explorer, f"callbacks={ACTIVE_COLLECTION}")
         self._datasets = datasets
         self._training = training
 

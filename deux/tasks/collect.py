@@ -11,7 +11,7 @@ from deux.io.layout import sequences
 from deux.metrics.scorecard import score
 from deux.task_sections import Sections
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.datasets import Datasets, needs_model
+from deux.tasks.datasets import Datasets, is_ceiling, needs_model
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.run_folder import RunFolder, open_run_folder
@@ -74,7 +74,9 @@ class Exploration:
             return self._datasets.explored(self.explorer, predictor, identity)
 
     def draw(self, dataset: Path, run: RunFolder) -> None:
-        """Draw where the robot went in the first episodes."""
+        """Draw where the robot went in the first episodes; nothing of free viewpoints, which have no way."""
+        if is_ceiling(self.explorer):
+            return
         from deux.figures.drawing import (
             save_figure,  # matplotlib, which nothing waits for before there is a path to draw
         )

@@ -27,7 +27,7 @@ from deux.studies.participants import find_participants
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import progress, quieten_libraries, say
-from deux.tasks.datasets import read_scenes, read_simulation
+from deux.tasks.datasets import check_robot, read_scenes, read_simulation
 from deux.tasks.run_folder import EPISODES, RunFolder, open_run_folder
 from deux.tasks.seed_model import SeedModelSettings
 
@@ -95,9 +95,9 @@ class Comparing:
                 "the first one is 0."
             )
         checkpoint = sections.read("seed_model", SeedModelSettings).checkpoint
-        self._participants = find_participants(
-            self._settings.explorers, sections.plugin("explore"), has_model=checkpoint is not None
-        )
+        configured = sections.plugin("explore")
+        check_robot(configured, "task=compare_explorers")
+        self._participants = find_participants(self._settings.explorers, configured, has_model=checkpoint is not None)
         self._perception = _perception(sections, checkpoint, self._collect) if checkpoint is not None else None
         self.identity = sections.identity | {
             "participants": self._participants.identity,

@@ -9,10 +9,11 @@ from deux.collection.collect_settings import CollectSettings
 from deux.collection.exploration import MODEL_NEEDS
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.collection.sparse import SparseSettings
-from deux.collection.specification import VIEWPOINTS, DatasetSpec, Split
+from deux.collection.specification import IDEAL_SOURCES, VIEWPOINTS, DatasetSpec, Split
 from deux.collection.verification import VerificationSettings
 from deux.compilation import nothing_compiled
-from deux.contracts import DepthPredictor, Robot, SceneReference, SceneSource, SceneSplits
+from deux.contracts import NO_ROBOT, DepthPredictor, FreeViewpoints, Robot, SceneReference, SceneSource, SceneSplits
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.registry import PluginChoice, registry
 from deux.scenes.splits import check_not_empty
@@ -61,6 +62,17 @@ def further_scenes(source: str, count: int, splits: SceneSplits) -> tuple[SceneR
 def needs_model(explorer: PluginChoice) -> bool:
     """Whether the explorer asks for what only a depth model can give."""
     return bool(explorer.create().needs & MODEL_NEEDS)
+
+
+def is_ceiling(explorer: PluginChoice) -> bool:
+    """Whether it stands for free viewpoints and not for a robot."""
+    return isinstance(explorer.create(), FreeViewpoints)
+
+
+def check_robot(explorer: PluginChoice, user: str) -> None:
+    """Raise DeuxError where `user`, which moves a robot, is given free viewpoints."""
+    if is_ceiling(explorer):
+        raise DeuxError(f"{user} moves a robot, and {NO_ROBOT}")
 
 
 class Datasets:
@@ -148,6 +160,19 @@ class Datasets:
         return self._viewpoints("synthetic", "train", further_scenes(source, scenes, self.scenes), count)
 
     def _exploration(self, explorer: PluginChoice, predictor_identity: str | None) -> DatasetSpec:
+        if is_ceiling(explorer):
+            targets = max(1, self.collect.steps - 2) * self.collect.episodes  # an episode's first two are sources only
+            return DatasetSpec(
+                name=explorer.name,
+                scenes=self.scenes.train,
+                explorer=VIEWPOINTS,
+                explorer_settings=IDEAL_SOURCES,
+                simulation=self.simulation,
+                steps=targets,
+                sparse=self.sampling,
+                verification=self.verification,
+                seed=self._seed,
+            )
         fingerprint = explorer.create().fingerprint()
         return DatasetSpec(
             name=explorer.name,

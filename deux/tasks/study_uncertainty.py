@@ -15,7 +15,7 @@ from deux.studies.uncertainty_study import UncertaintyStudy
 from deux.studies.uncertainty_tables import agreement_table, causes_table
 from deux.task_sections import Sections
 from deux.tasks.console import progress, quieten_libraries, say
-from deux.tasks.datasets import Datasets
+from deux.tasks.datasets import Datasets, check_robot
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.run_folder import EPISODES, RunFolder, open_run_folder
@@ -54,6 +54,7 @@ class Studying:
         evaluation = sections.read("evaluation", EvaluationSettings)
         self._training = Training(sections, self._datasets, evaluation.validation_viewpoints)
         self._explorer = sections.plugin("explore")
+        check_robot(self._explorer, "task=study_uncertainty")
         self._datasets.collect.measure.create()  # a mistake in its options is told before a model is trained
         self.seed_model = SeedModel(sections, self._datasets, self._training)
         self.identity = sections.identity

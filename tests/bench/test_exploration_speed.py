@@ -20,7 +20,9 @@ TINY = ExploreSettings(size=32, robots=2, steps=6, warm_up=3, rounds=2)
 @pytest.mark.usefixtures("tiny_models")
 def test_every_installed_explorer_is_measured() -> None:
     (table,) = measure_exploration(TINY, None)
-    assert [row["explorer"] for row in table.rows] == registry().names("explorers")
+    assert [row["explorer"] for row in table.rows] == [
+        name for name in registry().names("explorers") if name != "viewpoints"
+    ]
     for row in table.rows:
         guided = bool(registry().create("explorers", str(row["explorer"]), {}).needs & MODEL_NEEDS)
         assert row["depth model"] == ("tiny" if guided else "none")
@@ -74,7 +76,7 @@ def test_explorers_that_need_a_model_are_left_out_where_there_is_none() -> None:
     registry().unregister("depth_models", "tiny")
     (table,) = measure_exploration(TINY, None)
     measured = {str(row["explorer"]) for row in table.rows}
-    for name in registry().names("explorers"):
+    for name in (name for name in registry().names("explorers") if name != "viewpoints"):
         guided = bool(registry().create("explorers", name, {}).needs & MODEL_NEEDS)
         assert (name in measured) != guided
         assert any(note.startswith(f"{name} is left out") for note in table.notes) == guided

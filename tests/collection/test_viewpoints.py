@@ -157,3 +157,24 @@ def test_an_empty_floor_is_an_error_and_a_tiny_one_serves_all_viewpoints(tmp_pat
     Patch.cells = 8  # 0.8 m x 0.1 m: room for a step along it, and fewer cells than viewpoints
     collect_viewpoints([plan_viewpoints(tmp_path / "data", ToyScene(), 0, 10)], Patch)
     assert poses(tmp_path).shape == (10, 3, 4, 4)
+
+
+def test_ideal_viewpoints_have_two_source_frames_with_parallax(tmp_path: Path) -> None:
+    """Distances and headings are computed here from the poses, not by the module that chose them."""
+    collect_viewpoints([plan_viewpoints(tmp_path / "data", ToyScene(), 0, 12, ideal=True)], ToySimulator)
+    found = poses(tmp_path)
+    assert len(found) == 12
+    for first, second, target in found:
+        for source in (first, second):
+            assert 0.15 <= np.linalg.norm(source[:3, 3] - target[:3, 3]) <= 0.8
+            assert motion(source, target)[1] <= 40.0
+        assert not np.allclose(first, second)
+
+
+def test_ideal_sources_need_room_around_the_viewpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    space = ToySimulator().free_space()
+    free = np.zeros_like(space.free)
+    free[tuple(np.argwhere(space.free)[0])] = True  # one cell, and no second camera 0.15 m away
+    monkeypatch.setattr(ToySimulator, "free_space", lambda self, floor=0: replace(space, free=free))
+    with pytest.raises(DeuxError, match="has no ideal viewpoints"):
+        collect_viewpoints([plan_viewpoints(tmp_path / "data", ToyScene(), 0, 1, ideal=True)], ToySimulator)

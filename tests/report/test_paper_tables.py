@@ -4,6 +4,7 @@ import pytest
 from scipy import stats
 
 from deux.report.comparable_runs import group_comparable
+from deux.report.display_names import Variant
 from deux.report.paper_tables import table_one, table_three, table_two
 from deux.report.runs import find_runs
 
@@ -59,6 +60,40 @@ def test_a_note_compares_explorers_seed_by_seed(write_run, outputs, names):
     for baseline in (None, "frontier"):
         notes = table_one(runs, names, "apartments", baseline=baseline).notes
         assert not any("same seed" in note for note in notes)
+
+
+def test_the_ceiling_stands_apart_and_a_note_tells_the_share_of_the_way_to_it(write_run, outputs, names):
+    """DEUX halves what every seed leaves between Random and the ceiling; a fourth seed without DEUX does not count."""
+    for seed, (start, end) in enumerate(((40.0, 20.0), (44.0, 20.0), (39.0, 21.0))):
+        write_run("random", "kbnet", seed, start)
+        write_run("viewpoints", "kbnet", seed, end)
+        write_run("deux", "kbnet", seed, (start + end) / 2)
+        write_run("novelty", "kbnet", seed, start - 6.0 * seed)
+    write_run("random", "kbnet", 3, 90.0)
+    write_run("viewpoints", "kbnet", 3, 1.0)
+    (runs,) = compare(outputs)
+    table = table_one(runs, names, "apartments", baseline="random")
+    last = table.parts[-1]
+    assert len(last) == 1
+    assert not last[0].ranked
+    assert "viewpoints" in last[0].labels[0]
+    assert {mark(table, -1, 0, column) for column in range(4)} == {None}
+    (note,) = [note for note in table.notes if "share of the way" in note]
+    assert "DEUX 50 ± 0 %" in note
+    found = runs.share_of_way(Variant("novelty"), Variant("random"), Variant("viewpoints"), Variant("kbnet"))
+    gain, way = [0.0, 6.0, 12.0], [20.0, 24.0, 18.0]
+    share = sum(gain) / sum(way)
+    spread = stats.t.interval(0.95, 2, 0, stats.sem([g - share * w for g, w in zip(gain, way, strict=True)]))[1]
+    assert found == pytest.approx((share, spread * 3 / sum(way)))
+
+
+def test_there_is_no_share_where_the_ceiling_is_not_below(write_run, outputs, names):
+    for seed in range(2):
+        write_run("random", "kbnet", seed, 30.0 + seed)
+        write_run("viewpoints", "kbnet", seed, 31.0 - seed)
+        write_run("deux", "kbnet", seed, 20.0)
+    (runs,) = compare(outputs)
+    assert not any("share of the way" in note for note in table_one(runs, names, "a", baseline="random").notes)
 
 
 def test_table_two_sets_models_of_the_first_dataset_beside_those_of_the_other(write_run, outputs, names, here, there):

@@ -20,7 +20,7 @@ def preset(name: str) -> dict:
 def test_the_presets_sweep_over_what_there_is_in_the_papers_order(name):
     params = preset(name)["hydra"]["sweeper"]["params"]
     report = compose().report
-    order = [explorer for part in report.explorers for explorer in part]
+    order = [explorer for part in report.explorers for explorer in part if explorer != "viewpoints"]  # not the paper's
     explorers = params["explore"].split(",")
     assert explorers == (["random", "deux"] if name == "table2" else order)
     assert params["model"].split(",") == list(report.models)

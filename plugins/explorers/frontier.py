@@ -26,6 +26,8 @@ class FrontierExplorer(GoalExplorer):
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
+        least_way: metres of path to its frontier at least, where a frontier of some size is that far. Nearer ones are
+            mostly edges of the view beside the robot, for which it would turn on the spot. 0 for any.
     """
 
     def __init__(
@@ -33,12 +35,15 @@ class FrontierExplorer(GoalExplorer):
         depth: DepthSource = "sensor",
         choose: Literal["nearest", "largest"] = "nearest",
         resolution: float = 0.05,
-        max_range: float = 3.0,
+        max_range: float = 5.0,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
+        least_way: float = 1.5,
     ) -> None:
-        super().__init__(depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth", motion)
+        super().__init__(
+            depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth", motion, least_way
+        )
         if choose not in ("nearest", "largest"):
             raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')
         self._choose = choose
@@ -49,6 +54,7 @@ class FrontierExplorer(GoalExplorer):
             row, column = self.free_places(distance, 1)[0]
             return Target(self.occupancy.frame.centre(row, column))
         if self._choose == "nearest":
+            candidates = self.preferred_frontiers(candidates)
             arcs = self.motion == "arcs"
             actions = self.actions_to(pose, candidates) if arcs else self._estimated_actions(pose, candidates)
             index = int(np.argmin(actions))

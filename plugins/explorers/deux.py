@@ -40,7 +40,7 @@ class DeuxExplorer(GoalExplorer):
         least_way: metres of path to its frontier at least, where a frontier of some size is that far. Nearer ones are
             mostly edges of the view beside the robot, for which it would turn on the spot. 0 for any.
         per_action: whether the value of a target, its uncertainty or what it teaches, is divided by the actions that it
-            costs. The paper does not divide.
+            costs. None divides for informative targets and not for the others, as in the paper.
         revisits: whether informative targets lie on known floor too while there is a frontier to go to.
         on_the_way: whether the views on the way to an informative target count as well as the one there.
     """
@@ -66,7 +66,7 @@ class DeuxExplorer(GoalExplorer):
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
         least_way: float = 1.5,
-        per_action: bool = True,
+        per_action: bool | None = None,
         revisits: bool = True,
         on_the_way: bool = True,
     ) -> None:
@@ -85,7 +85,8 @@ class DeuxExplorer(GoalExplorer):
         self._residual_pose = residual_pose or ("surface" if target == "informative" else "pose")
         self._target = target
         self._temperature = temperature
-        self._worth = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
+        self._per_action = target == "informative" if per_action is None else per_action
+        self._worth = {"per_action": self._per_action, "revisits": revisits, "on_the_way": on_the_way}
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
@@ -155,7 +156,7 @@ class DeuxExplorer(GoalExplorer):
         )
         candidates = candidates.select(sampled)
         worth = self._field.at(cell_centres(frame, candidates.cells))
-        if self._worth["per_action"]:
+        if self._per_action:
             worth = np.ones(len(worth)) if worth.max() <= 0.0 else worth
             worth = worth / (self.actions_to(pose, candidates) + self._views.overhead)
         return self.frontier_target(candidates, self._draw(worth))

@@ -22,7 +22,8 @@ class FrontierExplorer(GoalExplorer):
         choose: "nearest", the frontier that takes the fewest actions, turns included (Yamauchi); or "largest", a
             random place on one of the three largest (the published agent of exploring_exploration).
         resolution: edge of a map cell in metres.
-        max_range: distance along the floor in metres up to which depth enters the map.
+        max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
+            and 3 for predicted depth, whose errors grow with the distance.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
@@ -35,12 +36,14 @@ class FrontierExplorer(GoalExplorer):
         depth: DepthSource = "sensor",
         choose: Literal["nearest", "largest"] = "nearest",
         resolution: float = 0.05,
-        max_range: float = 5.0,
+        max_range: float | None = None,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
         least_way: float = 1.5,
     ) -> None:
+        if max_range is None:
+            max_range = 3.0 if depth == "predicted" else 5.0
         super().__init__(
             depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth", motion, least_way
         )

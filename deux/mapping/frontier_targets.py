@@ -36,6 +36,24 @@ class FrontierCandidates:
     def __len__(self) -> int:
         return len(self.cells)
 
+    def select(self, keep: np.ndarray) -> "FrontierCandidates":
+        """Those where N bool `keep` is true."""
+        return FrontierCandidates(self.cells[keep], self.places[keep], self.lengths[keep], self.frontier[keep])
+
+    def preferred(self, least_length: float, least_size: int) -> "FrontierCandidates":
+        """Those that are worth walking to: far enough and on a frontier with enough cells; all where none is.
+
+        Next to the robot, the edges of what its camera shows are always frontiers. They take the fewest actions, turns
+        on the spot, and show little; many vanish when the robot goes on.
+
+        Args:
+            least_length: cells of path to the place at least.
+            least_size: candidates on the same frontier at least.
+        """
+        size = np.bincount(self.frontier)[self.frontier]
+        keep = (self.lengths >= least_length) & (size >= least_size)
+        return self.select(keep) if keep.any() else self
+
 
 def frontier_candidates(
     occupancy: np.ndarray,
@@ -59,8 +77,7 @@ def frontier_candidates(
     cells = np.concatenate([np.zeros((0, 2), np.int64), *clusters])
     frontier = np.repeat(np.arange(len(clusters)), [len(cluster) for cluster in clusters])
     places, lengths = approaches(occupancy != OCCUPIED, distance, cells, round(reach / frame.resolution))
-    keep = np.isfinite(lengths)
-    return FrontierCandidates(cells[keep], places[keep], lengths[keep], frontier[keep])
+    return FrontierCandidates(cells, places, lengths, frontier).select(np.isfinite(lengths))
 
 
 def frontier_target(

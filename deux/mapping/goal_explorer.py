@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import Action, Episode, Explorer, ExplorerMap, Need, Observation
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.mapping.action_costs import action_costs
 from deux.mapping.finished_frontiers import FinishedFrontiers
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres, frontier_candidates, frontier_target
@@ -35,9 +35,10 @@ class GoalExplorer(Explorer):
         unknown_traversable: whether paths may lead through the unknown.
         depth_option: what the subclass calls its option `depth`, for the message.
         motion: "arcs", steps between turns where there is room; or "turns", turns on the spot.
+        least_way: metres of path to a frontier at least, where there is one that far (`preferred_frontiers`).
 
     Raises:
-        DeuxError: `depth` or `motion` is neither of the two.
+        DeuxError: `depth` or `motion` is neither of the two, or `least_way` is negative.
     """
 
     frontier_reach = 0.3
@@ -45,6 +46,9 @@ class GoalExplorer(Explorer):
 
     min_frontier = 6
     """Cells that a frontier must have; smaller ones are gaps between pixels."""
+
+    preferred_frontier = 12
+    """Cells of a frontier that is preferred to smaller ones."""
 
     least_area = 3.0
     """Square metres of floor within reach, with no frontier on it, below which the map counts as wrong.
@@ -67,11 +71,13 @@ class GoalExplorer(Explorer):
         unknown_traversable: bool,
         depth_option: str = "depth",
         motion: Motion = "turns",
+        least_way: float = 0.0,
     ) -> None:
         if depth not in ("predicted", "sensor"):
             raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
         if motion not in ("arcs", "turns"):
             raise DeuxError(f'explore.motion is "{motion}": it must be "arcs" or "turns".')
+        check_range("explore.least_way", least_way, 0.0)
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
         self._depth = depth
         self._resolution = resolution
@@ -79,6 +85,7 @@ class GoalExplorer(Explorer):
         self._safety_margin = safety_margin
         self._unknown_traversable = unknown_traversable
         self.motion = motion
+        self._least_way = least_way
 
     @abstractmethod
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
@@ -149,6 +156,12 @@ class GoalExplorer(Explorer):
         cells, frame = self.occupancy.cells, self.occupancy.frame
         finished = self.finished.mask(frame)
         return frontier_candidates(cells, frame, distance, self.min_frontier, self.frontier_reach, finished)
+
+    def preferred_frontiers(self, candidates: FrontierCandidates) -> FrontierCandidates:
+        """Those of the frontiers in reach that are worth walking to; all of them where `least_way` is 0."""
+        if self._least_way == 0.0:
+            return candidates
+        return candidates.preferred(self._least_way / self._resolution, self.preferred_frontier)
 
     def frontier_target(self, candidates: FrontierCandidates, index: int) -> Target:
         """The target for one of the candidates; remembers its frontier cell as `self.frontier`."""

@@ -15,7 +15,9 @@ COLUMNS = {
     "floor_covered": Column("free floor covered", "%", factor=100.0, best="highest"),
     "objects_seen": Column("objects seen", best="highest"),
     "collisions": Column("collisions", best="lowest"),
-    "path_length": Column("path length", "m"),
+    "path_length": Column("way walked", "m"),
+    "forward_share": Column("forward share", "%", factor=100.0),
+    "parallax_share": Column("frames with parallax", "%", factor=100.0),
 }
 """The columns, by the names of their numbers in `Exploration`."""
 

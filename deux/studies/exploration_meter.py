@@ -11,7 +11,9 @@ from deux.environment.egocentric import Crops
 from deux.environment.memory import RESOLUTION, ExplorationMemory
 from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
+from deux.geometry.source_frames import SOURCES
 from deux.mapping.occupancy import FREE, OccupancyMap
+from deux.metrics.scorecard import has_parallax
 
 PIXELS = 64
 """Rows and columns of the images that are measured by: as many as learned explorers have in training."""
@@ -19,7 +21,15 @@ PIXELS = 64
 SEEN_PIXELS = 10
 """Pixels, of the 64 x 64 of a frame, in which an object has to appear to count as seen: a quarter of a percent."""
 
-MEASURES = ("area_seen", "floor_covered", "objects_seen", "collisions", "path_length")
+MEASURES = (
+    "area_seen",
+    "floor_covered",
+    "objects_seen",
+    "collisions",
+    "path_length",
+    "forward_share",
+    "parallax_share",
+)
 """An episode's numbers but for the rewards."""
 
 REWARD = "reward_"
@@ -40,6 +50,9 @@ class Exploration:
             lies within 3 m along the floor; None where nothing is labelled.
         collisions: number of actions that an obstacle cut short.
         path_length: metres that the robot moved.
+        forward_share: fraction of the actions that were forward, 0 to 1.
+        parallax_share: fraction of the frames that one of the two frames before them shows with parallax
+            (`deux.metrics.scorecard.has_parallax`), 0 to 1.
         rewards: the sum of each reward over the actions, by the reward's name.
     """
 
@@ -48,6 +61,8 @@ class Exploration:
     objects_seen: int | None
     collisions: int
     path_length: float
+    forward_share: float
+    parallax_share: float
     rewards: Mapping[str, float]
 
     def values(self) -> dict[str, float | None]:
@@ -82,6 +97,17 @@ class Track:
         """Metres along the floor."""
         places = np.array(self.poses)[:, [0, 2], 3]
         return sum(np.hypot(*np.diff(places, axis=0).T).tolist())
+
+    @property
+    def forward_share(self) -> float:
+        """Fraction of the actions that were forward."""
+        return sum(action is Action.FORWARD for action in self.actions) / len(self.actions)
+
+    @property
+    def parallax_share(self) -> float:
+        """Fraction of the frames with parallax to one of the two before them; the first frame has none before it."""
+        pairs = [(pose, self.poses[max(0, i - SOURCES) : i]) for i, pose in enumerate(self.poses)]
+        return sum(any(has_parallax(pose, source) for source in before) for pose, before in pairs) / len(self.poses)
 
 
 def measure_exploration(
@@ -122,6 +148,8 @@ def measure_exploration(
         objects_seen=found.count if objects else None,
         collisions=sum(track.collided),
         path_length=track.path_length,
+        forward_share=track.forward_share,
+        parallax_share=track.parallax_share,
         rewards=sums,
     )
 

@@ -19,9 +19,10 @@ class DeuxExplorer(GoalExplorer):
     """Goes where the depth model's uncertainty is high.
 
     Each target is drawn among places on the frontiers with probability proportional to u ** (1 / temperature),
-    where u is the uncertainty recorded nearby (Eq. 8); a target is kept until the robot is there or gives it up.
-    Where no frontier is left, the places are drawn from the free floor instead. With target="informative" it goes to
-    the view that is expected to teach the most for each action instead (`deux.mapping.informative_targets`).
+    where u is the uncertainty recorded nearby (Eq. 8), with `per_action` divided by the actions to get there. A target
+    is kept until the robot is there, gives it up, or has seen all of the frontier from further off. Where no frontier
+    is left, the places are drawn by u from the free floor instead. With target="informative" it goes to the view that
+    is expected to teach the most for each action instead (`deux.mapping.informative_targets`).
 
     Args:
         residual_pose: where uncertainty lives: at the "pose" that the robot stood at, on the "surface" that the
@@ -36,7 +37,10 @@ class DeuxExplorer(GoalExplorer):
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
-        per_action: whether the value of an informative target is divided by the actions that it costs.
+        least_way: metres of path to its frontier at least, where a frontier of some size is that far. Nearer ones are
+            mostly edges of the view beside the robot, for which it would turn on the spot. 0 for any.
+        per_action: whether the value of a target, its uncertainty or what it teaches, is divided by the actions that it
+            costs. None divides for informative targets and not for the others, as in the paper.
         revisits: whether informative targets lie on known floor too while there is a frontier to go to.
         on_the_way: whether the views on the way to an informative target count as well as the one there.
     """
@@ -61,12 +65,13 @@ class DeuxExplorer(GoalExplorer):
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
-        per_action: bool = True,
+        least_way: float = 1.5,
+        per_action: bool | None = None,
         revisits: bool = True,
         on_the_way: bool = True,
     ) -> None:
         super().__init__(
-            map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth", motion
+            map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth", motion, least_way
         )
         if residual_pose not in (None, "pose", "surface", "constant"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')
@@ -80,7 +85,8 @@ class DeuxExplorer(GoalExplorer):
         self._residual_pose = residual_pose or ("surface" if target == "informative" else "pose")
         self._target = target
         self._temperature = temperature
-        self._worth = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
+        self._per_action = target == "informative" if per_action is None else per_action
+        self._worth = {"per_action": self._per_action, "revisits": revisits, "on_the_way": on_the_way}
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
@@ -109,9 +115,9 @@ class DeuxExplorer(GoalExplorer):
         return action
 
     def target_is_stale(self, target: Target) -> bool:
-        """Whether an informative target is clearly outdone by another; the others are kept."""
+        """Whether the frontier is resolved, or an informative target is clearly outdone by another."""
         if self._target != "informative":
-            return False
+            return self.frontier_is_resolved()
         self._until_review -= 1
         if self._until_review > 0:
             return False
@@ -138,8 +144,9 @@ class DeuxExplorer(GoalExplorer):
             return self._views.choose(self._map_now(pose, candidates, distance))
         if len(candidates) == 0:
             places = self.free_places(distance, self.places_without_frontier)
-            row, column = places[self._draw(cell_centres(frame, places))]
+            row, column = places[self._draw(self._field.at(cell_centres(frame, places)))]
             return Target(frame.centre(row, column))
+        candidates = self.preferred_frontiers(candidates)
         per_frontier = self.spacing / frame.resolution
         sampled = np.concatenate(
             [
@@ -147,19 +154,22 @@ class DeuxExplorer(GoalExplorer):
                 for members in (np.flatnonzero(candidates.frontier == f) for f in np.unique(candidates.frontier))
             ]
         )
-        chosen = self._draw(cell_centres(frame, candidates.cells[sampled]))
-        return self.frontier_target(candidates, int(sampled[chosen]))
+        candidates = candidates.select(sampled)
+        worth = self._field.at(cell_centres(frame, candidates.cells))
+        if self._per_action:
+            worth = np.ones(len(worth)) if worth.max() <= 0.0 else worth
+            worth = worth / (self.actions_to(pose, candidates) + self._views.overhead)
+        return self.frontier_target(candidates, self._draw(worth))
 
     def _map_now(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> MapNow:
         return MapNow(self.occupancy.cells, self.occupancy.frame, distance, pose, candidates.places)
 
-    def _draw(self, points: np.ndarray) -> int:
-        """Index of one of N x 2 world points, drawn by the uncertainty near them."""
-        uncertainty = self._field.at(points)
-        largest = uncertainty.max()
+    def _draw(self, worth: np.ndarray) -> int:
+        """Index of one of N places, drawn by what they are worth."""
+        largest = worth.max()
         if largest <= 0.0:
-            return int(self.rng.integers(len(points)))
+            return int(self.rng.integers(len(worth)))
         if self._target == "greedy":
-            return int(np.argmax(uncertainty))
-        weights = (uncertainty / largest) ** (1.0 / self._temperature)
-        return int(self.rng.choice(len(points), p=weights / weights.sum()))
+            return int(np.argmax(worth))
+        weights = (worth / largest) ** (1.0 / self._temperature)
+        return int(self.rng.choice(len(worth), p=weights / weights.sum()))

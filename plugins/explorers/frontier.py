@@ -22,10 +22,13 @@ class FrontierExplorer(GoalExplorer):
         choose: "nearest", the frontier that takes the fewest actions, turns included (Yamauchi); or "largest", a
             random place on one of the three largest (the published agent of exploring_exploration).
         resolution: edge of a map cell in metres.
-        max_range: distance along the floor in metres up to which depth enters the map.
+        max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
+            and 3 for predicted depth, whose errors grow with the distance.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
+        least_way: metres of path to its frontier at least, where a frontier of some size is that far. Nearer ones are
+            mostly edges of the view beside the robot, for which it would turn on the spot. 0 for any.
     """
 
     def __init__(
@@ -33,12 +36,17 @@ class FrontierExplorer(GoalExplorer):
         depth: DepthSource = "sensor",
         choose: Literal["nearest", "largest"] = "nearest",
         resolution: float = 0.05,
-        max_range: float = 3.0,
+        max_range: float | None = None,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
+        least_way: float = 1.5,
     ) -> None:
-        super().__init__(depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth", motion)
+        if max_range is None:
+            max_range = 3.0 if depth == "predicted" else 5.0
+        super().__init__(
+            depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth", motion, least_way
+        )
         if choose not in ("nearest", "largest"):
             raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')
         self._choose = choose
@@ -49,6 +57,7 @@ class FrontierExplorer(GoalExplorer):
             row, column = self.free_places(distance, 1)[0]
             return Target(self.occupancy.frame.centre(row, column))
         if self._choose == "nearest":
+            candidates = self.preferred_frontiers(candidates)
             arcs = self.motion == "arcs"
             actions = self.actions_to(pose, candidates) if arcs else self._estimated_actions(pose, candidates)
             index = int(np.argmin(actions))

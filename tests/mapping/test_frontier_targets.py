@@ -47,3 +47,16 @@ def test_a_frontier_target_looks_at_the_unknown(cells):
     target = frontier_target(cells, FRAME, found.cells[20], found.places[20], 0.3)
     assert target.look_at is not None
     assert target.look_at[0] < target.place[0]
+
+
+def test_far_frontiers_of_some_size_are_preferred_and_all_where_there_is_none(cells):
+    cells[18:23, 22:24] = 0  # a small gap next to the robot, of fewer frontier cells than the end of the floor
+    found = candidates(cells)
+    near = found.lengths < 8.0
+    assert near.any()
+    assert not near.all()
+    preferred = found.preferred(least_length=8.0, least_size=1)
+    assert {tuple(cell) for cell in preferred.cells} == {tuple(cell) for cell in found.cells[~near]}
+    large = found.preferred(least_length=0.0, least_size=30)
+    assert {tuple(cell) for cell in large.cells} == {(row, 5) for row in range(40)}
+    assert len(found.preferred(least_length=1000.0, least_size=1)) == len(found)

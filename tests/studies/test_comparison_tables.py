@@ -19,9 +19,11 @@ def test_the_best_of_each_column_stands_out(comparison):
     assert table.headings[:2] == ("area seen [m²]", "free floor covered [%]")
     assert texts(table, 1)[:2] == ["23.2 ± 130.2", "50.0 ± 0.0"]
     assert marks(table) == [
-        [None, "best", "best", None, None],
-        ["best", "best", "best", "best", None],  # the fewer collisions; a long path is neither good nor bad
+        [None, "best", "best", None, None, None, None],
+        ["best", "best", "best", "best", None, None, None],  # how it walked is neither good nor bad
     ]
+    assert table.headings[-3:] == ("way walked [m]", "forward share [%]", "frames with parallax [%]")
+    assert texts(table, 1)[-3:] == ["1.5 ± 0.0", "25.0 ± 0.0", "50.0 ± 0.0"]
 
 
 def test_an_explorers_own_reward_stands_out(comparison):

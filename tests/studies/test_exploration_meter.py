@@ -102,6 +102,29 @@ def test_path_and_collisions_and_actions():
     assert "rewards" not in found.values()
 
 
+@pytest.mark.parametrize(
+    ("actions", "parallax"),
+    [
+        ("FFFF", [0, 1, 1, 1]),
+        ("FLLL", [0, 1, 1, 0]),  # the fourth frame and the two before it are at one place
+        ("LLLL", [0, 0, 0, 0]),
+        ("FLLLLLF", [0, 1, 1, 0, 0, 0, 0]),  # the last action is not carried out
+    ],
+)
+def test_shares_of_forward_actions_and_of_frames_with_parallax(actions, parallax):
+    robot = Robot()
+    x, z, yaw, poses = 2.0, 2.0, 0.0, []
+    for action in actions:
+        poses.append(camera_pose(x, 1.25, z, yaw))
+        if action == "F":
+            x, z = x - robot.forward_step * math.sin(yaw), z - robot.forward_step * math.cos(yaw)
+        else:
+            yaw += math.radians(robot.turn_angle)
+    walked = track(poses, actions=[Action.FORWARD if action == "F" else Action.LEFT for action in actions])
+    assert walked.forward_share == pytest.approx(actions.count("F") / len(actions))
+    assert walked.parallax_share == pytest.approx(sum(parallax) / len(actions))
+
+
 @pytest.mark.parametrize(("distance", "size", "seen"), [(2.5, 0.5, 1), (3.2, 0.5, 0), (2.5, 0.1, 0)])
 def test_an_object_is_seen_when_it_is_near_and_large_enough(distance, size, seen):
     box = Box(2.0 - size / 2, 0.5, 2.0 + size / 2, 1.0, height=size)

@@ -6,6 +6,7 @@ import pytest
 
 from deux.contracts import Need
 from deux.errors import DeuxError
+from deux.mapping.frontier_targets import cell_centres
 from deux.testing.box_world import BoxWorld
 from deux.testing.explorers import ExplorerSuite, run, two_rooms
 from deux_plugins.explorers.deux import DeuxExplorer
@@ -59,6 +60,31 @@ def test_prefers_the_uncertain_side_of_a_symmetric_room(residual_pose, target, s
         for side in ("left", "right")
     }
     assert np.mean(shares["left"]) - np.mean(shares["right"]) > 0.15
+
+
+class Noting(DeuxExplorer):
+    """Notes how far each frontier that it chose was, as a share of the mean over those that it chose from."""
+
+    def choose_target(self, pose, candidates, distance):
+        target = super().choose_target(pose, candidates, distance)
+        if len(candidates) > 0:
+            places = cell_centres(self.occupancy.frame, self.preferred_frontiers(candidates).places)
+            ways = np.hypot(*(places - pose[[0, 2], 3]).T)
+            self.shares.append(np.hypot(*(np.array(target.place) - pose[[0, 2], 3])) / ways.mean())
+        return target
+
+
+def test_divided_by_actions_nearer_frontiers_are_drawn():
+    means = {}
+    for per_action in (False, True):
+        explorer = Noting("constant", "sensor", temperature=0.05, max_range=2.0, per_action=per_action)
+        explorer.shares = []
+        for seed in range(3):
+            corridor = BoxWorld(12.0, 3.0)
+            corridor.reset(6.0, 1.5, 0.0)
+            run(explorer, corridor, 100, seed)
+        means[per_action] = np.mean(explorer.shares)
+    assert means[True] < means[False] - 0.1
 
 
 def test_high_temperature_forgets_the_uncertainty():

@@ -137,10 +137,7 @@ class Sections:
         Raises:
             DeuxError: it is no whole number that torch and numpy take.
         """
-        seed = self._node("seed")
-        if type(seed) is not int or not 0 <= seed < 2**32:
-            raise DeuxError(f"seed is {seed!r}: the random seed is a whole number from 0 to {2**32 - 1}.")
-        return seed
+        return check_seed(self._node("seed"))
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -165,11 +162,20 @@ def check_plugins(cfg: DictConfig) -> None:
         registry().find(kind, name)
 
 
+def check_seed(seed: Any) -> int:
+    """The random seed; DeuxError if it is no whole number that torch and numpy take."""
+    if type(seed) is not int or not 0 <= seed < 2**32:
+        raise DeuxError(f"seed is {seed!r}: the random seed is a whole number from 0 to {2**32 - 1}.")
+    return seed
+
+
 def check_plugin_options(cfg: DictConfig) -> None:
     """Raise DeuxError if a section of the task has an option that its plugin does not have, or of another type.
 
     Plugins with all options at their defaults are not imported. Call `check_plugins` first.
     """
+    if "scenes" in TASKS[cfg.task].sections:
+        check_seed(cfg.seed)  # it draws scenes, and its own name is the one to tell
     for name, kind in PLUGIN_SECTIONS.items():
         if name in TASKS[cfg.task].sections and set(cfg[name]) - {"name", *KINDS[kind].reserved}:
             registry().choose(kind, cfg[name], name)

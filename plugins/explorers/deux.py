@@ -65,7 +65,7 @@ class DeuxExplorer(GoalExplorer):
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
-        least_way: float = 1.5,
+        least_way: float = 0.0,
         per_action: bool | None = None,
         revisits: bool = True,
         on_the_way: bool = True,
@@ -115,9 +115,9 @@ class DeuxExplorer(GoalExplorer):
         return action
 
     def target_is_stale(self, target: Target) -> bool:
-        """Whether the frontier is resolved, or an informative target is clearly outdone by another."""
+        """Whether an informative target is clearly outdone by another; the others are kept."""
         if self._target != "informative":
-            return self.frontier_is_resolved()
+            return False
         self._until_review -= 1
         if self._until_review > 0:
             return False

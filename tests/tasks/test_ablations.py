@@ -11,7 +11,7 @@ SWITCHES = {
     "collect.uncertainty": ("l1", *(name for name in registry().names("uncertainties") if name != "l1")),
     "explore.map_depth": ("predicted", "sensor"),
     "explore.target": ("sampled", "greedy", "informative"),
-    "explore.per_action": ("true", "false"),
+    "explore.per_action": ("null", "true", "false"),
     "explore.revisits": ("true", "false"),
     "explore.on_the_way": ("true", "false"),
     "explore.temperature": ("0.25", "1.0"),

@@ -10,6 +10,7 @@ import torch
 
 import deux as package
 from deux.collection.pipeline import read_manifest
+from deux.deployment.model_files import save_model
 from deux.errors import DeuxError
 from deux.figures import depth_figures
 from deux.figures.depth_figures import draw_depth_panels
@@ -102,10 +103,16 @@ def test_a_published_checkpoint_is_evaluated_as_it_is(tiny, tested, tmp_path):
     model = package.load(tested / "trained")
     published = {group: module.state_dict() for group, module in model.published_modules().items()}
     torch.save(published, tmp_path / "published.pth")
-    folders = [f"evaluation.checkpoint={tmp_path}/published.pth", f"hydra.run.dir={tmp_path}/run"]
-    outcome = tiny(tested, "task=evaluate", *folders)
-    assert (outcome.code, outcome.err) == (0, "")
-    assert results(tmp_path / "run")["metrics"] == pytest.approx(results(tested / "tested")["metrics"], rel=1e-6)
+    settings = json.loads((tested / "trained" / "run.json").read_text())["model"]
+    save_model(tmp_path / "plain.safetensors", model, settings.pop("name"), settings | {"margin": 0})
+    errors = []
+    for file in ("published.pth", "plain.safetensors"):  # the published network predicts without a margin
+        run = tmp_path / file.partition(".")[0]
+        outcome = tiny(tested, "task=evaluate", f"evaluation.checkpoint={tmp_path}/{file}", f"hydra.run.dir={run}")
+        assert (outcome.code, outcome.err) == (0, "")
+        errors.append(results(run)["metrics"])
+    assert errors[0] == pytest.approx(errors[1], rel=1e-6)
+    assert errors[0] != pytest.approx(results(tested / "tested")["metrics"], rel=1e-6)
 
 
 def test_a_sweep_over_explorers_collects_the_random_frames_once(tiny, tested):

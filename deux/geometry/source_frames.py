@@ -65,6 +65,13 @@ class SourceRule:
     max_angle: float = 40.0
     min_overlap: float = 0.3
 
+    def apart(self, target: np.ndarray, source: np.ndarray) -> bool:
+        """Whether two cameras, 4 x 4 camera-to-world, stand apart and look alike as the rule asks, overlap aside."""
+        distance = np.linalg.norm(source[:3, 3] - target[:3, 3])
+        axes = float(np.clip(source[:3, 2] @ target[:3, 2], -1.0, 1.0))
+        moved = self.min_distance <= distance <= self.max_distance
+        return bool(moved and math.degrees(math.acos(axes)) <= self.max_angle)
+
 
 @dataclass(frozen=True, eq=False)
 class SourceView:
@@ -178,9 +185,7 @@ def _values(sources: Sequence[SourceView], target: SourceView, rule: SourceRule)
     rays = target.points - target.pose[:3, 3]
     for number, source in enumerate(sources):
         baseline = source.pose[:3, 3] - target.pose[:3, 3]
-        axes = float(np.clip(source.pose[:3, 2] @ target.pose[:3, 2], -1.0, 1.0))
-        moved = rule.min_distance <= np.linalg.norm(baseline) <= rule.max_distance
-        qualified[number] = moved and math.degrees(math.acos(axes)) <= rule.max_angle
+        qualified[number] = rule.apart(target.pose, source.pose)
         if len(target.pixels):
             seen = visible_points(target, source)
             values[number] = seen * _usefulness(_angles(rays, rays - baseline))

@@ -102,12 +102,6 @@ class GoalExplorer(Explorer):
         """Whether the target is no longer worth going to; asked before each action."""
         return False
 
-    def frontier_is_resolved(self) -> bool:
-        """Whether no frontier cell is left around the one that was chosen; false where the target is on none."""
-        if self.frontier is None:
-            return False
-        return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)
-
     def actions_to(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
         """Fewest actions to stand at each candidate's place and face its cell, N float64; see `action_costs`."""
         frame = self.occupancy.frame

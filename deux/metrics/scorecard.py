@@ -16,6 +16,7 @@ import numpy as np
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target, yaw_of
+from deux.geometry.source_frames import SourceRule
 from deux.io.atomic import write_json
 from deux.metrics.intervals import Estimate
 from deux.metrics.tables import Cell, Column, ResultTable, Row
@@ -23,11 +24,8 @@ from deux.metrics.tables import Cell, Column, ResultTable, Row
 SCORECARD_FILE = "scorecard.json"
 """A dataset's scorecard, in the folder of the run that collected it or trained on it."""
 
-MIN_BASELINE, MAX_BASELINE = 0.15, 0.8
-"""Metres between two cameras with useful parallax."""
-
-MAX_TURN = 40.0
-"""Degrees between the headings of two cameras that share enough of their view."""
+PARALLAX = SourceRule()
+"""How far apart two cameras stand, and how little they are turned, for useful parallax."""
 
 DEPTH_CHANGE = 0.1
 """The relative change of depth whose effect on a source frame is measured."""
@@ -58,7 +56,7 @@ class Scorecard:
     Args:
         frames: target frames, those that the list files name.
         sampled: of these, how many the shares of pixels are measured on.
-        parallax: share of the target frames with a source frame as of `has_parallax`.
+        parallax: share of the target frames with a source frame that fulfils `PARALLAX`.
         moved: share of the pixels with true depth that `moved_share` counts, mean over the sampled frames.
         places: distinct cells of `PLACE_SIZE` of a scene in which a target's camera stands.
         views: distinct pairs of a place and a heading in steps of `VIEW_ANGLE`.
@@ -140,7 +138,7 @@ def score(
     if not triplets:
         raise DeuxError(f"{reader.folder} lists no {split} frames, so that it has no scorecard.")
     poses = {frame: _pose(reader, frame) for one in triplets for frame in (one.target, *one.sources)}
-    parallax = [any(has_parallax(poses[one.target], poses[frame]) for frame in one.sources) for one in triplets]
+    parallax = [any(PARALLAX.apart(poses[one.target], poses[frame]) for frame in one.sources) for one in triplets]
     sampled = _spread(triplets, most_frames)
     depths = [_depth(reader, one.target) for one in sampled]
     moved = [
@@ -165,19 +163,6 @@ def score(
         depth_distance=distance,
         test_shares=test_shares,
     )
-
-
-def has_parallax(target: np.ndarray, source: np.ndarray) -> bool:
-    """Whether two cameras see with useful parallax: `MIN_BASELINE` to `MAX_BASELINE` apart, turned below `MAX_TURN`.
-
-    Args:
-        target: camera-to-world matrix, 4 x 4, metres.
-        source: likewise.
-    """
-    turned = source_from_target(target, source)[:3, :3]
-    angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1.0) / 2.0, -1.0, 1.0)))
-    baseline = float(np.linalg.norm(target[:3, 3] - source[:3, 3]))
-    return MIN_BASELINE - 1e-6 <= baseline <= MAX_BASELINE + 1e-6 and bool(angle < MAX_TURN)
 
 
 def moved_share(depth: np.ndarray, intrinsics: np.ndarray, motions: Sequence[np.ndarray]) -> float:

@@ -13,7 +13,7 @@ from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
 from deux.geometry.source_frames import SOURCES
 from deux.mapping.occupancy import FREE, OccupancyMap
-from deux.metrics.scorecard import has_parallax
+from deux.metrics.scorecard import PARALLAX
 
 PIXELS = 64
 """Rows and columns of the images that are measured by: as many as learned explorers have in training."""
@@ -52,7 +52,7 @@ class Exploration:
         path_length: metres that the robot moved.
         forward_share: fraction of the actions that were forward, 0 to 1.
         parallax_share: fraction of the frames that one of the two frames before them shows with parallax
-            (`deux.metrics.scorecard.has_parallax`), 0 to 1.
+            (`deux.metrics.scorecard.PARALLAX`), 0 to 1.
         rewards: the sum of each reward over the actions, by the reward's name.
     """
 
@@ -107,7 +107,7 @@ class Track:
     def parallax_share(self) -> float:
         """Fraction of the frames with parallax to one of the two before them; the first frame has none before it."""
         pairs = [(pose, self.poses[max(0, i - SOURCES) : i]) for i, pose in enumerate(self.poses)]
-        return sum(any(has_parallax(pose, source) for source in before) for pose, before in pairs) / len(self.poses)
+        return sum(any(PARALLAX.apart(pose, source) for source in before) for pose, before in pairs) / len(self.poses)
 
 
 def measure_exploration(

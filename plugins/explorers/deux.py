@@ -20,9 +20,9 @@ class DeuxExplorer(GoalExplorer):
 
     Each target is drawn among places on the frontiers with probability proportional to u ** (1 / temperature),
     where u is the uncertainty recorded nearby (Eq. 8), with `per_action` divided by the actions to get there. A target
-    is kept until the robot is there, gives it up, or has seen all of the frontier from further off. Where no frontier
-    is left, the places are drawn by u from the free floor instead. With target="informative" it goes to the view that
-    is expected to teach the most for each action instead (`deux.mapping.informative_targets`).
+    is kept until the robot is there or gives it up. Where no frontier is left, the places are drawn by u from the free
+    floor instead. With target="informative" it goes to the view that is expected to teach the most for each action
+    instead (`deux.mapping.informative_targets`).
 
     Args:
         residual_pose: where uncertainty lives: at the "pose" that the robot stood at, on the "surface" that the

@@ -74,4 +74,6 @@ class FrontierExplorer(GoalExplorer):
 
     def target_is_stale(self, target: Target) -> bool:
         """Whether no frontier cell is left around the one that was chosen."""
-        return self.frontier_is_resolved()
+        if self.frontier is None:
+            return False
+        return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)

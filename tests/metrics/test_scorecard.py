@@ -11,10 +11,10 @@ from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose, source_from_target
 from deux.metrics.scorecard import (
+    PARALLAX,
     Scorecard,
     depth_histogram,
     depth_shares,
-    has_parallax,
     moved_share,
     score,
     total_variation,
@@ -61,7 +61,7 @@ def along(count: int, step: float, yaw: float = 0.0) -> tuple[tuple[str, float, 
     [(0.25, 0, True), (0.0, 30, False), (0.1, 0, False), (0.9, 0, False), (0.25, 39, True), (0.25, 41, False)],
 )
 def test_parallax_needs_a_baseline_and_a_common_view(metres, degrees, useful):
-    assert has_parallax(camera_pose(0, 1, 0, 0.3), camera_pose(metres, 1, 0, 0.3 + np.radians(degrees))) == useful
+    assert PARALLAX.apart(camera_pose(0, 1, 0, 0.3), camera_pose(metres, 1, 0, 0.3 + np.radians(degrees))) == useful
 
 
 @pytest.mark.parametrize("depth", [1.0, 3.0, 8.0])

@@ -175,7 +175,7 @@ def test_kept_runs_are_reported_as_the_runs_are(deux, tmp_path):
         f"report.keep={tmp_path}/kept",
         f"hydra.run.dir={tmp_path}/first",
     )
-    assert f"1 runs are kept in {tmp_path}/kept" in outcome.out
+    assert f"1 run is kept in {tmp_path}/kept" in outcome.out
     assert deux("task=report", f"report.runs={tmp_path}/kept", f"hydra.run.dir={tmp_path}/second").code == 0
     tables = [(tmp_path / name / "tables" / "table1.csv").read_text() for name in ("first", "second")]
     assert tables[0] == tables[1]

@@ -47,6 +47,9 @@ VIEW_ANGLE = 30.0
 NEAR, FAR = 1.0, 3.0
 """Metres: nearer pixels are near, farther ones far, those between them middle."""
 
+_OPTIONAL = ("depth_distance", "bumps", "actions", "area", "floor_share", "area_per_action")
+"""Entries that not every dataset has."""
+
 _BINS = np.geomspace(0.1, 20.0, 33)
 """Edges of the bins of depth, in metres; equally wide in the logarithm."""
 
@@ -95,12 +98,6 @@ class Scorecard:
     floor_share: float | None = None
     area_per_action: float | None = None
 
-    def __post_init__(self) -> None:
-        """Raise ValueError for what a file that somebody changed may hold."""
-        for name, value in self.entries().items():
-            if value is not None and type(value) not in (int, float):
-                raise ValueError(f"{name} is {value!r}")
-
     def entries(self) -> dict[str, float | None]:
         """All numbers of the frames themselves, by their names."""
         return {name: value for name, value in asdict(self).items() if name not in ("test_shares", "sources")}
@@ -120,7 +117,11 @@ class Scorecard:
         """
         path = folder / SCORECARD_FILE
         try:
-            return cls(**json.loads(path.read_text()))
+            card = cls(**json.loads(path.read_text()))
+            for name, value in card.entries().items():
+                if type(value) not in (int, float) and (value is not None or name not in _OPTIONAL):
+                    raise ValueError(f"{name} is {value!r}")
+            return card
         except (OSError, ValueError, TypeError) as error:
             raise DeuxError(f"{path} is no scorecard of deux ({error}); collect or run it again.") from None
 

@@ -69,6 +69,8 @@ MISTAKES = {
     "collect.executor=rai": "collect.executor cannot be 'rai': did you mean ray?",
     "collect.executor_options.worker=3": "collect.executor_options.worker is not an option of LocalExecutor",
     "sampling.density=2": "sampling.density is 2.0: it must be at least 1e-06 and at most 1.",
+    "seed_model.explore=viewpoints": "seed_model.explore is viewpoints, but a seed model is trained on what a robot "
+    "collects, and free viewpoints are a ceiling that none can: choose another explorer.",
     "seed_model.steps=-1": "seed_model.steps is -1: it must be at least 1.",
     "training.steps=-3": "training.steps is -3: it must be at least 1.",
     "training.batch_size=0": "training.batch_size is 0: it must be at least 1.",

@@ -106,8 +106,11 @@ def test_three_sweeps_become_three_tables(tiny, deux, tmp_path):
     ):
         assert title in said
     assert {path.name for path in (folder / "tables").iterdir()} == {
-        f"table{number}.{suffix}" for number in (1, 2, 3) for suffix in ("md", "tex", "csv")
+        f"{name}.{suffix}"
+        for name in ("table1", "table2", "table3", "scorecards", "scorecards_2")
+        for suffix in ("md", "tex", "csv")
     }
+    assert "## Scorecards" in (folder / "report.md").read_text()
     with (folder / "tables" / "table1.csv").open(newline="") as file:
         lines = {line["exploration"]: line for line in csv.DictReader(file)}
     maes = [found["metrics"]["mae"] for found in whole.values() if found["explore"] == "random"]

@@ -49,7 +49,8 @@ def test_a_scorecard_judges_the_source_frames_of_the_training(tiny, collected, c
     outcome = tiny(collected, *arguments)
     assert (outcome.code, outcome.err) == (0, "")
     assert f"sources: {choice}" in outcome.out
-    card, manifest = json.loads((run / "scorecard.json").read_text()), read_manifest(only(collected, "datasets/random-*"))
+    card = json.loads((run / "scorecard.json").read_text())
+    manifest = read_manifest(only(collected, "datasets/random-*"))
     assert card["sources"] == choice
     assert card["frames"] == (manifest if choice == "recent" else manifest["baseline"])["triplets"]
     assert (card["actions"], card["depth_distance"]) == (8, None)

@@ -23,7 +23,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from deux.composition_errors import check_names, composition_error, quoted_digits
 from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
-from deux.errors import DeuxError, JobFailed
+from deux.errors import DeuxError, JobFailed, counted
 from deux.io.atomic import write_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugin_options, check_plugins
@@ -96,7 +96,7 @@ def main() -> int:
         return 0
     except JobFailed as error:
         if jobs.failed:
-            return _complain(f"{jobs.failed} of the sweep's {jobs.started} jobs failed, as reported above.")
+            return _complain(f"{jobs.failed} of the sweep's {counted(jobs.started, 'job')} failed, as reported above.")
         _complain(str(error))
         return _complain("a job of the sweep failed, perhaps not this one alone: deux.log in each run's folder tells.")
     except Exception as error:

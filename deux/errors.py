@@ -1,8 +1,10 @@
-"""The one error that a user's mistake raises, and the one that says so of a sweep's job."""
+"""The one error that a user's mistake raises, the one that says so of a sweep's job, and parts of their sentences."""
 
 import difflib
 import math
 from collections.abc import Iterable
+
+_PLURAL_VERBS = {"is": "are", "has": "have", "does": "do"}
 
 
 class DeuxError(Exception):
@@ -30,6 +32,26 @@ def near_matches(wrong: str, known: Iterable[str]) -> str:
     listed = f"here is: {', '.join(names) or 'none'}."
     close = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(close)}? T{listed}" if close else f"t{listed}"
+
+
+def plural(word: str, count: int) -> str:
+    """A noun, or the verb "is", "has" or "does", as it stands with a number: in the singular with 1 only.
+
+    Example:
+        >>> plural("test scene", 1), plural("test scene", 2), plural("has", 0)
+        ('test scene', 'test scenes', 'have')
+    """
+    return word if count == 1 else _PLURAL_VERBS.get(word, f"{word}s")
+
+
+def counted(count: int, noun: str) -> str:
+    """How many there are of something.
+
+    Example:
+        >>> counted(1, "run"), counted(12, "run")
+        ('1 run', '12 runs')
+    """
+    return f"{count} {plural(noun, count)}"
 
 
 def check_range(

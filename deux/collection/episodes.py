@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from deux.collection.free_floor import write_free_floor
 from deux.collection.jobs import Plan
 from deux.collection.walk import Step, Walk
 from deux.contracts import Explorer, ExplorerMap, Frame, Need, SceneReference, Simulator
@@ -114,6 +115,7 @@ class EpisodeFiles:
         known = walk.explorer.map()
         if known is not None:
             _write_map(self._plan.folder / "map.npz", known)
+        write_free_floor(self._plan.folder, walk.simulator.free_space(self._plan.floor))
         record = {
             "scene": self._plan.scene.name,
             "floor": self._plan.floor,

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -107,3 +108,13 @@ def _plain(area: SceneArea) -> dict[str, Any]:
 def place_name(scene: SceneReference, floor: int) -> str:
     """The name under which what is recorded on one floor of a scene is kept: the scene's on its main floor."""
     return scene.name if floor == 0 else f"{scene.name}-floor{floor}"
+
+
+def place_of_sequence(sequence: str) -> str:
+    """The `place_name` that a collected sequence's own name begins with, before the number of episode or viewpoint.
+
+    Example:
+        >>> place_of_sequence("house_1-floor1-02"), place_of_sequence("house_1-view0012")
+        ('house_1-floor1', 'house_1')
+    """
+    return re.sub(r"-(view)?\d+$", "", sequence)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.collection.episodes import MakeSimulator
+from deux.collection.free_floor import write_free_floor
 from deux.collection.jobs import Executor, Job, Plan, run_here, run_unfinished
 from deux.collection.specification import place_name
 from deux.contracts import COLOR, Action, Frame, Robot, SceneReference, Simulator
@@ -130,6 +131,8 @@ class ViewpointRunner:
                 for plan in plans:
                     frames = draw(simulator, plan, parts)
                     prepare_folders(plan.paths, simulator.camera.intrinsics, labels=False)
+                    if plan.ideal and plan.index == 0:  # a training set is judged by its floor, which one of them holds
+                        write_free_floor(plan.folder, simulator.free_space(plan.floor))
                     for number, frame in enumerate(frames):
                         writer.put(plan.paths, number, frame)
                     count(1)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
-from deux.errors import DeuxError, check_range, near_matches
+from deux.errors import DeuxError, check_range, counted, near_matches, plural
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.camera_files import read_any_image
@@ -178,8 +178,9 @@ class DatasetReader(Reader):
         broken = {frame: problem for frame in sorted(used - listed) if (problem := self._pose_problem(frame))}
         if broken:
             _warn_once(
-                f"{len(broken)} frames of {self.folder} that no {split} list names have no usable pose and are no "
-                f"source frames: {next(iter(broken.values()))}"
+                f"{counted(len(broken), 'frame')} of {self.folder} that no {split} list names "
+                f"{plural('has', len(broken))} no usable pose and {plural('is', len(broken))} no source "
+                f"{plural('frame', len(broken))}: {next(iter(broken.values()))}"
             )
         usable = {target: others for target, others in sources.items() if not broken.keys() & others}
         return [Triplet(target, usable.get(target, ())) for target in targets]

@@ -17,7 +17,7 @@ from deux.data.device_cache import DeviceCache
 from deux.data.drawn_windows import Window
 from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.transforms import augment
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted
 from deux.geometry.poses import source_from_target
 from deux.io.layout import SourceChoice
 
@@ -102,7 +102,8 @@ class TripletDataset(Dataset[Batch]):
                 places = " and ".join(f"{offset:+d}" for offset in offsets)
                 lacking = f"what lies {places} frames from it (training.offsets) is not there."
             raise DeuxError(
-                f"None of the {len(listed)} {split} frames of {listed[0][0].folder} has source frames: {lacking}"
+                f"None of the {counted(len(listed), f'{split} frame')} of {listed[0][0].folder} has source frames: "
+                f"{lacking}"
             )
         self.cache = cache or FrameCache()
         self._intrinsics: dict[tuple[Reader, FrameReference], np.ndarray] = {}

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from deux import __version__
 from deux.contracts import DepthModel
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted
 from deux.io.atomic import write_atomically
 from deux.options import full_settings
 from deux.registry import registry
@@ -143,7 +143,7 @@ def _read_config(file: Path) -> ModelConfig:
 
 
 def _count(names: list[str]) -> str:
-    return f"{len(names)} tensor{'s' if len(names) > 1 else ''}"
+    return counted(len(names), "tensor")
 
 
 def _first(names: list[str]) -> str:

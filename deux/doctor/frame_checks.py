@@ -10,7 +10,7 @@ import numpy as np
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.depth_unit import ratio_warning, unit_warning
 from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted, plural
 from deux.figures.drawing import save_figure
 from deux.figures.frame_preview import PreviewFrame, draw_preview
 from deux.geometry.poses import motion
@@ -74,7 +74,7 @@ def check_frames(
     found = []
     for split in SPLITS:
         check = _check_split(reader, split, offsets, previews, max_depth)
-        show(f"{split}: {check.frames} frames" if check.frames else f"{split}: none")
+        show(f"{split}: {counted(check.frames, 'frame')}" if check.frames else f"{split}: none")
         for line in check.facts:
             show(f"  {line}")
         for line in check.problems:
@@ -92,9 +92,12 @@ def _check_split(
         return SplitCheck(split, facts=[str(error)])
     check = SplitCheck(split, len(triplets))
     sequences = {triplet.target.sequence for triplet in triplets}
-    check.facts.append(f"{len(sequences)} sequence{'s' if len(sequences) > 1 else ''}")
+    check.facts.append(counted(len(sequences), "sequence"))
     if single := sum(not triplet.sources for triplet in triplets):
-        check.facts.append(f"{single} frames have no source frames at {list(offsets)}: evaluated, but not trained on")
+        check.facts.append(
+            f"{counted(single, 'frame')} {plural('has', single)} no source frames at {list(offsets)}: evaluated, but "
+            "not trained on"
+        )
     chosen = _spread(triplets, CHECKED)
     _check_cameras(reader, [one.target for one in chosen], check)
     _check_depth(reader, [one.target for one in chosen], max_depth, check)
@@ -150,8 +153,9 @@ def _check_depth(reader: Reader, frames: Sequence[FrameReference], max_depth: fl
     check.facts.append(
         f"{np.median(counts):.0f} sparse points a frame ({min(counts)} to {max(counts)}), {_range(points)}"
     )
-    if 0 in counts:
-        check.problems.append(f"{counts.count(0)} of the {len(counts)} frames that were read have no sparse point.")
+    if empty := counts.count(0):
+        read = counted(len(counts), "frame")
+        check.problems.append(f"{empty} of the {read} that were read {plural('has', empty)} no sparse point.")
     if truths:
         valid = np.mean([np.mean(truth > 0) for truth in truths])
         check.facts.append(f"ground truth at {valid:.0%} of the pixels, {_range(truths)}")

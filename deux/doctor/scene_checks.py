@@ -9,7 +9,7 @@ from omegaconf import DictConfig
 
 from deux.contracts import Robot, Scene, SceneFiles, SceneReference, SceneSource, SceneSplits, Simulator
 from deux.doctor.checkup import Checkup
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted
 from deux.geometry.camera import Camera
 from deux.options import construct
 from deux.registry import registry
@@ -118,7 +118,8 @@ def _describe_mesh(checkup: Checkup, reference: SceneReference) -> None:
 
 def _colours(scene: Scene, textures: int, pixels: int) -> str:
     vertex_colors = "vertex colours" if scene.mesh.vertex_colors is not None else ""
-    images = f"{textures} textures, {pixels / 1e6:.1f} Mpx, {pixels * 3 / 2**30:.2f} GiB decoded" if textures else ""
+    size = f"{pixels / 1e6:.1f} Mpx, {pixels * 3 / 2**30:.2f} GiB decoded"
+    images = f"{counted(textures, 'texture')}, {size}" if textures else ""
     return " and ".join(filter(None, (images, vertex_colors))) or "none but base colours"
 
 
@@ -129,7 +130,7 @@ def _labels(scene: Scene) -> str:
         return "none: explorers that need labels cannot be used here"
     used = len(np.unique(mesh.face_label[labelled]))
     objects = len(find_objects(mesh).labels)
-    return f"{100 * labelled.mean():.0f} % of the triangles, {used} kinds, {objects} objects"
+    return f"{100 * labelled.mean():.0f} % of the triangles, {counted(used, 'kind')}, {counted(objects, 'object')}"
 
 
 def _describe_floors(checkup: Checkup, simulator: Simulator) -> None:

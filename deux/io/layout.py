@@ -15,7 +15,8 @@ six with their source frames t-1 and t-2; the second has those that can be train
 `deux.geometry.source_frames` chooses.
 
 Collected sequences also hold `episode.json` (floor, seed, start, actions), `verification.json` and, where there are
-any, `uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`.
+any, `uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`. Where the
+robot's centre could be is in `free_floor.npz` of each episode, and of the first viewpoint of a floor.
 
 A recorded dataset may have JPEG images (`IMAGE_SUFFIXES`). `validity_map/` is written and not read: a sparse point is
 valid where its depth is above 0, which is what the maps of the release say.

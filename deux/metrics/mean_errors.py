@@ -5,6 +5,7 @@ from torch import Tensor
 from torchmetrics import Metric
 from torchmetrics.utilities.prints import rank_zero_warn
 
+from deux.errors import counted
 from deux.metrics.depth_errors import METRICS, depth_errors, invalid_pixels
 
 
@@ -38,16 +39,16 @@ class DepthErrors(Metric):
     def update(self, predicted_depth: Tensor, ground_truth: Tensor) -> None:
         """Count a batch: both N x 1 x H x W metres."""
         errors = depth_errors(predicted_depth, ground_truth, self.min_depth, self.max_depth)
-        counted = ~errors["mae"].isnan()  # these images have ground truth in range
-        self.sums += torch.where(counted, torch.stack([errors[name] for name in METRICS]), 0.0).sum(dim=1)
-        self.images += counted.sum()
+        judged = ~errors["mae"].isnan()  # these images have ground truth in range
+        self.sums += torch.where(judged, torch.stack([errors[name] for name in METRICS]), 0.0).sum(dim=1)
+        self.images += judged.sum()
         self.invalid += invalid_pixels(predicted_depth, ground_truth, self.min_depth, self.max_depth).sum()
 
     def compute(self) -> dict[str, Tensor]:
         """The means by metric, mm and 1/km; NaN if no image had ground truth in range."""
         if (invalid := int(self.invalid)) > 0:
             rank_zero_warn(
-                f"The predicted depth is not finite or not above 0 at {invalid} pixels with ground truth of "
-                f"{int(self.images)} images: their error counts as infinite."
+                f"The predicted depth is not finite or not above 0 at {counted(invalid, 'pixel')} with ground truth "
+                f"of {counted(int(self.images), 'image')}: their error counts as infinite."
             )
         return dict(zip(METRICS, self.sums / self.images, strict=True))

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from deux.contracts import Batch, DepthModel
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted
 from deux.geometry.scaffolding import interpolate
 from deux.metrics.depth_errors import METRICS, depth_errors, invalid_pixels
 from deux.metrics.mean_errors import DepthErrors
@@ -99,16 +99,16 @@ def evaluate(
         images += len(truth)
         if progress is not None:
             progress(len(truth))
-    counted = int(errors.images.item())
-    if counted == 0:
+    judged = int(errors.images.item())
+    if judged == 0:
         raise DeuxError(
-            f"none of the {images} test frames has ground truth between {min_depth} and {max_depth} m: "
+            f"none of the {counted(images, 'test frame')} has ground truth between {min_depth} and {max_depth} m: "
             "collect more viewpoints or widen the evaluation range."
         )
     baseline, constant = baselines.compute()
     by_scene = _by_scene(scenes, of_frames, baselines.of_frames)
     without_points = len(baselines.without_points)
-    return Evaluation(_means(errors), baseline, constant, images, images - counted, without_points, by_scene)
+    return Evaluation(_means(errors), baseline, constant, images, images - judged, without_points, by_scene)
 
 
 class _Baselines:
@@ -168,17 +168,17 @@ def _by_scene(
     """The means of frames of equal scenes; none where scenes are not told or there is no interpolation."""
     if not scenes or not baseline:
         return []
-    counted: dict[str, list[int]] = {}
+    of_scene: dict[str, list[int]] = {}
     for index, (scene, errors) in enumerate(zip(scenes, metrics, strict=True)):
         if not math.isnan(errors["mae"]):
-            counted.setdefault(scene, []).append(index)
+            of_scene.setdefault(scene, []).append(index)
 
     def mean(errors: Sequence[dict[str, float]], frames: list[int]) -> dict[str, float]:
         return {name: round(sum(errors[frame][name] for frame in frames) / len(frames), 3) for name in METRICS}
 
     return [
         SceneErrors(scene, len(frames), mean(metrics, frames), mean(baseline, frames))
-        for scene, frames in sorted(counted.items())
+        for scene, frames in sorted(of_scene.items())
     ]
 
 
@@ -195,6 +195,6 @@ def _check_predictions(invalid: Tensor, before: int) -> None:
         if pixels:
             raise DeuxError(
                 f"the predicted depth of test frame {before + index} (the first is 0) is not finite or not above 0 at "
-                f"{pixels} pixels with ground truth, so it has no errors: evaluate another checkpoint, or mend the "
-                "model."
+                f"{counted(pixels, 'pixel')} with ground truth, so it has no errors: evaluate another checkpoint, or "
+                "mend the model."
             )

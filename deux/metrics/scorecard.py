@@ -6,20 +6,25 @@ the dataset's folder is changed.
 
 import json
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from deux.collection.specification import place_of_sequence
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.chosen_sources import PAPER_OFFSETS, list_triplets
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target, yaw_of
 from deux.geometry.source_frames import SourceRule
 from deux.io.atomic import write_json
+from deux.io.layout import SourceChoice
+from deux.metrics.explored_places import measure_explored_places
 from deux.metrics.intervals import Estimate
 from deux.metrics.tables import Cell, Column, ResultTable, Row
+from deux.simulator.simulation import Simulation
 
 SCORECARD_FILE = "scorecard.json"
 """A dataset's scorecard, in the folder of the run that collected it or trained on it."""
@@ -41,6 +46,9 @@ VIEW_ANGLE = 30.0
 
 NEAR, FAR = 1.0, 3.0
 """Metres: nearer pixels are near, farther ones far, those between them middle."""
+
+_OPTIONAL = ("depth_distance", "bumps", "actions", "area", "floor_share", "area_per_action")
+"""Entries that not every dataset has."""
 
 _BINS = np.geomspace(0.1, 20.0, 33)
 """Edges of the bins of depth, in metres; equally wide in the logarithm."""
@@ -66,6 +74,10 @@ class Scorecard:
         depth_distance: total variation between the histograms of depth of these frames and of the test frames, 0 to 1;
             None where there are no test frames to compare with.
         test_shares: the shares near, middle and far of the test frames' pixels; empty where there are none.
+        sources: which source frames the frames are judged with: those that the model is trained with. Scorecards of
+            earlier versions do not say so; they judge t-1 and t-2.
+        bumps, actions, area, floor_share, area_per_action: as of `deux.metrics.explored_places.ExploredPlaces`; None
+            of recorded frames too.
     """
 
     frames: int
@@ -79,6 +91,16 @@ class Scorecard:
     far: float
     depth_distance: float | None = None
     test_shares: Mapping[str, float] = field(default_factory=dict)
+    sources: SourceChoice = "recent"
+    bumps: float | None = None
+    actions: int | None = None
+    area: float | None = None
+    floor_share: float | None = None
+    area_per_action: float | None = None
+
+    def entries(self) -> dict[str, float | None]:
+        """All numbers of the frames themselves, by their names."""
+        return {name: value for name, value in asdict(self).items() if name not in ("test_shares", "sources")}
 
     def save(self, folder: Path) -> Path:
         """Write `scorecard.json` into a run folder, whole or not at all."""
@@ -95,7 +117,11 @@ class Scorecard:
         """
         path = folder / SCORECARD_FILE
         try:
-            return cls(**json.loads(path.read_text()))
+            card = cls(**json.loads(path.read_text()))
+            for name, value in card.entries().items():
+                if type(value) not in (int, float) and (value is not None or name not in _OPTIONAL):
+                    raise ValueError(f"{name} is {value!r}")
+            return card
         except (OSError, ValueError, TypeError) as error:
             raise DeuxError(f"{path} is no scorecard of deux ({error}); collect or run it again.") from None
 
@@ -107,19 +133,21 @@ class Scorecard:
         """
         columns = (Column("value", digits=3), Column("test frames", digits=3))
         rows = []
-        for name, value in asdict(self).items():
-            if name != "test_shares" and value is not None:
+        for name, value in self.entries().items():
+            if value is not None:
                 numbers = (value, self.test_shares.get(name))
                 cells = tuple(Cell(None if n is None else Estimate(float(n), math.nan)) for n in numbers)
                 rows.append(Row((name.replace("_", " "),), cells))
-        return ResultTable(caption, ("entry",), columns, (tuple(rows),), name="scorecard")
+        notes = (f"sources: {self.sources}",)
+        return ResultTable(caption, ("entry",), columns, (tuple(rows),), name="scorecard", notes=notes)
 
 
 def score(
     reader: Reader,
     split: str = "train",
-    offsets: tuple[int, ...] = (-1, -2),
+    choice: SourceChoice = "recent",
     tests: Reader | None = None,
+    simulation: Simulation | None = None,
     most_frames: int = 50,
 ) -> Scorecard:
     """Compute the scorecard of one split of a dataset.
@@ -127,14 +155,16 @@ def score(
     Args:
         reader: reads the dataset.
         split: which of its splits.
-        offsets: the source frames, in frames from the target, where the dataset lists none.
+        choice: how the source frames are chosen that the frames are judged with.
+        simulation: the camera and the robot of a dataset that was collected here; None for recorded frames, of which
+            no actions and no area are known.
         tests: reads a dataset whose "test" split the depths are compared with; None for no comparison.
         most_frames: frames at most, evenly spread over the list, on which shares of pixels are measured.
 
     Raises:
         DeuxError: the split is empty, or a frame has no true depth or no pose.
     """
-    triplets = reader.triplets(split, offsets)
+    triplets = list_triplets(reader, split, choice)
     if not triplets:
         raise DeuxError(f"{reader.folder} lists no {split} frames, so that it has no scorecard.")
     poses = {frame: _pose(reader, frame) for one in triplets for frame in (one.target, *one.sources)}
@@ -145,23 +175,30 @@ def score(
         moved_share(depth, reader.intrinsics(one.target), [_motion(poses, one, frame) for frame in one.sources])
         for one, depth in zip(sampled, depths, strict=True)
     ]
-    places = {(scene_name(one.target), *_place(poses[one.target])) for one in triplets}
-    views = {(scene_name(one.target), *_place(poses[one.target]), _heading(poses[one.target])) for one in triplets}
+    places = [(place_of_sequence(one.target.sequence), *_place(poses[one.target])) for one in triplets]
+    views = {(place, _heading(poses[one.target])) for place, one in zip(places, triplets, strict=True)}
     shares, distance, test_shares = depth_shares(depths), None, {}
     if tests is not None:
-        others = [_depth(tests, one.target) for one in _spread(tests.triplets("test", offsets), most_frames)]
+        others = [_depth(tests, one.target) for one in _spread(tests.triplets("test", PAPER_OFFSETS), most_frames)]
         distance = total_variation(depth_histogram(depths), depth_histogram(others))
         test_shares = depth_shares(others)
+    explored: dict[str, Any] = {}
+    if simulation is not None:
+        explored = asdict(measure_explored_places(reader.folder, simulation.camera, simulation.robot))
     return Scorecard(
         frames=len(triplets),
         sampled=len(sampled),
         parallax=float(np.mean(parallax)),
         moved=float(np.nanmean(moved)) if not np.all(np.isnan(moved)) else 0.0,
-        places=len(places),
+        places=len(set(places)),
         views=len(views),
-        **shares,
+        near=shares["near"],
+        middle=shares["middle"],
+        far=shares["far"],
         depth_distance=distance,
         test_shares=test_shares,
+        sources=choice,
+        **explored,
     )
 
 
@@ -226,11 +263,6 @@ def _motion(poses: Mapping[FrameReference, np.ndarray], triplet: Triplet, source
 
 def _place(pose: np.ndarray) -> tuple[int, int]:
     return int(np.floor(pose[0, 3] / PLACE_SIZE)), int(np.floor(pose[2, 3] / PLACE_SIZE))
-
-
-def scene_name(frame: FrameReference) -> str:
-    """The name of a collected frame's scene and floor: its sequence's, without the number of episode or viewpoint."""
-    return re.sub(r"-(view)?\d+$", "", frame.sequence)
 
 
 def _heading(pose: np.ndarray) -> int:

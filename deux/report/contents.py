@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from deux.errors import counted, plural
 from deux.metrics.tables import ResultTable
 from deux.report.comparable_runs import ComparableRuns, MissingRun, group_comparable
 from deux.report.conditions import differences
@@ -14,6 +15,7 @@ from deux.report.dataset_names import DatasetNames
 from deux.report.display_names import DisplayNames, Variant
 from deux.report.paper_tables import table_one, table_three, table_two
 from deux.report.runs import find_runs
+from deux.report.scorecards import correlation_table, scorecard_table
 from deux.report.sweeps import find_sweeps
 
 _NUMERALS = {"table1": "I", "table2": "II", "table3": "III"}
@@ -43,7 +45,7 @@ class Section:
     def state(self) -> str:
         """How many runs are there and how many are missing."""
         finished, missing = len(self.runs.finished), len(self.runs.missing)
-        return f"{finished} run{'s' * (finished != 1)}{f', {missing} missing' if missing else ''}"
+        return f"{counted(finished, 'run')}{f', {missing} missing' if missing else ''}"
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ class Contents:
         notes: what else has to be said of the runs, a sentence each.
         finished: number of finished runs in the tables.
         missing: number of runs that are not finished.
+        scorecards: a table of the scorecards of each section that has any, and one of their rank correlations with MAE
+            where there are enough runs.
     """
 
     folder: Path
@@ -63,6 +67,17 @@ class Contents:
     notes: tuple[str, ...]
     finished: int
     missing: int
+    scorecards: tuple[ResultTable, ...] = ()
+
+    @property
+    def state(self) -> str:
+        """How many runs are there and how many are missing."""
+        return f"{counted(self.finished, 'finished run')}, {self.missing} missing"
+
+    @property
+    def tables(self) -> tuple[ResultTable, ...]:
+        """All tables."""
+        return (*(section.table for section in self.sections), *self.scorecards)
 
 
 def read_contents(
@@ -94,9 +109,9 @@ def read_contents(
     with_results = {run.path.parent for run in found.finished}
     for sweep in sweeps:
         if sweep.folder not in with_results:
-            notes.append(f"Nothing is finished of {len(sweep.grid)} runs: {sweep.command}")
+            notes.append(f"Nothing is finished of {counted(len(sweep.grid), 'run')}: {sweep.command}")
     finished, missing = sum(len(group.finished) for group in groups), sum(len(group.missing) for group in groups)
-    return Contents(folder, sections, tuple(notes), finished, missing)
+    return Contents(folder, sections, tuple(notes), finished, missing, _scorecards(sections, names))
 
 
 def missing_text(missing: Iterable[MissingRun], names: DisplayNames) -> tuple[str, ...]:
@@ -115,7 +130,7 @@ def missing_text(missing: Iterable[MissingRun], names: DisplayNames) -> tuple[st
 
 def _seeds(runs: Sequence[MissingRun]) -> str:
     begun = ", ".join(str(run.seed) for run in runs if run.begun)
-    seeds = f"seed{'s' * (len(runs) > 1)} {', '.join(str(run.seed) for run in runs)}"
+    seeds = f"{plural('seed', len(runs))} {', '.join(str(run.seed) for run in runs)}"
     return f"{seeds} (begun: {begun})" if begun else seeds
 
 
@@ -172,6 +187,20 @@ def _section(
     title = f"Table {_NUMERALS[table.name.partition('_')[0]]}: {table.caption}"
     missing = missing_text(runs.missing, names)
     return Section(title, datasets.name(runs.testing), runs, table, missing, _commands(runs))
+
+
+def _scorecards(sections: Sequence[Section], names: DisplayNames) -> tuple[ResultTable, ...]:
+    """The scorecards of each section that has any, and their rank correlations with MAE over all sections."""
+    having = [section for section in sections if any(run.scorecard for run in section.runs.finished)]
+    tables: list[ResultTable | None] = []
+    for number, section in enumerate(having, start=1):
+        caption = "Scorecards of the training frames"
+        if len(having) > 1:
+            caption += f" of {section.title}"
+        name = "scorecards" if number == 1 else f"scorecards_{number}"
+        tables.append(scorecard_table(section.runs, names, caption, name))
+    tables.append(correlation_table([section.runs for section in having], names))
+    return tuple(table for table in tables if table is not None)
 
 
 def _commands(runs: ComparableRuns) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ import base64
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 
+from deux.errors import counted
 from deux.metrics.tables import Mark, ResultTable
 from deux.report.conditions import FlatOptions
 from deux.report.contents import Contents, Section
@@ -38,27 +39,29 @@ def html_page(contents: Contents, figures: Mapping[str, Sequence[CaptionedFigure
         contents: tables, commands and what is missing.
         figures: by the name of the table that they belong to.
     """
-    state = f"{contents.finished} finished runs, {contents.missing} missing"
     body = [
         "<h1>Report</h1>",
-        _paragraph(f"{state}, below {contents.folder}."),
+        _paragraph(f"{contents.state}, below {contents.folder}."),
         "<ul>",
         *(f'<li><a href="#{s.table.name}">{escape(s.title)}</a>: {s.state}</li>' for s in contents.sections),
+        *(['<li><a href="#scorecards">Scorecards</a></li>'] if contents.scorecards else ()),
         "</ul>",
         *(_paragraph(note, "note") for note in contents.notes),
     ]
     for section in contents.sections:
         body += _section(section, figures.get(section.table.name, ()))
-    head = f'<meta charset="utf-8"><title>Report: {escape(state)}</title><style>{_STYLE}</style>'
+    body += _scorecards(contents.scorecards)
+    head = f'<meta charset="utf-8"><title>Report: {escape(contents.state)}</title><style>{_STYLE}</style>'
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head>\n<body>\n' + "\n".join(body) + "\n</body></html>\n"
 
 
 def _section(section: Section, figures: Iterable[CaptionedFigure]) -> list[str]:
     lines = [f'<h2 id="{section.table.name}">{escape(section.title)}</h2>', *_table(section.table)]
-    lines += [_paragraph(note, "note") for note in section.table.notes]
     if section.missing:
         missing = "".join(f"<li>{escape(line)}</li>" for line in section.missing)
-        lines.append(f'<div class="missing"><b>Missing: {len(section.runs.missing)} runs</b><ul>{missing}</ul></div>')
+        lines.append(
+            f'<div class="missing"><b>Missing: {counted(len(section.runs.missing), "run")}</b><ul>{missing}</ul></div>'
+        )
     for figure in figures:
         content = base64.b64encode(figure.file.read_bytes()).decode()
         source = f"data:{_MIME[figure.file.suffix]};base64,{content}"
@@ -69,6 +72,14 @@ def _section(section: Section, figures: Iterable[CaptionedFigure]) -> list[str]:
     lines.append("<details><summary>Training and test frames</summary>")
     lines += _options("trained", section.runs.training) + _options("tested", section.runs.testing)
     return [*lines, "</details>"]
+
+
+def _scorecards(tables: Sequence[ResultTable]) -> list[str]:
+    """The part about scorecards; nothing without tables."""
+    lines = ['<h2 id="scorecards">Scorecards</h2>'] if tables else []
+    for table in tables:
+        lines += [f"<h3>{escape(table.caption)}</h3>", *_table(table)]
+    return lines
 
 
 def _table(table: ResultTable) -> list[str]:
@@ -90,7 +101,7 @@ def _table(table: ResultTable) -> list[str]:
                 cells += f"<td>{_MARKS[cell.mark].format(mean)}{small}</td>"
             lines.append(f"<tr>{cells}</tr>")
         lines.append("</tbody>")
-    return [*lines, "</table></div>"]
+    return [*lines, "</table></div>", *(_paragraph(note, "note") for note in table.notes)]
 
 
 def _options(what: str, options: FlatOptions) -> list[str]:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 
+from deux.errors import counted
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.tables import Cell, ResultTable, Row, error_columns
 from deux.report.comparable_runs import ComparableRuns, SeedErrors
@@ -217,7 +218,7 @@ def _finished(
     count = len(table.usual_seeds)
     general = [
         f"{_units()}; lower is better.",
-        f"Mean and 95 % interval over n = {count} seed{'s' * (count != 1)} ({seeds}) where a number says no other n."
+        f"Mean and 95 % interval over n = {counted(count, 'seed')} ({seeds}) where a number says no other n."
         if count > 1
         else f"One seed ({seeds}) each, so there are no intervals, where a number says no other n.",
         "Bold: best; underlined: second best; interpolation of the sparse points is not ranked.",

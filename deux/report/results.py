@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted, plural
 from deux.io.atomic import write_json
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate
@@ -92,19 +92,20 @@ class Results:
             "interpolated points": self.baseline,
             "median of the points": self.constant,
         }
-        training = "" if self.frames is None else f" ({self.frames} training frames, seed {self.seed})"
-        tested = "test frames" if self.images is None else f"{self.images} test frames"
+        training = "" if self.frames is None else f" ({counted(self.frames, 'training frame')}, seed {self.seed})"
+        tested = "test frames" if self.images is None else counted(self.images, "test frame")
         return error_table(f"Errors on the {tested}{training}", rows, self._notes())
 
     def _notes(self) -> tuple[str, ...]:
         """What the numbers leave out or stand for, if anything."""
         found = []
-        if self.without_truth:
-            found.append(f"{self.without_truth} of the test frames have no ground truth in range and do not count.")
+        if number := self.without_truth:
+            lack, count = plural("has", number), plural("does", number)
+            found.append(f"{number} of the test frames {lack} no ground truth in range and {count} not count.")
         if self.without_points:
             found.append(
-                f"{self.without_points} of the test frames have no sparse point; interpolation and median take the "
-                "median depth of the other frames there."
+                f"{self.without_points} of the test frames {plural('has', self.without_points)} no sparse point; "
+                "interpolation and median take the median depth of the other frames there."
             )
         return tuple(found)
 

@@ -12,6 +12,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from deux.errors import DeuxError
+from deux.metrics.scorecard import SCORECARD_FILE, Scorecard
 from deux.report.conditions import Conditions, FlatOptions, conditions
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
 
@@ -34,6 +35,7 @@ class Run:
             model was trained on another dataset.
         results: its errors; None if it was begun and is not finished.
         overrides: its command's.
+        scorecard: of its training frames; None where it has none, as runs of earlier versions and evaluations.
     """
 
     path: Path
@@ -41,6 +43,7 @@ class Run:
     own_testing: FlatOptions
     results: Results | None
     overrides: tuple[str, ...] = ()
+    scorecard: Scorecard | None = None
 
     @property
     def transferred(self) -> bool:
@@ -123,7 +126,9 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
         return "its model was trained on a given dataset, which no explorer collected for it"
     made_of = conditions(trained_by)
     tested = conditions(identity, made_of.seed)
-    return Run(path, replace(made_of, testing=tested.testing), made_of.testing, results, _overrides(path))
+    made_of, own_testing = replace(made_of, testing=tested.testing), made_of.testing
+    scorecard = Scorecard.load(path) if (path / SCORECARD_FILE).exists() else None
+    return Run(path, made_of, own_testing, results, _overrides(path), scorecard)
 
 
 def read_identity(path: Path) -> dict[str, Any] | None:

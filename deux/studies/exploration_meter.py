@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from deux.collection.free_floor import known_free_cells
 from deux.contracts import DEPTH, Action, Channel, Channels, Episode, Frame, Need, Reward, Simulator
 from deux.environment.egocentric import Crops
 from deux.environment.memory import RESOLUTION, ExplorationMemory
 from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
 from deux.geometry.source_frames import SOURCES
-from deux.mapping.occupancy import FREE, OccupancyMap
+from deux.mapping.occupancy import OccupancyMap
 from deux.metrics.scorecard import PARALLAX
 
 PIXELS = 64
@@ -175,13 +176,7 @@ def trajectory_map(
 
 def floor_covered(known: OccupancyMap, free_space: FreeSpace) -> float:
     """The fraction of the true free floor whose cells' centres lie where a map is free."""
-    frame = free_space.frame
-    rows, columns = np.nonzero(free_space.free)
-    x = frame.origin_x + (columns + 0.5) * frame.resolution
-    z = frame.origin_z + (rows + 0.5) * frame.resolution
-    rows, columns = known.frame.cells(x, z)
-    inside = known.frame.contains(rows, columns)
-    return float(np.count_nonzero(known.cells[rows[inside], columns[inside]] == FREE) / len(rows))
+    return known_free_cells(known, free_space.frame, free_space.free) / int(np.count_nonzero(free_space.free))
 
 
 class _FoundObjects:

@@ -13,7 +13,7 @@ from deux.collection.sparse import SparseSettings
 from deux.collection.specification import episode_seed, place_name
 from deux.collection.walk import Step, Walk, run_walks
 from deux.contracts import DepthPredictor, SceneReference, Uncertainty
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted
 from deux.geometry.poses import motion
 from deux.io.atomic import make_folder, read_bytes, write_json
 from deux.io.progress import Progress, ignore_progress
@@ -105,8 +105,8 @@ def study_uncertainty(
     study = UncertaintyStudy(judged, list(made))
     if study.count() == 0:
         raise DeuxError(
-            f"No frame of the {len(scenes)} scenes could be judged: the walks show nothing within the camera's range, "
-            "or their steps are too few."
+            f"No frame of the {counted(len(scenes), 'scene')} could be judged: the walks show nothing within the "
+            "camera's range, or their steps are too few."
         )
     return study
 

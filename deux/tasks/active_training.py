@@ -13,7 +13,7 @@ from deux.collection.explored_map import mean_uncertainty, seen_area
 from deux.collection.pipeline import frame_count
 from deux.contracts import DepthModel, DepthPredictor, Reader
 from deux.deployment.model_files import MODEL_FILE, load_model, save_model
-from deux.errors import check_range
+from deux.errors import check_range, counted
 from deux.inference.precision import FastPredictor
 from deux.io.atomic import make_folder, write_json
 from deux.io.layout import sequences
@@ -102,7 +102,10 @@ class ActiveTraining:
         )
 
         def collect(request: RoundRequest) -> RankResult:
-            say(f"Round {request.number} of {active.rounds}: {self._explorer.name} explores after {request.step} steps")
+            say(
+                f"Round {request.number} of {active.rounds}: {self._explorer.name} explores after "
+                f"{counted(request.step, 'step')}"
+            )
             return collector(request)
 
         def report(rounds: Sequence[Round]) -> None:
@@ -231,7 +234,7 @@ def _draw(rounds: Sequence[Round], run: RunFolder) -> None:
 
 
 def _line(found: Round) -> str:
-    known = [f"{found.frames} frames", f"{found.area:.1f} m² seen"]
+    known = [counted(found.frames, "frame"), f"{found.area:.1f} m² seen"]
     known += [f"uncertainty {found.uncertainty:.4f}"] if found.uncertainty is not None else []
     known += [f"validation MAE {found.mae:.1f} mm"] if found.mae is not None else []
     return f"Round {found.round}: {', '.join(known)}"

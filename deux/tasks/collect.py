@@ -28,12 +28,14 @@ def run(cfg: DictConfig) -> None:
     sections = sections_of(cfg)
     datasets = Datasets(sections, ["train"])
     evaluation = sections.read("evaluation", EvaluationSettings)
-    exploration = Exploration(sections, datasets, Training(sections, datasets, evaluation.validation_viewpoints))
+    training = Training(sections, datasets, evaluation.validation_viewpoints)
+    exploration = Exploration(sections, datasets, training)
     with open_run_folder(run_folder(), sections.identity) as run:
         dataset = exploration.collect(run)
         if leads():
             exploration.draw(dataset, run)
-            card = score(DatasetReader(dataset))
+            choice = training.recipe.source_choice()
+            card = score(DatasetReader(dataset), choice=choice, simulation=datasets.simulation)
             card.save(run.path)
             say(card.table(f"Scorecard of the {exploration.explorer.name} frames"))
             say(f"Dataset: {dataset}")

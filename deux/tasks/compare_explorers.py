@@ -12,7 +12,7 @@ from deux.collection.perception import Perception
 from deux.collection.sparse import SparseSettings
 from deux.configuration import run_folder, sections_of
 from deux.contracts import SceneReference
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, counted, plural
 from deux.figures.drawing import save_figure
 from deux.figures.trajectory_grid import Trajectory, draw_trajectory_grid
 from deux.inference.precision import FastPredictor
@@ -89,10 +89,10 @@ class Comparing:
         self._collect = sections.read("collect", CollectSettings)
         self._simulation = read_simulation(sections)
         self._scenes = read_scenes(sections, ["test"]).test
-        if self._settings.figure_scene >= len(self._scenes):
+        if self._settings.figure_scene >= (count := len(self._scenes)):
             raise DeuxError(
-                f"compare.figure_scene is {self._settings.figure_scene}, but there are {len(self._scenes)} scenes: "
-                "the first one is 0."
+                f"compare.figure_scene is {self._settings.figure_scene}, but there {plural('is', count)} "
+                f"{counted(count, 'scene')}: the first one is 0."
             )
         checkpoint = sections.read("seed_model", SeedModelSettings).checkpoint
         configured = sections.plugin("explore")
@@ -109,7 +109,7 @@ class Comparing:
         for name, reason in self._participants.left_out.items():
             say(f"Without {name}: {reason}")
         explorers = self._participants.explorers
-        say(f"Explore {len(self._scenes)} scenes with {', '.join(choice.name for choice in explorers)}")
+        say(f"Explore {counted(len(self._scenes), 'scene')} with {', '.join(choice.name for choice in explorers)}")
         with run.stage("explore"), progress() as report:
             episodes = compare_explorers(
                 run.path / EPISODES,
@@ -144,7 +144,8 @@ class Comparing:
         """Write the tables, results.json last, and print them."""
         tables = self._tables(found)
         left_out = self._participants.left_out
-        amount = f"{len(self._scenes)} scenes, {self._settings.seeds} x {self._settings.steps} steps in each"
+        steps = counted(self._settings.steps, "step")
+        amount = f"{counted(len(self._scenes), 'scene')}, {self._settings.seeds} x {steps} in each"
         page = [f"# Explorers compared: {amount}", "", *(table.markdown() for table in tables)]
         page += [f"Without {name}: {reason}\n" for name, reason in left_out.items()]
         write_atomically(run.path / "table.md", "\n".join(page).encode())

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig
 
+from deux.collection.specification import place_of_sequence
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel, Reader
 from deux.data.dataset_reader import DatasetReader
@@ -77,7 +78,6 @@ class Evaluator:
         from deux.figures.depth_figures import draw_depth_panels
         from deux.figures.drawing import save_figure
         from deux.metrics.model_errors import evaluate
-        from deux.metrics.scorecard import scene_name
 
         model.to(self._device)
         # Whole frames of a recording may differ in size, so that they fit in no batch.
@@ -94,7 +94,7 @@ class Evaluator:
                 report("evaluation", done, len(frames))
 
             near, far = self._camera.min_depth, self._camera.max_depth
-            scenes = [scene_name(triplet.target) for _, triplet in frames.triplets]
+            scenes = [place_of_sequence(triplet.target.sequence) for _, triplet in frames.triplets]
             found = evaluate(model, loader, near, far, count, scenes)
         save_figure(draw_depth_panels(self._panels(model, frames)), run.figures / "test_frames.png")
         return found

@@ -81,7 +81,13 @@ class Experiment:
         with run.stage("evaluate"):
             viewpoints = self._datasets.viewpoints("test", self._evaluation.viewpoints)
             found = self._test.evaluate(model, DatasetReader(viewpoints), run)
-        score(DatasetReader(frames), tests=DatasetReader(viewpoints)).save(run.path)
+        card = score(
+            DatasetReader(frames),
+            choice=self._training.recipe.source_choice(),
+            tests=DatasetReader(viewpoints),
+            simulation=self._datasets.simulation,
+        )
+        card.save(run.path)
         return found
 
     def write(self, frames: Path, found: "Evaluation", run: RunFolder) -> None:

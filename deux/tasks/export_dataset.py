@@ -15,7 +15,7 @@ from deux.data.exported_split import ExportedSplit, read_splits
 from deux.data.shard_export import write_shards
 from deux.data.triplet_export import write_triplets
 from deux.data.void_export import MARGIN, SOURCE_DISTANCE, Arrangement, used_by_setup, write_void
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, counted
 from deux.io.atomic import make_folder
 from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
@@ -84,14 +84,14 @@ def run(cfg: DictConfig) -> None:
         shutil.rmtree(partial, ignore_errors=True)
         make_folder(partial)
         total = sum(len(split.triplets) for split in splits)
-        say(f"Export {total} frames as {settings.format}")
+        say(f"Export {counted(total, 'frame')} as {settings.format}")
         with progress() as report:
             for done, _ in enumerate(_write(partial, output, splits, settings), start=1):
                 report("export", done, total)
         partial.rename(output)
     say(str(output))
     for split in splits:
-        say(f"  {split.name}: {len(split.triplets)} frames in {len(split.sequences())} sequences")
+        say(f"  {split.name}: {counted(len(split.triplets), 'frame')} in {counted(len(split.sequences()), 'sequence')}")
     if settings.format == "void":
         _say_what_setup_takes(splits, settings.arrangement)
 
@@ -129,6 +129,6 @@ def _say_what_setup_takes(splits: list[ExportedSplit], arrangement: Arrangement)
     sources = "their own" if arrangement == "triplets" else f"{SOURCE_DISTANCE} frames before and after them"
     say(
         f"The published set-up script leaves out {MARGIN} files at either end of a training sequence and takes the "
-        f"files {SOURCE_DISTANCE} places away as source frames: it uses {used} of the {total} training frames, with "
-        f"source frames that are {sources}."
+        f"files {SOURCE_DISTANCE} places away as source frames: it uses {used} of the "
+        f"{counted(total, 'training frame')}, with source frames that are {sources}."
     )

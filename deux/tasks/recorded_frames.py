@@ -10,7 +10,7 @@ from deux.configuration import user_path
 from deux.contracts import DepthModel, FrameReference, Reader, Triplet
 from deux.data.chosen_sources import list_triplets
 from deux.data.depth_unit import ratio_warning, unit_warning
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted, plural
 from deux.io.calibration import camera_warning
 from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
@@ -93,8 +93,9 @@ def check_recorded(
     """
     found = _listed(reader, split, offsets, needs, choice)
     complete = [triplet for triplet in found if triplet.sources or not needs.sources]
-    others = f"; {len(found) - len(complete)} others have no source frames{_where(offsets, choice)}"
-    say(f"  {len(complete)} {split} frames of {reader.folder}{others if len(complete) < len(found) else ''}")
+    lacking = len(found) - len(complete)
+    others = f"; {counted(lacking, 'other')} {plural('has', lacking)} no source frames{_where(offsets, choice)}"
+    say(f"  {counted(len(complete), f'{split} frame')} of {reader.folder}{others if lacking else ''}")
     if not complete:
         return  # the data module says so in a sentence
     chosen = _spread(complete)

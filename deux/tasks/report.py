@@ -7,7 +7,7 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder, sections_of, user_path
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted, plural
 from deux.figures.drawing import save_figure
 from deux.io.atomic import make_folder, write_atomically
 from deux.report.contents import Contents, read_contents
@@ -56,17 +56,20 @@ def run(cfg: DictConfig) -> None:
     contents = read_contents(user_path(settings.runs), names, settings.first, settings.transferred, settings.baseline)
     if settings.keep:
         count, size = keep_runs(user_path(settings.runs), user_path(settings.keep))
-        say(f"{count} runs are kept in {user_path(settings.keep)}, the largest with {size / 1000:.1f} kB")
+        kept = f"{counted(count, 'run')} {plural('is', count)} kept in {user_path(settings.keep)}"
+        say(f"{kept}, the largest with {size / 1000:.1f} kB")
     folder = run_folder()
     figures = draw(contents, names, folder / "figures")
     write(contents, figures, folder)
-    say(f"{contents.finished} finished runs, {contents.missing} missing")
+    say(contents.state)
     for section in contents.sections:
         say(f"{section.title}: {section.state}")
         for line in section.missing[:MOST_MISSING]:
             say(f"  missing: {line}")
         if len(section.missing) > MOST_MISSING:
-            say(f"  and {len(section.missing) - MOST_MISSING} more lines, which the report has")
+            say(f"  and {counted(len(section.missing) - MOST_MISSING, 'more line')}, which the report has")
+    for table in contents.scorecards:
+        say(f"{table.caption}: {folder / 'tables' / table.name}.md")
     for note in contents.notes:
         say(note)
     say(f"Report: {folder / 'report.html'}")
@@ -92,8 +95,7 @@ def draw(contents: Contents, names: DisplayNames, folder: Path) -> dict[str, lis
 def write(contents: Contents, figures: dict[str, list[CaptionedFigure]], folder: Path) -> None:
     """Write the report: a page, the same in Markdown, and each table in Markdown, LaTeX and CSV."""
     make_folder(folder / "tables")
-    for section in contents.sections:
-        table = section.table
+    for table in contents.tables:
         for suffix, text in (("md", table.markdown()), ("tex", table.latex()), ("csv", table.csv())):
             write_atomically(folder / "tables" / f"{table.name}.{suffix}", text.encode())
     write_atomically(folder / "report.md", _markdown_report(contents, figures).encode())
@@ -101,14 +103,16 @@ def write(contents: Contents, figures: dict[str, list[CaptionedFigure]], folder:
 
 
 def _markdown_report(contents: Contents, figures: dict[str, list[CaptionedFigure]]) -> str:
-    lines = ["# Report", "", f"{contents.finished} finished runs, {contents.missing} missing.", *_list(contents.notes)]
+    lines = ["# Report", "", f"{contents.state}.", *_list(contents.notes)]
     for section in contents.sections:
         lines += ["", f"## {section.title}", "", section.table.markdown()]
         if section.missing:
-            lines += [f"Missing: {len(section.runs.missing)} runs.", *_list(section.missing)]
+            lines += [f"Missing: {counted(len(section.runs.missing), 'run')}.", *_list(section.missing)]
         for figure in figures.get(section.table.name, ()):
             lines += ["", f"![{figure.caption}](figures/{figure.file.name})"]
         lines += ["", "Commands:", "", *(f"    {command}" for command in section.commands)]
+    if contents.scorecards:
+        lines += ["", "## Scorecards", *(f"\n{table.markdown()}" for table in contents.scorecards)]
     return "\n".join(lines) + "\n"
 
 

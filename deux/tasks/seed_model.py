@@ -5,13 +5,13 @@ from typing import Any, NamedTuple
 
 from deux.configuration import compose
 from deux.contracts import DepthModel
-from deux.errors import check_range
+from deux.errors import DeuxError, check_range
 from deux.options import construct, plain
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import say
-from deux.tasks.datasets import Datasets
+from deux.tasks.datasets import Datasets, is_ceiling
 from deux.tasks.model_training import Recipe, Training
 from deux.training.training_settings import TrainingSettings
 
@@ -23,7 +23,7 @@ class SeedModelSettings:
     Args:
         name: any installed depth model, with its default options; None for the final model's kind and options.
         checkpoint: a trained model to take; None trains one.
-        explore: the explorer that collects its frames.
+        explore: the explorer that collects its frames; no free viewpoints, which no robot could collect.
         steps: optimiser steps of its training.
         source: of the scenes that this explorer is in: a scene source, none of whose scenes are the experiment's, or
             None for the experiment's own training scenes.
@@ -79,6 +79,11 @@ class SeedModel:
             registry().choose("scenes", {"name": self.settings.source}, "seed_model.source")
         explorer = sections.plugin("explore")
         self._explorer = explorer if self.settings.explore == explorer.name else _named(self.settings.explore)
+        if is_ceiling(self._explorer):
+            raise DeuxError(
+                f"seed_model.explore is {self.settings.explore}, but a seed model is trained on what a robot collects, "
+                "and free viewpoints are a ceiling that none can: choose another explorer."
+            )
         final = training.recipe
         if self.settings.name in (None, final.model.name):
             self._recipe = final

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder, sections_of
+from deux.errors import counted
 from deux.figures.drawing import save_figure
 from deux.io.atomic import write_atomically, write_json
 from deux.report.results import RESULTS_FILE
@@ -65,7 +66,7 @@ class Studying:
         for name, reason in left_out.items():
             say(f"Without {name}: {reason}")
         datasets = self._datasets
-        say(f"Walk through {len(datasets.scenes.test)} test scenes with {self._explorer.name}")
+        say(f"Walk through {counted(len(datasets.scenes.test), 'test scene')} with {self._explorer.name}")
 
         def show(samples: Sequence[JudgedSample]) -> None:
             save_figure(draw_uncertainty_maps(samples), run.figures / "maps.png")
@@ -98,7 +99,7 @@ class Studying:
         tables = [agreement_table(study), causes_table(study)]
         if study.count("moved"):
             tables.insert(1, agreement_table(study, "moved"))
-        page = [f"# Uncertainty of {judged.name}: {len(study.scenes)} scenes, {self._explorer.name}", ""]
+        page = [f"# Uncertainty of {judged.name}: {counted(len(study.scenes), 'scene')}, {self._explorer.name}", ""]
         page += [table.markdown() for table in tables]
         write_atomically(run.path / "table.md", "\n".join(page).encode())
         write_atomically(run.path / "frames.csv", study.frames_csv().encode())

@@ -14,7 +14,7 @@ from deux.environment.egocentric import Crops
 from deux.environment.exploration_env import ExplorationEnv
 from deux.environment.memory import RESOLUTION
 from deux.environment.scene_pool import ScenePool
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, counted
 from deux.figures.drawing import save_figure
 from deux.figures.training_curves import draw_learning_curve
 from deux.policies.learned_explorer import LearnedExplorer
@@ -66,7 +66,10 @@ def run(cfg: DictConfig) -> None:
     pool = _pool(read_simulation(sections))
     with open_run_folder(run_folder(), sections.identity) as run:
         say(f"Run folder: {run.path}")
-        say(f"Train {explorer.name} in {len(scenes)} scenes: {settings.steps} steps for the reward {reward}")
+        say(
+            f"Train {explorer.name} in {counted(len(scenes), 'scene')}: {counted(settings.steps, 'step')} for the "
+            f"reward {reward}"
+        )
         with progress() as report, run.stage("train"):
             make = partial(_environment, reward, settings, scenes, pool)
             result = train_policy(settings, make, seed, run.path, report)
@@ -122,6 +125,6 @@ def _report(curve: LearningCurve) -> None:
         say("No episode came to its end: explorer_training.steps is too small to tell anything.")
         return
     say(
-        f"Reward of an episode: {curve.reward[0]:.2f} after {curve.steps[0]} steps, {curve.reward[-1]:.2f} after "
-        f"{curve.steps[-1]}; area seen {curve.area[0]:.1f} and {curve.area[-1]:.1f} m²"
+        f"Reward of an episode: {curve.reward[0]:.2f} after {counted(curve.steps[0], 'step')}, {curve.reward[-1]:.2f} "
+        f"after {curve.steps[-1]}; area seen {curve.area[0]:.1f} and {curve.area[-1]:.1f} m²"
     )

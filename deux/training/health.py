@@ -10,7 +10,7 @@ from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.utilities import rank_zero_warn
 from torch import Tensor
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted, plural
 from deux.training.module import DepthCompletion
 
 
@@ -91,8 +91,9 @@ class HealthCheck(Callback):
         broken = [name for name, share in zip(names, finite.tolist(), strict=True) if share < 1]
         if broken:
             raise DeuxError(
-                f"{len(broken)} tensors of weights are not finite at step {trainer.global_step}, {broken[0]} is the "
-                "first: lower training.learning_rate, or set trainer.precision=32-true."
+                f"{counted(len(broken), 'tensor')} of weights {plural('is', len(broken))} not finite at step "
+                f"{trainer.global_step}, {broken[0]} is the first: lower training.learning_rate, or set "
+                "trainer.precision=32-true."
             )
 
     def _finish_check(self, module: DepthCompletion) -> None:

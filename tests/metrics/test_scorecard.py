@@ -1,5 +1,6 @@
 """The scorecard, against cameras that move along a flat wall at known depth."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -142,11 +143,46 @@ def test_what_has_no_scorecard_says_so(poses, known, says):
         score(Wall(Path("d"), along(poses, 0.25), known=known))
 
 
+def test_frames_are_judged_with_the_sources_that_the_model_is_trained_with():
+    """Turns on the spot after a step: t-1 and t-2 show no parallax, the frame before the step does."""
+    step = (("flat-00", 0.1, 0.1, 0.0), *(("flat-00", 0.35, 0.1, 3.0 * k) for k in range(6)))
+
+    class Remembering(Wall):
+        def chosen_triplets(self, split):
+            targets = self.triplets(split, (-1, -2))
+            return [Triplet(one.target, (FrameReference("flat-00", "0"), one.sources[0])) for one in targets]
+
+    recent, baseline = (
+        score(Remembering(Path("d"), step, depth=1.0), choice=choice) for choice in ("recent", "baseline")
+    )
+    assert (recent.sources, baseline.sources) == ("recent", "baseline")
+    assert (recent.parallax, baseline.parallax) == (pytest.approx(1 / 5), 1.0)
+    assert recent.moved < baseline.moved
+    for card in (recent, baseline):
+        assert f"sources: {card.sources}" in card.table("Scorecard").markdown()
+
+
 def test_a_scorecard_is_read_as_it_was_written(tmp_path):
     card = score(Wall(Path("d"), along(10, 0.25)), tests=Wall(Path("t"), along(4, 0.25), depth=0.5))
     card.save(tmp_path)
     assert Scorecard.load(tmp_path) == card
     assert "near" in card.table("Scorecard").markdown()
-    (tmp_path / "scorecard.json").write_text("{}")
-    with pytest.raises(DeuxError, match="is no scorecard of deux"):
+
+
+def test_a_scorecard_of_an_earlier_version_judges_recent_sources_and_knows_no_actions(tmp_path):
+    score(Wall(Path("d"), along(10, 0.25)), choice="recent").save(tmp_path)
+    content = json.loads((tmp_path / "scorecard.json").read_text())
+    added = {name: content.pop(name) for name in ("sources", "actions", "bumps", "area", "floor_share")}
+    assert added == {"sources": "recent", "actions": None, "bumps": None, "area": None, "floor_share": None}
+    (tmp_path / "scorecard.json").write_text(json.dumps(content))
+    card = Scorecard.load(tmp_path)
+    assert (card.sources, card.actions, card.area) == ("recent", None, None)
+
+
+@pytest.mark.parametrize("change", [{"parallax": "much"}, {"parallax": None}, {"beauty": 1.0}])
+def test_what_is_no_scorecard_says_so(tmp_path, change):
+    score(Wall(Path("d"), along(10, 0.25))).save(tmp_path)
+    content = json.loads((tmp_path / "scorecard.json").read_text())
+    (tmp_path / "scorecard.json").write_text(json.dumps({**content, **change}))
+    with pytest.raises(DeuxError, match=r"is no scorecard of deux \(.*collect or run it again"):
         Scorecard.load(tmp_path)

@@ -4,6 +4,7 @@ import shutil
 import pytest
 
 from deux.errors import DeuxError
+from deux.metrics.scorecard import Scorecard
 from deux.report.comparable_runs import group_comparable
 from deux.report.kept_runs import keep_runs
 from deux.report.runs import find_runs
@@ -36,6 +37,14 @@ def test_a_report_of_the_copies_is_the_report_of_the_runs(write_run, write_sweep
     assert group.runs[0].overrides == ("seed=0",)
     assert group.sweeps[0].command == find_sweeps(outputs)[0].command
     assert not list((tmp_path / "kept").rglob("model.deux"))
+
+
+def test_scorecards_are_kept(write_run, outputs, tmp_path):
+    card = Scorecard(18, 18, parallax=0.5, moved=0.4, places=7, views=9, near=0.2, middle=0.5, far=0.3, area=12.5)
+    card.save(write_run("random", "kbnet", 0, 20.0))
+    keep_runs(outputs, tmp_path / "kept")
+    (run,) = find_runs(tmp_path / "kept").finished
+    assert run.scorecard == card
 
 
 def test_a_sweep_in_two_sittings_becomes_one(write_run, outputs, tmp_path):

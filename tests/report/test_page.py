@@ -3,6 +3,7 @@ from html.parser import HTMLParser
 import pytest
 from PIL import Image
 
+from deux.metrics.scorecard import Scorecard
 from deux.report.contents import read_contents
 from deux.report.page import html_page
 from deux.report.report_figures import CaptionedFigure
@@ -42,6 +43,22 @@ class Reader(HTMLParser):
             self.rows[-1][-1] += data
         if self.open and self.open[-1] in self.marked:
             self.marked[self.open[-1]].append(data)
+
+
+def test_scorecards_are_a_part_of_their_own(write_run, outputs, names):
+    for seed in range(3):
+        for number, explorer in enumerate(("random", "deux")):
+            run = write_run(explorer, "kbnet", seed, 20.0 - number)
+            Scorecard(18, 18, 0.5, 0.4, 7, 9 + number, 0.2, 0.5, 0.3).save(run)
+    reader = Reader()
+    reader.feed(html_page(read_contents(outputs, names), {}))
+    reader.close()
+    assert reader.open == []
+    assert "#scorecards" in reader.references
+    assert "scorecards" in reader.ids
+    assert ["DEUX", "50.0", "40.0", "7", "10", "20.0", "50.0", "30.0", *["–"] * 6] in reader.rows
+    assert ["views", "-1.00", "6"] in reader.rows
+    assert "Below 0: runs that have more of the entry" in reader.text
 
 
 @pytest.fixture

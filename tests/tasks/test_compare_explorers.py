@@ -116,7 +116,7 @@ def test_files_are_explored_as_they_are(compare, room, tmp_path):
     assert "semantic_reconstruction" not in episode["exploration"]["rewards"]
     assert "| random |" in (tmp_path / "run" / "table.md").read_text()
     sentence = compare(tmp_path / "other", *chosen, "compare.figure_scene=1").sentence
-    assert sentence == "compare.figure_scene is 1, but there are 1 scenes: the first one is 0."
+    assert sentence == "compare.figure_scene is 1, but there is 1 scene: the first one is 0."
 
 
 def test_a_damaged_episode(compare, finished, tmp_path):

@@ -26,8 +26,12 @@ def test_everything_that_a_run_leaves_behind(finished):
         assert tuple(results[predicted]) == tuple(METRICS)
         assert all(math.isfinite(value) and value > 0 for value in results[predicted].values())
     card = json.loads((run / "scorecard.json").read_text())
-    assert card["frames"] == 2 * 14  # it judges the robot's way, by the two frames before each
+    assert card["sources"] == "baseline"  # training.sources
+    assert card["frames"] == results["frames"]
     assert 0 <= card["depth_distance"] <= 1
+    assert card["actions"] == 2 * 16
+    assert 0 <= card["bumps"] <= 100
+    assert 0 < card["floor_share"] < 1 < card["area"]
     assert set(results["seconds"]) == {"seed", "collect", "train", "evaluate"}
     assert {path.name for path in (run / "figures").iterdir()} == {
         "test_frames.png",

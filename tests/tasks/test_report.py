@@ -106,8 +106,11 @@ def test_three_sweeps_become_three_tables(tiny, deux, tmp_path):
     ):
         assert title in said
     assert {path.name for path in (folder / "tables").iterdir()} == {
-        f"table{number}.{suffix}" for number in (1, 2, 3) for suffix in ("md", "tex", "csv")
+        f"{name}.{suffix}"
+        for name in ("table1", "table2", "table3", "scorecards", "scorecards_2")
+        for suffix in ("md", "tex", "csv")
     }
+    assert "## Scorecards" in (folder / "report.md").read_text()
     with (folder / "tables" / "table1.csv").open(newline="") as file:
         lines = {line["exploration"]: line for line in csv.DictReader(file)}
     maes = [found["metrics"]["mae"] for found in whole.values() if found["explore"] == "random"]
@@ -175,7 +178,7 @@ def test_kept_runs_are_reported_as_the_runs_are(deux, tmp_path):
         f"report.keep={tmp_path}/kept",
         f"hydra.run.dir={tmp_path}/first",
     )
-    assert f"1 runs are kept in {tmp_path}/kept" in outcome.out
+    assert f"1 run is kept in {tmp_path}/kept" in outcome.out
     assert deux("task=report", f"report.runs={tmp_path}/kept", f"hydra.run.dir={tmp_path}/second").code == 0
     tables = [(tmp_path / name / "tables" / "table1.csv").read_text() for name in ("first", "second")]
     assert tables[0] == tables[1]

@@ -42,6 +42,20 @@ def test_collecting_leaves_a_dataset_and_the_robots_path(collected):
     assert only(collected, "collected/figures/*").name == "trajectory_apartment_000000-00.png"
 
 
+@pytest.mark.parametrize("choice", ["baseline", "recent"])
+def test_a_scorecard_judges_the_source_frames_of_the_training(tiny, collected, choice):
+    run = collected / f"judged-{choice}"
+    arguments = ("task=collect", "explore=random", f"training.sources={choice}", f"hydra.run.dir={run}")
+    outcome = tiny(collected, *arguments)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"sources: {choice}" in outcome.out
+    card = json.loads((run / "scorecard.json").read_text())
+    manifest = read_manifest(only(collected, "datasets/random-*"))
+    assert card["sources"] == choice
+    assert card["frames"] == (manifest if choice == "recent" else manifest["baseline"])["triplets"]
+    assert (card["actions"], card["depth_distance"]) == (8, None)
+
+
 def test_training_on_a_given_dataset_collects_nothing(tiny, collected, tmp_path):
     dataset = only(collected, "datasets/random-*")
     outcome = tiny(tmp_path, "task=train", f"training_data={dataset}", f"hydra.run.dir={tmp_path}/run")

@@ -42,6 +42,7 @@ def test_the_settings_are_the_papers(preset):
     rates = [training.learning_rate * training.factor(0, float("inf"), epoch) for epoch in range(training.epochs)]
     assert rates == [1e-4] * 10 + [5e-5] * 15
     assert (cfg.model.name, cfg.explore.name, cfg.seed_model.explore) == ("kbnet", "deux", "random")
+    assert cfg.explore == compose(["explore=deux_paper"]).explore
 
 
 @pytest.mark.parametrize(

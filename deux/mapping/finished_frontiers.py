@@ -1,5 +1,7 @@
 """Finished frontiers: the frontier cells that are not chosen as a target again, so that exploration ends."""
 
+import math
+
 import numpy as np
 
 from deux.geometry.grid import GridFrame
@@ -63,5 +65,8 @@ class FinishedFrontiers:
 
     def _frontier_near(self, cells: np.ndarray, frame: GridFrame, target: Point) -> np.ndarray:
         """The frontier cells within reach of a point, N x 2 int64 (row, column)."""
-        frontier = np.argwhere(frontier_mask(cells))
+        (row, column), margin = frame.cell(*target), math.ceil(self._reach / frame.resolution) + 2
+        top, left = max(0, row - margin), max(0, column - margin)
+        window = cells[top : row + margin + 1, left : column + margin + 1]
+        frontier = np.argwhere(frontier_mask(window)) + np.array([top, left])
         return frontier[np.hypot(*(cell_centres(frame, frontier) - target).T) <= self._reach + 1e-6]

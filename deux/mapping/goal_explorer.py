@@ -163,6 +163,12 @@ class GoalExplorer(Explorer):
         self.frontier = self.occupancy.frame.centre(float(cell[0]), float(cell[1]))
         return frontier_target(self.occupancy.cells, self.occupancy.frame, cell, place, self.frontier_reach)
 
+    def frontier_is_resolved(self) -> bool:
+        """Whether no frontier cell is left around the one that is the target; false where the target is no frontier."""
+        if self.frontier is None:
+            return False
+        return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)
+
     def free_places(self, distance: np.ndarray, count: int) -> np.ndarray:
         """Up to `count` cells drawn from those that can be reached, N x 2 (row, column); there is at least one."""
         reachable = np.argwhere(np.isfinite(distance))

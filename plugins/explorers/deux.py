@@ -5,10 +5,10 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
-from deux.mapping.informative_targets import InformativeTargets, MapNow
+from deux.mapping.informative_targets import InformativeTargets, MapNow, ResidualPlace
 from deux.mapping.navigation import Motion
 from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
@@ -18,29 +18,34 @@ from deux.mapping.residual_field import PoseResidualField, ResidualField, Surfac
 class DeuxExplorer(GoalExplorer):
     """Goes where the depth model's uncertainty is high.
 
-    Each target is drawn among places on the frontiers with probability proportional to u ** (1 / temperature),
-    where u is the uncertainty recorded nearby (Eq. 8), with `per_action` divided by the actions to get there. A target
-    is kept until the robot is there or gives it up. Where no frontier is left, the places are drawn by u from the free
-    floor instead. With target="informative" it goes to the view that is expected to teach the most for each action
-    instead (`deux.mapping.informative_targets`).
+    Each target is drawn among places on the frontiers in proportion to w ** (1 / temperature), where
+    w = u ** guidance / (actions to get there + `overhead`) and u is the uncertainty recorded nearby (Eq. 8). A frontier
+    that resolves itself on the way (it came into view) is dropped at once. Where no frontier is left, places on the
+    free floor are drawn in proportion to u ** (1 / temperature). With target="informative" it goes to the view that is
+    expected to teach the most for each action instead (`deux.mapping.informative_targets`).
+
+    The paper's explorer is `explore=deux_paper`, this one with other options (conf/explore/deux_paper.yaml).
 
     Args:
-        residual_pose: where uncertainty lives: at the "pose" that the robot stood at, on the "surface" that the
-            depth model got wrong, or "constant", the same everywhere. None is "surface" for informative targets and
-            "pose", the paper's, for the others.
+        residual_pose: where uncertainty lives: on the "surface" that the depth model got wrong; at the "pose" that the
+            robot stood at (the paper), of which frontiers are mostly too far away to differ; or "constant", the same
+            everywhere.
         map_depth: what the map is built from: the "predicted" depth (the paper) or the "sensor".
         target: "sampled", drawn as above; "greedy", the place with the highest uncertainty; or "informative".
-        temperature: 1 draws in proportion to the uncertainty; towards 0 the draw becomes greedy. Uncertainties of
-            one scene differ by tens of per cent only: 0.25 draws a place of twice the uncertainty 16 times as often.
+        temperature: 1 draws in proportion to the worth; towards 0 the draw becomes greedy.
+        guidance: exponent of the uncertainty: with 2, a place of twice the uncertainty is worth four times the actions.
+            0 leaves the nearest frontiers.
         resolution: edge of a map cell in metres.
-        max_range: distance along the floor in metres up to which depth enters the map.
+        max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
+            and 3 for predicted depth, whose errors grow with the distance.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
         least_way: metres of path to its frontier at least, where a frontier of some size is that far. Nearer ones are
             mostly edges of the view beside the robot, for which it would turn on the spot. 0 for any.
         per_action: whether the value of a target, its uncertainty or what it teaches, is divided by the actions that it
-            costs. None divides for informative targets and not for the others, as in the paper.
+            costs; Eq. 8 of the paper does not divide.
+        keep_targets: whether a frontier stays the target when it has come into view, as in the paper.
         revisits: whether informative targets lie on known floor too while there is a frontier to go to.
         on_the_way: whether the views on the way to an informative target count as well as the one there.
     """
@@ -51,29 +56,36 @@ class DeuxExplorer(GoalExplorer):
     places_without_frontier = 64
     """Number of places drawn from the free floor where no frontier is left."""
 
+    overhead = InformativeTargets.overhead
+    """Actions that are added to the way to each frontier; without them the nearest one nearly always wins."""
+
     review_interval = 8
     """Actions after which an informative target is compared with others again."""
 
     def __init__(
         self,
-        residual_pose: Literal["pose", "surface", "constant"] | None = None,
+        residual_pose: Literal["pose", "surface", "constant"] = "surface",
         map_depth: DepthSource = "predicted",
         target: Literal["sampled", "greedy", "informative"] = "sampled",
-        temperature: float = 0.25,
+        temperature: float = 0.1,
+        guidance: float = 2.0,
         resolution: float = 0.05,
-        max_range: float = 3.0,
+        max_range: float | None = None,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
-        least_way: float = 0.0,
-        per_action: bool | None = None,
+        least_way: float = 1.5,
+        per_action: bool = True,
+        keep_targets: bool = False,
         revisits: bool = True,
         on_the_way: bool = True,
     ) -> None:
+        if max_range is None:
+            max_range = 3.0 if map_depth == "predicted" else 5.0
         super().__init__(
             map_depth, resolution, max_range, safety_margin, unknown_traversable, "deux's map_depth", motion, least_way
         )
-        if residual_pose not in (None, "pose", "surface", "constant"):
+        if residual_pose not in ("pose", "surface", "constant"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')
         if target not in ("sampled", "greedy", "informative"):
             raise DeuxError(f'deux\'s target is "{target}": it must be "sampled", "greedy" or "informative".')
@@ -81,12 +93,15 @@ class DeuxExplorer(GoalExplorer):
             raise DeuxError(
                 f'deux\'s temperature is {temperature}: it must be positive (target="greedy" is its limit).'
             )
+        check_range("explore.guidance", guidance, 0.0)
         self.needs |= {Need.RESIDUAL}
-        self._residual_pose = residual_pose or ("surface" if target == "informative" else "pose")
+        self._residual_pose: ResidualPlace = residual_pose
         self._target = target
         self._temperature = temperature
-        self._per_action = target == "informative" if per_action is None else per_action
-        self._worth = {"per_action": self._per_action, "revisits": revisits, "on_the_way": on_the_way}
+        self._guidance = guidance
+        self._per_action = per_action
+        self._keep_targets = keep_targets
+        self._views_options = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
@@ -96,7 +111,7 @@ class DeuxExplorer(GoalExplorer):
             if self._residual_pose == "surface"
             else PoseResidualField()
         )
-        self._views = InformativeTargets(episode, self.rng, self._residual_pose, **self._worth)
+        self._views = InformativeTargets(episode, self.rng, self._residual_pose, **self._views_options)
         self._until_review = self.review_interval
 
     def act(self, observation: Observation) -> Action:
@@ -115,9 +130,9 @@ class DeuxExplorer(GoalExplorer):
         return action
 
     def target_is_stale(self, target: Target) -> bool:
-        """Whether an informative target is clearly outdone by another; the others are kept."""
+        """Whether an informative target is clearly outdone by another, or a frontier has come into view."""
         if self._target != "informative":
-            return False
+            return not self._keep_targets and self.frontier_is_resolved()
         self._until_review -= 1
         if self._until_review > 0:
             return False
@@ -155,11 +170,16 @@ class DeuxExplorer(GoalExplorer):
             ]
         )
         candidates = candidates.select(sampled)
-        worth = self._field.at(cell_centres(frame, candidates.cells))
-        if self._per_action:
-            worth = np.ones(len(worth)) if worth.max() <= 0.0 else worth
-            worth = worth / (self.actions_to(pose, candidates) + self._views.overhead)
-        return self.frontier_target(candidates, self._draw(worth))
+        return self.frontier_target(candidates, self._draw(self._worth(pose, candidates)))
+
+    def _worth(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
+        """What it is worth to go to each frontier cell, N float64: its uncertainty, for each action."""
+        uncertainty = self._field.at(cell_centres(self.occupancy.frame, candidates.cells))
+        if not self._per_action:
+            return uncertainty**self._guidance
+        if uncertainty.max() <= 0.0:
+            uncertainty = np.ones(len(candidates))
+        return uncertainty**self._guidance / (self.actions_to(pose, candidates) + self.overhead)
 
     def _map_now(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> MapNow:
         return MapNow(self.occupancy.cells, self.occupancy.frame, distance, pose, candidates.places)

@@ -74,6 +74,4 @@ class FrontierExplorer(GoalExplorer):
 
     def target_is_stale(self, target: Target) -> bool:
         """Whether no frontier cell is left around the one that was chosen."""
-        if self.frontier is None:
-            return False
-        return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)
+        return self.frontier_is_resolved()

@@ -8,6 +8,7 @@ from scipy import ndimage
 from deux.contracts import Action, Episode, Explorer, Need, Observation
 from deux.errors import DeuxError
 from deux.geometry.stratify import stratify
+from deux.mapping.navigation import Motion
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Pursuit, Target
 from deux.mapping.recovery import Recovery
@@ -27,15 +28,19 @@ class OracleExplorer(Explorer):
         targets: number of targets. In generated flats the robot sees most of a flat within 250 steps with 8 of them,
             and within 500 steps with 12.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius, where there is room for it.
+        motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
     """
 
     needs = frozenset({Need.FREE_SPACE})
 
-    def __init__(self, targets: int = 12, safety_margin: float = 0.05) -> None:
+    def __init__(self, targets: int = 12, safety_margin: float = 0.05, motion: Motion = "arcs") -> None:
         if targets < 1:
             raise DeuxError(f"oracle's targets is {targets}: it must be at least 1.")
+        if motion not in ("arcs", "turns"):
+            raise DeuxError(f'explore.motion is "{motion}": it must be "arcs" or "turns".')
         self._count = targets
         self._safety_margin = safety_margin
+        self._motion = motion
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""
@@ -65,7 +70,9 @@ class OracleExplorer(Explorer):
         here = frame.cell(pose[0, 3], pose[2, 3])
         for _ in range(self._count + 1):
             if self._pursuit is None:
-                self._pursuit = Pursuit(Target(frame.centre(*self._next_target(here))), self._robot)
+                self._pursuit = Pursuit(
+                    Target(frame.centre(*self._next_target(here))), self._robot, motion=self._motion
+                )
             goal = frame.cell(*self._pursuit.target.place)
             action = self._pursuit.act(pose, self._floor(here, goal), frame)
             if action is not None:

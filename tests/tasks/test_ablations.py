@@ -7,14 +7,17 @@ from deux.registry import registry
 from deux.report.conditions import Conditions, conditions
 
 SWITCHES = {
-    "explore.residual_pose": ("null", "pose", "surface", "constant"),
+    "explore.residual_pose": ("surface", "pose", "constant"),
     "collect.uncertainty": ("l1", *(name for name in registry().names("uncertainties") if name != "l1")),
     "explore.map_depth": ("predicted", "sensor"),
     "explore.target": ("sampled", "greedy", "informative"),
-    "explore.per_action": ("null", "true", "false"),
+    "explore.per_action": ("true", "false"),
+    "explore.keep_targets": ("false", "true"),
+    "explore.least_way": ("1.5", "0.0"),
+    "explore.guidance": ("2.0", "1.0"),
     "explore.revisits": ("true", "false"),
     "explore.on_the_way": ("true", "false"),
-    "explore.temperature": ("0.25", "1.0"),
+    "explore.temperature": ("0.1", "0.25", "1.0"),
     "seed_model.explore": ("random", "frontier"),
     "seed_model.steps": ("300", "600"),
     "seed_model.source": ("null", "apartments"),

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from deux.configuration import compose
 from deux.contracts import Need
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import cell_centres
@@ -11,15 +12,23 @@ from deux.testing.box_world import BoxWorld
 from deux.testing.explorers import ExplorerSuite, run, two_rooms
 from deux_plugins.explorers.deux import DeuxExplorer
 
+PAPER = {option: value for option, value in compose(["explore=deux_paper"]).explore.items() if option != "name"}
+"""The options of conf/explore/deux_paper.yaml."""
+
 
 class TestDeuxExplorer(ExplorerSuite):
     def make_explorer(self):
         return DeuxExplorer()
 
 
-class TestDeuxExplorerOnSurfaces(ExplorerSuite):
+class TestDeuxExplorerAsInThePaper(ExplorerSuite):
     def make_explorer(self):
-        return DeuxExplorer(residual_pose="surface", map_depth="sensor", target="greedy")
+        return DeuxExplorer(**PAPER)
+
+
+class TestDeuxExplorerOfTheSensorsDepth(ExplorerSuite):
+    def make_explorer(self):
+        return DeuxExplorer(map_depth="sensor", target="greedy")
 
 
 class TestDeuxExplorerWithInformativeTargets(ExplorerSuite):
@@ -48,18 +57,22 @@ def share_of_time_on_the_left(explorer, uncertain_side, seed):
 
 
 @pytest.mark.parametrize(
-    ("residual_pose", "target", "seeds"),
-    [("pose", "sampled", 3), ("surface", "sampled", 3), ("pose", "informative", 3), ("surface", "informative", 1)],
+    ("options", "seeds", "least"),
+    [
+        ({}, 3, 0.35),
+        (PAPER, 3, 0.15),
+        ({"residual_pose": "pose", "target": "informative"}, 3, 0.15),
+        ({"target": "informative"}, 1, 0.35),
+    ],
+    ids=["default", "paper", "informative, at poses", "informative"],
 )
-def test_prefers_the_uncertain_side_of_a_symmetric_room(residual_pose, target, seeds):
+def test_prefers_the_uncertain_side_of_a_symmetric_room(options, seeds, least):
     """The share of an episode differs from seed to seed by a standard deviation of 0.08."""
     shares = {
-        side: [
-            share_of_time_on_the_left(DeuxExplorer(residual_pose, target=target), side, seed) for seed in range(seeds)
-        ]
+        side: [share_of_time_on_the_left(DeuxExplorer(**options), side, seed) for seed in range(seeds)]
         for side in ("left", "right")
     }
-    assert np.mean(shares["left"]) - np.mean(shares["right"]) > 0.15
+    assert np.mean(shares["left"]) - np.mean(shares["right"]) > least
 
 
 class Noting(DeuxExplorer):
@@ -77,7 +90,7 @@ class Noting(DeuxExplorer):
 def test_divided_by_actions_nearer_frontiers_are_drawn():
     means = {}
     for per_action in (False, True):
-        explorer = Noting("constant", "sensor", temperature=0.05, max_range=2.0, per_action=per_action)
+        explorer = Noting("constant", "sensor", temperature=0.05, max_range=2.0, least_way=0.0, per_action=per_action)
         explorer.shares = []
         for seed in range(3):
             corridor = BoxWorld(12.0, 3.0)
@@ -103,13 +116,10 @@ def test_a_constant_uncertainty_knows_no_sides(target):
     assert shares["left"] == shares["right"]
 
 
-def test_uncertainty_lives_on_surfaces_for_informative_targets_and_at_poses_for_the_papers():
-    same = {
-        "sampled": (DeuxExplorer(), DeuxExplorer("pose")),
-        "informative": (DeuxExplorer(target="informative"), DeuxExplorer("surface", target="informative")),
-    }
-    for by_default, named in same.values():
-        assert run(by_default, two_rooms(), 80) == run(named, two_rooms(), 80)
+def test_its_defaults_follow_the_depth_that_it_maps():
+    for depth, max_range in (("predicted", 3.0), ("sensor", 5.0)):
+        same = DeuxExplorer(map_depth=depth), DeuxExplorer(map_depth=depth, max_range=max_range)
+        assert run(same[0], two_rooms(), 80) == run(same[1], two_rooms(), 80)
 
 
 def test_informative_targets_explore_both_rooms():
@@ -180,9 +190,18 @@ def test_needs_follow_the_options():
 
 
 @pytest.mark.parametrize(
-    "options", [{"residual_pose": "ray"}, {"map_depth": "lidar"}, {"target": "best"}, {"temperature": 0.0}]
+    "options",
+    [
+        {"residual_pose": "ray"},
+        {"map_depth": "lidar"},
+        {"target": "best"},
+        {"temperature": 0.0},
+        {"guidance": -1.0},
+        {"least_way": -1.0},
+        {"motion": "sideways"},
+    ],
 )
 def test_unknown_options_are_refused(options):
     option, value = next(iter(options.items()))
-    with pytest.raises(DeuxError, match=f"{option} is .*{value}"):
+    with pytest.raises(DeuxError, match=f"{option} .*{value}"):
         DeuxExplorer(**options)

@@ -9,7 +9,7 @@ from itertools import groupby
 import numpy as np
 
 from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted
 from deux.geometry.source_frames import SOURCES, SourceRule, SourceView, choose_sources
 from deux.io.layout import SourceChoice
 
@@ -51,7 +51,8 @@ def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Tripl
     found = reader.neighbourhoods(split, SourceRule().reach)
     if all(len(one.frames) <= SOURCES for one in found):  # nothing to choose
         return tuple(reader.triplets(split, offsets))
-    log.info("choosing source frames of %d %s frames of %s by their parallax", len(found), split, reader.folder)
+    targets = counted(len(found), f"{split} frame")
+    log.info("choosing source frames of %s of %s by their parallax", targets, reader.folder)
     chosen: list[Triplet] = []
     recent: dict[FrameReference, Triplet] | None = None
     for sequence, group in groupby(found, key=lambda one: one.target.sequence):

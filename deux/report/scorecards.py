@@ -135,16 +135,19 @@ def _value(run: Run, entry: str) -> float | None:
 
 
 def _pairs(groups: Sequence[ComparableRuns], model: Variant, entry: str) -> np.ndarray:
-    """An entry and the MAE of the runs that have it, N x 2, each less its mean over the runs of a group and a seed."""
+    """An entry and the MAE of the runs that have it, N x 2, each less its mean over the runs of a group and a seed.
+
+    Scorecards that judge other source frames are not compared with one another.
+    """
     found = [np.zeros((0, 2))]
     for group in groups:
-        by_seed: dict[int, list[tuple[float, float]]] = defaultdict(list)
+        alike: dict[tuple[int, str], list[tuple[float, float]]] = defaultdict(list)
         for (explorer, other), cell in group.cells.items():
             for seed, run in cell.items() if other == model and not explorer.is_ceiling else ():
-                if (value := _value(run, entry)) is not None:
-                    by_seed[seed].append((value, run.errors["mae"]))
+                if run.scorecard is not None and (value := run.scorecard.entries()[entry]) is not None:
+                    alike[seed, run.scorecard.sources].append((value, run.errors["mae"]))
         # One explorer alone differs from nothing.
-        found += [values - values.mean(axis=0) for values in map(np.array, by_seed.values()) if len(values) > 1]
+        found += [values - values.mean(axis=0) for values in map(np.array, alike.values()) if len(values) > 1]
     return np.concatenate(found)
 
 

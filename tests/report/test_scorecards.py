@@ -159,6 +159,16 @@ def test_an_entry_that_some_runs_lack_counts_over_the_others(write_scored, outpu
     assert found["area seen"] == (pytest.approx(-1.0), 6)
 
 
+def test_scorecards_of_other_source_frames_are_not_compared(write_scored, outputs, names):
+    """Random's frames have less parallax than the others' by either choice, and are judged by the choice with more."""
+    for seed in range(4):
+        for number, explorer in enumerate(("frontier", "deux")):
+            write_scored(explorer, "kbnet", seed, 20.0 - number, {"parallax": 0.4 + 0.1 * number})
+        write_scored("random", "kbnet", seed, 30.0, {"parallax": 0.9, "sources": "baseline"})
+    found = correlations(correlation_table(groups(outputs), names))
+    assert found["parallax"] == (pytest.approx(-1.0), 8)
+
+
 def test_each_budget_has_its_table_and_the_correlation_is_over_all(write_scored, outputs, names):
     for seed in range(3):
         for number, explorer in enumerate(("random", "deux")):

@@ -87,7 +87,7 @@ def six_rooms():
 
 
 def share_of_hard_pixels(explorer, hard, seed, contrast=2.0):
-    """Mean share of a frame's pixels that show one of two sets of rooms, where the residual is `contrast` times as high.
+    """Mean share of the pixels that show one of two sets of rooms, where the residual is `contrast` times as much.
 
     The sets alternate like the squares of a chessboard; the corridor is shared between them.
     """
@@ -109,7 +109,7 @@ def share_of_hard_pixels(explorer, hard, seed, contrast=2.0):
 
 @pytest.mark.parametrize(("options", "least"), [({}, 0.6), ({"target": "informative"}, 0.55)], ids=str)
 def test_its_frames_show_the_uncertain_rooms(options, least):
-    """An explorer that does not see the difference shows the two sets of rooms half of the time each, taken together."""
+    """An explorer that does not see the difference shows either set of rooms half of the time, taken together."""
     shares = [share_of_hard_pixels(DeuxExplorer(**options), hard, seed) for hard in (0, 1) for seed in range(2)]
     assert np.mean(shares) > least
 

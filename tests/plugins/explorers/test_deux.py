@@ -8,7 +8,7 @@ from deux.configuration import compose
 from deux.contracts import Need
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import cell_centres
-from deux.testing.box_world import BoxWorld
+from deux.testing.box_world import Box, BoxWorld
 from deux.testing.explorers import ExplorerSuite, run, two_rooms
 from deux_plugins.explorers.deux import DeuxExplorer
 
@@ -59,7 +59,7 @@ def share_of_time_on_the_left(explorer, uncertain_side, seed):
 @pytest.mark.parametrize(
     ("options", "seeds", "least"),
     [
-        ({}, 3, 0.35),
+        ({}, 2, 0.35),
         (PAPER, 3, 0.15),
         ({"residual_pose": "pose", "target": "informative"}, 3, 0.15),
         ({"target": "informative"}, 1, 0.35),
@@ -73,6 +73,45 @@ def test_prefers_the_uncertain_side_of_a_symmetric_room(options, seeds, least):
         for side in ("left", "right")
     }
     assert np.mean(shares["left"]) - np.mean(shares["right"]) > least
+
+
+def six_rooms():
+    """Three rooms of 4 x 3.7 m on either side of a corridor, each with a doorway of 1 m; the robot in the corridor."""
+    walls = [Box(x - 0.05, z, x + 0.05, z + 3.7) for x in (4.0, 8.0) for z in (0.0, 5.3)]
+    for z in (3.7, 5.3):
+        ends = (0.0, 1.5, 2.5, 5.5, 6.5, 9.5, 10.5, 12.0)
+        walls += [Box(x0, z - 0.05, x1, z + 0.05) for x0, x1 in zip(ends[::2], ends[1::2], strict=True)]
+    world = BoxWorld(12.0, 9.0, tuple(walls))
+    world.reset(6.0, 4.5, 0.0)
+    return world
+
+
+def share_of_hard_pixels(explorer, hard, seed, contrast=2.0):
+    """Mean share of a frame's pixels that show one of two sets of rooms, where the residual is higher by `contrast`.
+
+    The sets alternate like the squares of a chessboard; the corridor is shared between them.
+    """
+    world = six_rooms()
+    rays = world.camera.rays()
+    shares = []
+
+    def residual_by_room(observation):
+        depth = observation.predicted_depth - 0.1  # what belongs to a room's wall is in front of it
+        x, z = (observation.pose[axis, 3] + (rays @ observation.pose[axis, :3]) * depth for axis in (0, 2))
+        shown = (np.floor(x / 4.0) + (z > 4.5)) % 2 == hard
+        shares.append(shown.mean())
+        residual = ((0.02 + 0.02 * depth) * np.where(shown, contrast, 1.0)).astype(np.float32)
+        return replace(observation, residual=residual, uncertainty=1.0 - float(np.exp(-residual.mean())))
+
+    run(explorer, world, 150, seed, residual_by_room)
+    return np.mean(shares)
+
+
+@pytest.mark.parametrize(("options", "least"), [({}, 0.6), ({"target": "informative"}, 0.54)], ids=str)
+def test_its_frames_show_the_uncertain_rooms(options, least):
+    """One that does not see the difference has exactly 0.5: what it shows of one set and of the other adds up to 1."""
+    shares = [share_of_hard_pixels(DeuxExplorer(**options), hard, seed) for hard in (0, 1) for seed in range(2)]
+    assert np.mean(shares) > least
 
 
 class Noting(DeuxExplorer):

@@ -62,11 +62,12 @@ def steps_until_all_are_visited(places, space, count):
     return max(steps)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_visits_every_part_of_the_floor(seed):
+@pytest.mark.parametrize(("motion", "most_steps"), [("arcs", 400), ("turns", 350)])
+@pytest.mark.parametrize("seed", range(2))
+def test_visits_every_part_of_the_floor(seed, motion, most_steps):
     world = four_rooms()
-    places, touched = travelled(OracleExplorer(targets=16), world, 400, seed)
-    assert steps_until_all_are_visited(places, world.free_space(), 16) < 350
+    places, touched = travelled(OracleExplorer(targets=16, motion=motion), world, most_steps + 1, seed)
+    assert steps_until_all_are_visited(places, world.free_space(), 16) < most_steps
     assert touched <= 4, "the paths keep their distance from walls"
 
 
@@ -82,9 +83,12 @@ def test_the_nearest_target_is_first():
 
 @pytest.mark.parametrize("seed", [2, 3])
 def test_its_way_to_a_target_is_a_shortest_path(seed):
-    """From the first room to the last: until it is there, its way is not longer than the shortest to where it is."""
+    """From the first room to the last: until it is there, its way is not longer than the shortest to where it is.
+
+    With turns on the spot; arcs go around corners in a curve, and are a little longer.
+    """
     world = four_rooms()
-    places, _ = travelled(OracleExplorer(targets=1), world, 150, seed)
+    places, _ = travelled(OracleExplorer(targets=1, motion="turns"), world, 150, seed)
     space = world.free_space()
     distance = distance_field(space.free, space.frame.cell(*places[0])) * space.frame.resolution
     way = np.cumsum(np.hypot(*np.diff(places, axis=0).T))
@@ -185,6 +189,11 @@ def test_figures_show_what_its_frames_saw():
     explorer = OracleExplorer()
     run(explorer, two_rooms(), 5)
     assert explorer.map() is None
+
+
+def test_an_unknown_motion_is_refused():
+    with pytest.raises(DeuxError, match="sideways"):
+        OracleExplorer(motion="sideways")
 
 
 def test_an_impossible_number_of_targets_is_refused():

@@ -59,7 +59,7 @@ def share_of_time_on_the_left(explorer, uncertain_side, seed):
 @pytest.mark.parametrize(
     ("options", "seeds", "least"),
     [
-        ({}, 2, 0.35),
+        ({}, 3, 0.3),
         (PAPER, 3, 0.15),
         ({"residual_pose": "pose", "target": "informative"}, 3, 0.15),
         ({"target": "informative"}, 1, 0.35),

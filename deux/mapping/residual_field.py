@@ -3,6 +3,7 @@
 Both take the same updates and answer the same questions, so an explorer holds either.
 """
 
+import math
 from typing import Protocol
 
 import cv2
@@ -140,18 +141,26 @@ class SurfaceResidualField:
         if not seen.any():
             return np.zeros(len(points))
         mean = uncertainty[seen].mean()
+        rows, columns = self._cells.frame.cells(points[:, 0], points[:, 1])
+        inside = self._cells.frame.contains(rows, columns)
+        values = np.full(len(points), mean)
+        if not inside.any():
+            return values
+        rows, columns = rows[inside], columns[inside]
         sigma = self._bandwidth / self._resolution
+        reach = math.ceil(4.0 * sigma)  # of GaussianBlur's kernel
+        top, left = max(0, rows.min() - reach), max(0, columns.min() - reach)
+        window = np.s_[top : rows.max() + reach + 1, left : columns.max() + reach + 1]
 
         def weighted_sum(cells: np.ndarray) -> np.ndarray:
             # GaussianBlur's kernel sums to 1; undone, a cell at distance 0 has weight 1.
             blurred = cv2.GaussianBlur(cells.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-            return 2.0 * np.pi * sigma**2 * blurred
+            return 2.0 * np.pi * sigma**2 * blurred[rows - top, columns - left]
 
-        weight, total = weighted_sum(seen), weighted_sum(np.where(seen, uncertainty, 0.0))
-        field = (total + self._prior_weight * mean) / (weight + self._prior_weight)
-        rows, columns = self._cells.frame.cells(points[:, 0], points[:, 1])
-        inside = self._cells.frame.contains(rows, columns)
-        return np.where(inside, field[np.where(inside, rows, 0), np.where(inside, columns, 0)], mean)
+        weight = weighted_sum(seen[window])
+        total = weighted_sum(np.where(seen[window], uncertainty[window], 0.0))
+        values[inside] = (total + self._prior_weight * mean) / (weight + self._prior_weight)
+        return values
 
     def grid(self, frame: GridFrame) -> np.ndarray:
         """The cells' own means over a grid of the same resolution."""

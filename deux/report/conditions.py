@@ -10,6 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from deux.collection.perception import needs_model
+from deux.errors import DeuxError
+from deux.registry import registry
 from deux.report.older_configurations import current_keys
 
 FlatOptions = tuple[tuple[str, str], ...]
@@ -39,15 +42,11 @@ MODEL = (
 )
 """What a depth model is made of: its own options, what it is built on, and how it is optimised."""
 
-EXPLORER = (
-    "explore",
-    "seed_model",
-    "collect.uncertainty",
-    "collect.uncertainty_options",
-    "collect.correct_depth",
-    "callbacks",
-)
-"""What an explorer is made of: its own options, the model that guides it, how that is judged, and its rounds."""
+EXPLORER = ("explore", "callbacks")
+"""What an explorer is made of: its own options and its rounds."""
+
+GUIDANCE = ("seed_model", "collect.uncertainty", "collect.uncertainty_options", "collect.correct_depth")
+"""What an explorer that a depth model guides is made of, too: that model, how it is judged, and what is mapped."""
 
 CAMERA_AND_SCENES = ("camera", "robot", "simulator", "sampling", "verification", "scenes")
 """What all frames are made of; of `scenes`, each split belongs to the frames of that split only."""
@@ -99,7 +98,7 @@ class Conditions:
         model: name of the depth model.
         model_options: what else makes the model, see `MODEL`.
         explorer: name of the explorer that collected the training frames; None if they were given.
-        explorer_options: what else makes the explorer, see `EXPLORER`.
+        explorer_options: what else makes the explorer, see `EXPLORER` and `GUIDANCE`.
         seed: the random seed.
         training_frames: what makes the training frames, see `TRAINING_FRAMES`.
         budget: see `BUDGET`.
@@ -140,7 +139,7 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Con
         model=_name(configuration, "model"),
         model_options=_part(options, MODEL),
         explorer=None if configuration.get("training_data") else _name(configuration, "explore"),
-        explorer_options=_part(options, EXPLORER),
+        explorer_options=_part(options, (*EXPLORER, *GUIDANCE) if _is_guided(configuration) else EXPLORER),
         seed=own_seed,
         training_frames=_part(options, TRAINING_FRAMES),
         budget=_part(options, BUDGET),
@@ -204,6 +203,15 @@ def _has(options: FlatOptions, node: str) -> bool:
 
 def _is_below(key: str, node: str) -> bool:
     return key == node or key.startswith(f"{node}.")
+
+
+def _is_guided(configuration: Mapping[str, Any]) -> bool:
+    """Whether the explorer needs a depth model; taken for granted of one that cannot be made here as it was."""
+    explore = configuration.get("explore") or {}
+    try:
+        return needs_model(registry().choose("explorers", explore))
+    except DeuxError:
+        return True
 
 
 def _name(configuration: Mapping[str, Any], node: str) -> str:

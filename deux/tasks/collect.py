@@ -5,13 +5,14 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from deux.collection.explored_map import episode_poses, explored_map
+from deux.collection.perception import needs_model
 from deux.configuration import run_folder, sections_of
 from deux.data.dataset_reader import DatasetReader
 from deux.io.layout import sequences
 from deux.metrics.scorecard import score
 from deux.task_sections import Sections
 from deux.tasks.console import quieten_libraries, say
-from deux.tasks.datasets import Datasets, is_ceiling, needs_model
+from deux.tasks.datasets import Datasets, is_ceiling
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.run_folder import RunFolder, open_run_folder

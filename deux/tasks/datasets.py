@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from deux.collection.collect_settings import CollectSettings
-from deux.collection.exploration import MODEL_NEEDS
+from deux.collection.perception import needs_model
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.collection.sparse import SparseSettings
 from deux.collection.specification import IDEAL_SOURCES, VIEWPOINTS, DatasetSpec, Split
@@ -57,11 +57,6 @@ def further_scenes(source: str, count: int, splits: SceneSplits) -> tuple[SceneR
     own = {scene.identity for scene in (*splits.train, *splits.validation, *splits.test)}
     maker: SceneSource = registry().choose("scenes", {"name": source}).create()
     return maker.further(count, own)
-
-
-def needs_model(explorer: PluginChoice) -> bool:
-    """Whether the explorer asks for what only a depth model can give."""
-    return bool(explorer.create().needs & MODEL_NEEDS)
 
 
 def is_ceiling(explorer: PluginChoice) -> bool:

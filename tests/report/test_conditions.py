@@ -139,6 +139,16 @@ def test_what_guides_the_robot_makes_another_explorer_and_no_other_training(chan
     assert (changed.training, changed.model_options) == (plain.training, plain.model_options)
 
 
+def test_an_explorer_without_a_model_does_not_depend_on_what_guides_others():
+    plain = {**CONFIGURATION, "explore": {"name": "frontier"}}
+    guidance = {"seed_model": {"steps": 6}, "collect": {"steps": 20, "uncertainty": "flip", "correct_depth": False}}
+    assert conditions({**plain, **guidance}) == conditions(plain)
+    mapped = {**plain, "explore": {"name": "frontier", "depth": "predicted"}}
+    assert conditions({**mapped, **guidance}) != conditions(mapped), "what maps predicted depth needs a model"
+    absent = {**plain, "explore": {"name": "of another package"}}
+    assert conditions({**absent, **guidance}) != conditions(absent)
+
+
 def test_recorded_data_stand_for_the_test_scenes():
     made_of = conditions({**CONFIGURATION, "evaluation": {"viewpoints": 4, "data": "void"}})
     expected = {"evaluation.data": '"void"', "data.name": '"deux"', "training.crop": "[32, 32]"}
@@ -175,8 +185,11 @@ def test_every_option_of_the_training_is_assigned_to_a_part():
 
 
 def test_every_section_of_the_configuration_is_assigned_to_a_part():
-    lists = (parts.MODEL, parts.EXPLORER, parts.TRAINING_FRAMES, parts.TEST_FRAMES, parts.RECORDED_TEST_FRAMES)
-    assigned = {key.partition(".")[0] for part in (*lists, parts.BUDGET) for key in part}
+    explorer, frames = (
+        (parts.EXPLORER, parts.GUIDANCE),
+        (parts.TRAINING_FRAMES, parts.TEST_FRAMES, parts.RECORDED_TEST_FRAMES),
+    )
+    assigned = {key.partition(".")[0] for part in (parts.MODEL, *explorer, *frames, parts.BUDGET) for key in part}
     sections = current_keys(yaml.safe_load((config_folder() / "config.yaml").read_text()))
     assert set(sections) <= assigned | UNRELATED[""]
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deux.errors import DeuxError
-from deux_plugins.readers.parts.frame_files import list_files, matching
+from deux.io.frame_files import list_files, matching
 from deux_plugins.readers.parts.trajectory_files import read_trajectory
 
 

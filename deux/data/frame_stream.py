@@ -59,12 +59,17 @@ class FrameStream:
     Args:
         reader: of the folder.
         sources: the source frames of each frame that has some, all with poses; None where nothing compares.
+        depths: whether sparse points and ground truth are read; without, frames come with no point and no truth.
     """
 
     def __init__(
-        self, reader: Reader, sources: Mapping[FrameReference, Sequence[FrameReference]] | None = None
+        self,
+        reader: Reader,
+        sources: Mapping[FrameReference, Sequence[FrameReference]] | None = None,
+        depths: bool = True,
     ) -> None:
         self._reader = reader
+        self._depths = depths
         self._sources = sources or {}
         self._images: OrderedDict[FrameReference, np.ndarray] = OrderedDict()
 
@@ -91,15 +96,15 @@ class FrameStream:
     def read(self, frame: FrameReference) -> RecordedFrame:
         """One frame; raises as the stream."""
         image = self._image(frame)
-        depths = self._reader.sparse_depth(frame), self._reader.ground_truth(frame)
-        for kind, depth in zip(("sparse depth", "ground truth"), depths, strict=True):
+        sparse_depth, truth = np.zeros(image.shape[:2], np.float32), None
+        if self._depths:
+            sparse_depth, truth = self._reader.sparse_depth(frame), self._reader.ground_truth(frame)
+        for kind, depth in (("sparse depth", sparse_depth), ("ground truth", truth)):
             if depth is not None and depth.shape != image.shape[:2]:
                 raise DeuxError(
                     f"frame {frame.name} of {frame.sequence} in {self._reader.folder} has an image of "
                     f"{_size(image)} pixels and {kind} of {_size(depth)}: they must be of one size."
                 )
-        sparse_depth, truth = depths
-        assert sparse_depth is not None
         pose = self._reader.pose(frame)
         found = [] if pose is None else [self._source(pose, source) for source in self._sources.get(frame, ())]
         sources = tuple(source for source in found if source is not None and source.image.shape == image.shape)

@@ -8,7 +8,7 @@ import numpy as np
 
 from deux.figures.drawing import DEPTH_COLORS, UNCERTAINTY_COLORS
 
-LARGEST_PANEL = 480
+LARGEST_PANEL = 360
 """Rows of pixels of a panel at most; larger frames are scaled down."""
 
 _NONE = 217

@@ -77,7 +77,7 @@ class PredictionRecording:
         world/camera/image         the colour image
         world/camera/sparse        the sparse points, coloured by their depth
         world/cloud/<number>       the points of each frame, which add up over time
-        depth, confidence          H x W maps
+        depth, confidence          H x W maps, in millimetres and in parts of 255
         frame_name                 the frame's name, a line of text
 
     A sequence without poses has its camera at the origin and shows the present frame's cloud alone.
@@ -141,9 +141,12 @@ class PredictionRecording:
         colors = color_map(frame.sparse_depth[rows, columns][None], self._range, DEPTH_COLORS)[0]
         pixels = np.stack([columns, rows], axis=1) + 0.5  # Rerun's pixel centres lie at halves
         self._log("world/camera/sparse", rerun.Points2D(pixels, colors=colors, radii=1.5))
-        self._log("depth", rerun.DepthImage(depth, meter=1.0, colormap="turbo", depth_range=self._range))
+        millimetres = np.clip(np.rint(1000.0 * np.nan_to_num(depth)), 0, 65535).astype(np.uint16)
+        ends = [1000.0 * end for end in self._range]
+        self._log("depth", rerun.DepthImage(millimetres, meter=1000.0, colormap="turbo", depth_range=ends))
         if confidence is not None:
-            self._log("confidence", rerun.DepthImage(confidence, meter=1.0, colormap="viridis", depth_range=(0.0, 1.0)))
+            parts = np.rint(255.0 * confidence).astype(np.uint8)
+            self._log("confidence", rerun.DepthImage(parts, meter=255.0, colormap="viridis", depth_range=[0, 255]))
         place = f"world/cloud/{0 if frame.pose is None else number}"
         kept = slice(None, None, max(1, len(cloud.points) // _MOST_POINTS))
         self._log(place, rerun.Points3D(cloud.points[kept], colors=cloud.colors[kept], radii=0.01))

@@ -7,6 +7,9 @@ import numpy as np
 _MOST_PENDING = 4_000_000
 """Points that wait to be merged at most; merging sorts all voxels, so it is done seldom."""
 
+_REACH = 1 << 20
+"""Voxels on either side of the origin: three coordinates of 21 bits make one key of 63."""
+
 
 class PointCloud(NamedTuple):
     """Points with colours.
@@ -45,7 +48,8 @@ def unproject(depth: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray | None
 class VoxelFusion:
     """Merges points by voxels: each voxel that was hit gives one point, the mean of its points and of their colours.
 
-    Memory grows with the voxels and not with the points.
+    Memory grows with the voxels and not with the points. Voxels reach 2^20 of their edges from the origin, 21 km for
+    2 cm; points beyond that are left out.
 
     Args:
         voxel: edge of a voxel in metres; 0 keeps all points.
@@ -55,7 +59,7 @@ class VoxelFusion:
         self._voxel = voxel
         self._pending: list[tuple[np.ndarray, np.ndarray]] = []
         self._count = 0
-        self._merged = _Voxels(np.empty((0, 3), np.int64), np.empty((0, 6)), np.empty(0, np.int64))
+        self._merged = _Voxels(np.empty(0, np.int64), np.empty((0, 6)), np.empty(0, np.int64))
 
     def add(self, points: np.ndarray, colors: np.ndarray) -> None:
         """Add N x 3 metres with N x 3 uint8."""
@@ -80,18 +84,23 @@ class VoxelFusion:
         if not self._pending:
             return
         points, colors = (np.concatenate(parts) for parts in zip(*self._pending, strict=True))
-        keys = np.concatenate([self._merged.keys, np.floor(points / self._voxel).astype(np.int64)])
-        sums = np.concatenate([self._merged.sums, np.concatenate([points, colors.astype(np.float64)], axis=1)])
-        counts = np.concatenate([self._merged.counts, np.ones(len(points), np.int64)])
-        order = np.lexsort(keys.T)
-        keys, sums, counts = keys[order], sums[order], counts[order]
-        first = np.flatnonzero(np.r_[True, (np.diff(keys, axis=0) != 0).any(axis=1)])
-        self._merged = _Voxels(keys[first], np.add.reduceat(sums, first), np.add.reduceat(counts, first))
+        cells = np.floor(points / self._voxel) + _REACH
+        inside = ((cells >= 0) & (cells < 2 * _REACH)).all(axis=1)
+        new_keys = cells[inside].astype(np.int64) @ np.array([4 * _REACH * _REACH, 2 * _REACH, 1])
+        keys = np.concatenate([self._merged.keys, new_keys])
+        sums = np.concatenate([self._merged.sums, np.concatenate([points, colors], axis=1)[inside]])
+        counts = np.concatenate([self._merged.counts, np.ones(len(new_keys), np.int64)])
         self._pending, self._count = [], 0
+        if len(keys) == 0:
+            return
+        order = np.argsort(keys, kind="stable")
+        keys, sums, counts = keys[order], sums[order], counts[order]
+        first = np.flatnonzero(np.r_[True, keys[1:] != keys[:-1]])
+        self._merged = _Voxels(keys[first], np.add.reduceat(sums, first), np.add.reduceat(counts, first))
 
 
 class _Voxels(NamedTuple):
-    """Voxels that were hit: their integer coordinates, V x 3, the sums of points and colours, V x 6, and how often."""
+    """Voxels that were hit: the key of each, V, the sums of points and colours, V x 6, and how many points, V."""
 
     keys: np.ndarray
     sums: np.ndarray

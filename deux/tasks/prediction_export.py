@@ -58,7 +58,7 @@ def export_sequences(
         names = list(group)
         export = SequenceExport(results.folder, sequence, settings, _depth_range(results, names), least)
         with export:
-            for name, frame in FrameStream(reader)(names):
+            for name, frame in FrameStream(reader, depths=settings.viewer is not None)(names):
                 export.add(name.name, frame, results.read(name))
                 done += 1
                 progress("export", done, len(frames))

@@ -49,10 +49,11 @@ class ViewerFile:
         self._unfinished = path.with_name(f".{path.name}.tmp")
         make_folder(path.parent)
         rerun = rerun_package()
-        self.stream: RecordingStream = rerun.RecordingStream("deux", recording_id=f"{path.parent.name}/{name}")
+        self.stream: RecordingStream = rerun.RecordingStream("deux", recording_id=str(path))
         """What is logged to."""
         try:
             self.stream.save(self._unfinished, default_blueprint=layout)
+            self.stream.send_recording_name(name)
         except Exception as error:  # of Rust's, a RuntimeError today
             raise DeuxError(f"{path} cannot be written: {' '.join(str(error).split())}.") from error
 

@@ -187,8 +187,16 @@ def test_a_video_has_all_frames(predict, room_folder):
     assert video.read(FRAMES - 1).shape == (SIZE[0], 3 * SIZE[1], 3)
 
 
+def test_a_recording_has_all_frames(predict, room_folder):
+    chunk = pytest.importorskip("rerun.chunk")
+    assert predict(viewer="rerun").code == 0
+    reader = chunk.RrdReader(room_folder.parent / "run" / "recordings" / "room.rrd")
+    entities = {one.entity_path for one in reader.stream(store=reader.recordings()[0])}
+    assert {f"/world/cloud/{number}" for number in range(FRAMES)} < entities
+
+
 def test_frames_of_one_split(predict, room_folder):
-    outcome = predict(split="test", **{})
+    outcome = predict(split="test")
     assert outcome.code == 0
     records = [json.loads(line) for line in (room_folder.parent / "run" / "frames.jsonl").read_text().splitlines()]
     assert [record["name"] for record in records] == [f"{FRAMES - 1:03d}"]

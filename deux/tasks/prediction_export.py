@@ -11,10 +11,12 @@ import numpy as np
 from deux.contracts import FrameReference, Reader
 from deux.data.frame_stream import FrameStream, RecordedFrame
 from deux.errors import DeuxError
+from deux.figures.cloud_view import draw_cloud
 from deux.figures.depth_video import draw_video_frame
 from deux.figures.viewer_recording import PredictionRecording
 from deux.geometry.point_cloud import PointCloud, VoxelFusion, unproject
 from deux.io.cloud_files import write_cloud
+from deux.io.images import write_image
 from deux.io.progress import Progress
 from deux.io.video_files import VideoWriter
 from deux.tasks.depth_completion import CompletedDepth
@@ -92,6 +94,7 @@ class SequenceExport:
         self._fusion = VoxelFusion(settings.voxel)
         self._range, self._least = depth_range, least
         self._without_pose = 0
+        self._up = np.zeros(3)
         self._number = 0
         self._stack = ExitStack()
         self._video = VideoWriter(folder / "videos" / f"{name}.mp4") if settings.video else None
@@ -122,6 +125,7 @@ class SequenceExport:
             self._without_pose += 1
         elif self._clouds:
             self._fusion.add(*cloud)
+            self._up -= frame.pose[:3, 1]  # cameras are held upright on the whole; their y points down
         if self._recording is not None:
             self._recording.add(self._number, name, frame, completed.depth, completed.confidence, cloud)
         self._number += 1
@@ -135,7 +139,9 @@ class SequenceExport:
         check_not_empty(cloud, self._clouds[0])
         for path in self._clouds:
             write_cloud(path, cloud)
-        self.written += self._clouds
+        picture = self._clouds[0].with_suffix(".png")
+        write_image(picture, draw_cloud(cloud, self._up))
+        self.written += [*self._clouds, picture]
 
 
 def frame_cloud(frame: RecordedFrame, completed: CompletedDepth, least: float = 0.0) -> PointCloud:

@@ -103,19 +103,18 @@ def check_recorded(
     _check_cameras_and_units(reader, chosen, model, needs.ground_truth)
 
 
-def check_frames(reader: Reader, frames: Sequence[FrameReference], model: DepthModel, truth: bool) -> None:
+def check_frames(reader: Reader, frames: Sequence[FrameReference], model: DepthModel) -> None:
     """Look at some of the frames: warn of depth in a likely other unit and of intrinsics of images of another size.
 
     Args:
         reader: of the recorded frames.
         frames: at least one.
         model: gives the depths that are plausible.
-        truth: whether the unit of the points and of the ground truth is looked at, by options of the section `data`.
 
     Raises:
         DeuxError: a file is missing, damaged or of another kind.
     """
-    _check_cameras_and_units(reader, _spread(frames), model, truth)
+    _check_cameras_and_units(reader, _spread(frames), model, truth=True)
 
 
 def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:

@@ -13,6 +13,7 @@ from deux.data.frame_stream import FrameStream, RecordedFrame
 from deux.data.loose_frames import LooseFrames
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.io.calibration import camera_warning
 from deux.io.images import LARGEST_DEPTH
 from deux.metrics.depth_errors import METRICS
 from deux.report.results import error_table
@@ -26,8 +27,6 @@ from deux.tasks.prediction_export import export_sequences
 from deux.tasks.prediction_folder import FrameRecord, PredictionFolder
 from deux.tasks.recorded_frames import check_frames, read_given
 from deux.tasks.run_folder import open_run_folder
-
-Sources = Mapping[FrameReference, Sequence[FrameReference]]
 
 log = logging.getLogger(__name__)
 
@@ -52,8 +51,7 @@ def predict_sequences(
     """
     camera = sections.read("camera", Camera)
     reader, frames = given_frames(sections, settings)
-    posed = [frame for frame in frames if reader.pose(frame) is not None]
-    _check_poses(settings, measure, reader, posed)
+    posed = _posed(settings, measure, reader, frames)
     identity = sections.identity | {"weights": weights_identity(str(settings.checkpoint))}
     with open_run_folder(run_folder(), identity) as run:
         results = PredictionFolder(run.path, settings.format)
@@ -66,13 +64,14 @@ def predict_sequences(
             sources = sources_by_parallax(reader, posed) if todo and measure and measure.needs_sources else None
             stream = FrameStream(reader, sources)
             completion = DepthCompletion(model, measure)
-            beyond = 0
+            beyond, done = 0, len(frames) - len(todo)
             for batch in batches(stream(todo), settings.batch_size):
                 completed = completion([frame for _, frame in batch])
                 for (reference, frame), one in zip(batch, completed, strict=True):
                     results.write(reference, one, _record(reference, frame, one, camera))
                     beyond += bool(one.depth.max() > LARGEST_DEPTH)
-                report("prediction", sum(frame in results.records for frame in frames), len(frames))
+                done += len(batch)
+                report("prediction", done, len(frames))
         if beyond and settings.format == "png":
             log.warning(
                 f"{beyond} depth files hold 0 where the depth is above {LARGEST_DEPTH:.0f} m: predict.format=npy "
@@ -124,28 +123,40 @@ def _loose(settings: PredictSettings) -> LooseFrames:
     )
 
 
-def _check_poses(
-    settings: PredictSettings, measure: Uncertainty | None, reader: Reader, posed: Sequence[FrameReference]
-) -> None:
-    if posed:
-        return
-    if measure is not None and measure.needs_sources:
+def _posed(
+    settings: PredictSettings, measure: Uncertainty | None, reader: Reader, frames: Sequence[FrameReference]
+) -> list[FrameReference]:
+    """The frames that have a pose, where poses are needed.
+
+    Raises:
+        DeuxError: they are needed, and there is none.
+    """
+    compares = measure is not None and measure.needs_sources
+    if not (compares or settings.cloud_formats):
+        return []
+    posed = [frame for frame in frames if reader.pose(frame) is not None]
+    if not posed and compares:
         raise refuse_measure(str(settings.uncertainty), f"{reader.folder} has no poses")
-    if settings.cloud_formats:
+    if not posed:
         raise DeuxError(
             f"predict.export={settings.cloud_formats[0]} fuses the frames by their poses, and {reader.folder} has "
             "none: leave it out, or name one frame by predict.image=."
         )
+    return posed
 
 
 def _check_frames(
     reader: Reader, frames: Sequence[FrameReference], model: DepthModel, settings: PredictSettings
 ) -> None:
-    if isinstance(reader, LooseFrames):
-        truth = settings.ground_truth and str(settings.ground_truth)
-        first = FrameStream(reader).read(frames[0])
-        check_units(first, model, DepthFiles(str(settings.sparse), settings.sparse_scale, truth))
-    check_frames(reader, frames, model, truth=not isinstance(reader, LooseFrames))
+    """Warn of depth in a likely other unit and of intrinsics of images of another size."""
+    if not isinstance(reader, LooseFrames):
+        check_frames(reader, frames, model)
+        return
+    first = FrameStream(reader).read(frames[0])
+    truth = settings.ground_truth and str(settings.ground_truth)
+    check_units(first, model, DepthFiles(str(settings.sparse), settings.sparse_scale, truth))
+    if sentence := camera_warning(first.intrinsics, *first.sparse_depth.shape, str(settings.intrinsics)):
+        log.warning(sentence)
 
 
 def _record(reference: FrameReference, frame: RecordedFrame, completed: CompletedDepth, camera: Camera) -> FrameRecord:

@@ -1,6 +1,7 @@
 """Recordings of an exploration that the Rerun viewer plays: what the robot saw, knew and headed for at each step."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 _PALETTE = np.rint(255.0 * OCCUPANCY_COLORS(np.arange(3))[:, :3]).astype(np.uint8)
 _PATH, _FRONTIER, _TARGET = (255, 255, 255), (255, 200, 60), (230, 60, 60)
 """Colours on the map."""
+
+_MARGIN = 5
+"""Unknown cells around the floor plan."""
 
 
 class _Moment(NamedTuple):
@@ -94,9 +98,9 @@ class ExplorationRecording:
         return ExplorerMap(self._true_map.frame, self._true_map.cells.copy())
 
     def _log_maps(self) -> None:
-        """All floor plans on one canvas, that of the last and largest map; a pixel is a cell."""
+        """All floor plans on one canvas; a pixel is a cell."""
         rerun, stream = self._rerun, self._file.stream
-        canvas = _canvas([moment.explored.frame for moment in self._moments])
+        canvas = _canvas(self._moments)
         values = [moment.explored.uncertainty for moment in self._moments]
         known = np.concatenate([field[np.isfinite(field)] for field in values if field is not None] or [np.zeros(1)])
         highest = float(np.percentile(known, 99)) if known.size else 1.0
@@ -119,21 +123,31 @@ class ExplorationRecording:
                 stream.log("field", rerun.Image(color_map(field, (0.0, highest), UNCERTAINTY_COLORS)))
 
 
-def _canvas(frames: list[GridFrame]) -> GridFrame:
-    """The smallest grid that holds all of them; they have one resolution and grow by whole cells."""
-    cell = frames[0].resolution
-    left, top = min(frame.origin_x for frame in frames), min(frame.origin_z for frame in frames)
-    right = max(frame.origin_x + frame.columns * cell for frame in frames)
-    bottom = max(frame.origin_z + frame.rows * cell for frame in frames)
-    return GridFrame(left, top, round((bottom - top) / cell), round((right - left) / cell), cell)
+def _canvas(moments: Sequence[_Moment]) -> GridFrame:
+    """The smallest grid that holds all that is ever known, and `_MARGIN` around it; maps grow by whole cells."""
+    cell = moments[0].explored.frame.resolution
+    ends = []
+    for explored, x, z, _ in moments:
+        rows, columns = np.nonzero(explored.occupancy)
+        known = np.stack([explored.frame.origin_x + columns * cell, explored.frame.origin_z + rows * cell], axis=1)
+        ends += [known.min(axis=0), known.max(axis=0) + cell] if len(known) else [np.array([x, z])]
+    low, high = np.min(ends, axis=0), np.max(ends, axis=0)
+    first = moments[0].explored.frame
+    # On the cells of the maps, whose borders the canvas shares.
+    left = first.origin_x + cell * (round((low[0] - first.origin_x) / cell) - _MARGIN)
+    top = first.origin_z + cell * (round((low[1] - first.origin_z) / cell) - _MARGIN)
+    rows, columns = (round((high[axis] - low[axis]) / cell) + 2 * _MARGIN for axis in (1, 0))
+    return GridFrame(left, top, rows, columns, cell)
 
 
 def _on_canvas(values: np.ndarray, frame: GridFrame, canvas: GridFrame, empty: float) -> np.ndarray:
-    """A grid's values at their place on the canvas; `empty` elsewhere."""
+    """A grid's values at their place on the canvas, `empty` elsewhere; what lies outside falls away."""
     found = np.full(canvas.shape, empty, values.dtype)
     row = round((frame.origin_z - canvas.origin_z) / canvas.resolution)
     column = round((frame.origin_x - canvas.origin_x) / canvas.resolution)
-    found[row : row + frame.rows, column : column + frame.columns] = values
+    top, left = max(0, row), max(0, column)
+    bottom, right = min(canvas.rows, row + frame.rows), min(canvas.columns, column + frame.columns)
+    found[top:bottom, left:right] = values[top - row : bottom - row, left - column : right - column]
     return found
 
 

@@ -155,7 +155,8 @@ def _check_frames(
     first = FrameStream(reader).read(frames[0])
     truth = settings.ground_truth and str(settings.ground_truth)
     check_units(first, model, DepthFiles(str(settings.sparse), settings.sparse_scale, truth))
-    if sentence := camera_warning(first.intrinsics, *first.sparse_depth.shape, str(settings.intrinsics)):
+    height, width = first.sparse_depth.shape
+    if sentence := camera_warning(first.intrinsics, height, width, str(settings.intrinsics)):
         log.warning(sentence)
 
 

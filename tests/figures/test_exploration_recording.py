@@ -57,19 +57,22 @@ def picture(found: dict, entity: str, number: int, shape: tuple[int, int]) -> np
 def test_map_path_frontiers_target_and_field_lie_on_one_canvas(tmp_path: Path, read_recording) -> None:
     places = write(tmp_path / "a.rrd", Mapper())
     found = read_recording(tmp_path / "a.rrd")
-    left, top, shape = 1.0 - 0.2 * 4, 2.0, (6, 12)  # of the last map
+    margin = 5  # cells around what is known in the end, 6 x 12 of them
+    left, top, shape = 1.0 - 0.2 * 4 - 0.1 * margin, 2.0 - 0.1 * margin, (6 + 2 * margin, 12 + 2 * margin)
     for number in range(4):
-        cells = picture(found, "/map", number, shape)
+        cells = picture(found, "/map", number, shape)[margin:-margin, margin:-margin]
         columns = 4 + 2 * (number + 1)
         assert (cells[1:, -columns:] == cells[-1, -1]).all()  # free
         assert (cells[:, : 12 - columns] == cells[0, -columns]).all()  # unknown
-        np.testing.assert_allclose(pixels(found, "/map/target", number), [[(1.0 - left) / 0.1, 3.0]], atol=1e-4)
+        np.testing.assert_allclose(
+            pixels(found, "/map/target", number), [[(1.0 - left) / 0.1, (2.3 - top) / 0.1]], atol=1e-4
+        )
         path = np.array(found["/map/path"][number]["LineStrips2D:strips"][0])
         np.testing.assert_allclose(path, (places[: number + 1] - (left, top)) / 0.1, atol=1e-4)
         frontiers = {tuple(place) for place in pixels(found, "/map/frontiers", number)}
         corner = 12 - columns
-        assert {(corner + 1.5, 0.5), (corner + 0.5, 1.5)} <= frontiers  # beside the unknown cell
-        field = picture(found, "/field", number, shape)
+        assert {(margin + corner + 1.5, margin + 0.5), (margin + corner + 0.5, margin + 1.5)} <= frontiers
+        field = picture(found, "/field", number, shape)[margin:-margin, margin:-margin]
         assert (field[0, corner] == 217).all()
         assert not (field[1, corner] == 217).all()
     assert len(found["/image"]) == len(found["/depth"]) == 4

@@ -351,7 +351,7 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
     [
         (
             {"image": None},
-            "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=: ",
+            "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=, or ",
         ),
         (
             {"sparse": None, "intrinsics": None},

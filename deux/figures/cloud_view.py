@@ -45,7 +45,7 @@ def draw_cloud(cloud: PointCloud, up: np.ndarray) -> np.ndarray:
     columns = np.rint((across[order] - left) * scale).astype(np.int64)
     rows = np.rint((top - upwards[order]) * scale).astype(np.int64)
     picture = np.full((*shape, 3), _BACKGROUND, np.uint8)
-    size = max(2, round(1.2 * scale * _spacing(len(points), across, upwards)))
+    size = max(2, round(2.0 * scale * _spacing(len(points), across, upwards)))
     down, aside = (offset.ravel() for offset in np.indices((size, size)))
     rows, columns = (rows[:, None] + down).ravel(), (columns[:, None] + aside).ravel()
     inside = (rows >= 0) & (rows < shape[0]) & (columns >= 0) & (columns < shape[1])

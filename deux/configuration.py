@@ -60,7 +60,7 @@ OPEN_NODES = (
     "callbacks",
     "collect.uncertainty_options",
     "collect.executor_options",
-    "collect.executor_options",
+    "predict.uncertainty_options",
     "explorer_training",
     "report",
 )

@@ -47,7 +47,9 @@ TASKS = {
         (*_MODEL_GUIDED, "callbacks", "data", "training_data"),
     ),
     "evaluate": Task("evaluate a trained model on the held-out scenes", (*_MODEL_GUIDED, "callbacks", "data")),
-    "predict": Task("complete the depth of one frame, from files and to files", ("predict", "model", "camera")),
+    "predict": Task(
+        "complete the depth of one frame or of many, from files and to files", ("predict", "model", "camera", "data")
+    ),
     "train_explorer": Task(
         "train the policy of a learned explorer with PPO", (*_SCENES, "explore", "explorer_training", "seed")
     ),
@@ -78,7 +80,11 @@ PLUGIN_SECTIONS = {
 }
 """The sections that choose a plugin, and of which kind."""
 
-MEANS = {"collect": ("processes", "executor", "executor_options"), "data": ("cache",)}
+MEANS = {
+    "collect": ("processes", "executor", "executor_options", "viewer"),
+    "data": ("cache",),
+    "predict": ("batch_size", "video", "export", "voxel", "keep", "least_confidence", "viewer"),
+}
 """Options of sections by which nothing that a task makes changes: a command with others goes on where one was."""
 
 
@@ -193,6 +199,8 @@ def _named_plugins(cfg: DictConfig) -> list[tuple[str, str]]:
         found += [("explorers", cfg.compare.baseline)]
     if "collect" in sections:
         found += [("uncertainties", cfg.collect.uncertainty)]
+    if "predict" in sections:
+        found += [("uncertainties", cfg.predict.uncertainty)]
     if "foundation" in sections:
         found += [("scenes", cfg.foundation.source)]
     if "explorer_training" in sections:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from deux.collection.executors import make_executor
 from deux.collection.jobs import Executor
@@ -28,6 +28,7 @@ class CollectSettings:
             of the depth model; other executors have an option of their own for it.
         executor: what hands out the episodes: "local" for processes of this machine, or "ray".
         executor_options: options of its constructor; the local one has none.
+        viewer: "rerun" for recordings of the first episodes that its viewer plays; None for none.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -42,6 +43,7 @@ class CollectSettings:
     executor: str = "local"
     executor_options: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_options: Mapping[str, Any] = field(default_factory=dict)
+    viewer: Literal["rerun"] | None = None
 
     def __post_init__(self) -> None:
         check_range("collect.steps", self.steps, FRAMES_OF_A_TRIPLET)

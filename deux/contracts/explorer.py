@@ -85,11 +85,13 @@ class ExplorerMap:
         frame: where the grids lie.
         occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
         uncertainty: rows x columns float32, the explorer's uncertainty field, NaN where it has none; or None.
+        target: world x and z in metres of the place that it is on its way to; None if there is none.
     """
 
     frame: GridFrame
     occupancy: np.ndarray
     uncertainty: np.ndarray | None = None
+    target: tuple[float, float] | None = None
 
 
 class Explorer(ABC):

@@ -7,6 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from deux.errors import DeuxError
+
+SPLITS = ("train", "validation", "test")
+"""The splits that a folder may have."""
+
 
 class FrameReference(NamedTuple):
     """One frame of a folder, by name.
@@ -88,6 +93,25 @@ class Reader(ABC):
                     if source not in around.values():
                         around[step * number] = source
         return [Neighbourhood(target, around) for target, around in found.items()]
+
+    def frames(self) -> list[FrameReference]:
+        """Every frame that has sparse points, whichever split it belongs to, each sequence's in the order of time.
+
+        By default these are the targets of all splits, which is right where each sequence lies in one split.
+
+        Raises:
+            DeuxError: as `triplets`, if there is no frame at all.
+        """
+        found: dict[FrameReference, None] = {}
+        missing: DeuxError | None = None
+        for split in SPLITS:
+            try:
+                found |= dict.fromkeys(target for target, _ in self.triplets(split, (-1,)))
+            except DeuxError as error:
+                missing = missing or error
+        if missing is not None and not found:
+            raise missing
+        return [*found]
 
     def chosen_triplets(self, split: str) -> list[Triplet] | None:
         """The targets of a split with source frames chosen by parallax; None where the folder has no list of these."""

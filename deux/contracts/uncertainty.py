@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 from torch import Tensor
 
@@ -21,7 +22,7 @@ class View:
         sparse_depth: N x 1 x H x W metres, 0 = none; the points that the depth model was given.
         intrinsics: N x 3 x 3.
         depth: N x 1 x H x W float32 metres, predicted.
-        sources: N x S x 3 x H x W in [0, 1], at least one source frame (S >= 1).
+        sources: N x S x 3 x H x W in [0, 1], at least one source frame (S >= 1) for a measure with `needs_sources`.
         source_from_target: N x S x 4 x 4, carries points of the frame's camera into each source camera.
         predict_depth: the depth model, for measures that ask it again. Each call costs a prediction, and any batch size
             may be given.
@@ -43,6 +44,9 @@ class View:
 
 class Uncertainty(ABC):
     """Judges a prediction pixel by pixel. All options are in the constructor; nothing is remembered between calls."""
+
+    needs_sources: ClassVar[bool] = True
+    """Whether it compares a frame with its source frames; a measure that does not can judge a single photograph."""
 
     @abstractmethod
     def __call__(self, view: View) -> Tensor:

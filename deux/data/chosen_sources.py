@@ -1,7 +1,7 @@
 """The targets of a split with their source frames, chosen by parallax or at fixed distances in time."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from itertools import groupby
@@ -44,6 +44,37 @@ def list_triplets(
         _warn_of_offsets(reader, offsets)
         return listed
     return list(_chosen(reader, split, offsets))
+
+
+def sources_by_parallax(
+    reader: Reader, frames: Sequence[FrameReference]
+) -> dict[FrameReference, tuple[FrameReference, ...]]:
+    """The source frames of each frame, chosen by parallax among the frames around it in its sequence.
+
+    Args:
+        reader: of the folder.
+        frames: in the order of time within each sequence.
+
+    Returns:
+        The sources by frame; none of a frame without a pose, and of one without enough frames with a pose around it.
+    """
+    found: dict[FrameReference, tuple[FrameReference, ...]] = {}
+    reach = SourceRule().reach
+    for _, group in groupby(frames, key=lambda frame: frame.sequence):
+        members = list(group)
+        around = [
+            Neighbourhood(
+                target,
+                {
+                    step: members[number + step]
+                    for step in range(max(-reach, -number), min(reach, len(members) - 1 - number) + 1)
+                    if step
+                },
+            )
+            for number, target in enumerate(members)
+        ]
+        found |= dict(_choose(reader, around))
+    return found
 
 
 @lru_cache(maxsize=16)

@@ -14,7 +14,7 @@ from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.camera_files import read_any_image
 from deux.io.images import DEPTH_SCALE, read_depth
-from deux.io.layout import TRIPLET_LISTS, SequencePaths, list_file, neighbours, without_suffix
+from deux.io.layout import TRIPLET_LISTS, SequencePaths, list_file, neighbours, sequences, without_suffix
 
 log = logging.getLogger(__name__)
 
@@ -87,6 +87,16 @@ class DatasetReader(Reader):
             steps = range(max(-reach, -number), min(reach, len(frames) - 1 - number) + 1)
             around = {step: frames[number + step] for step in steps if step and frames[number + step] in usable}
             found.append(Neighbourhood(target, around))
+        return found
+
+    def frames(self) -> list[FrameReference]:
+        """Every frame that has an image and sparse depth, listed or not."""
+        found = []
+        for paths in sequences(self.folder):
+            sparse = paths.names("sparse_depth")
+            found += [FrameReference(paths.name, name) for name in paths.frames() if name in sparse]
+        if not found:
+            raise DeuxError(f"{self.folder} has no frames with sparse depth.")
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:

@@ -1,6 +1,9 @@
 """Depth from arrays, as cameras and files give them: what `deux.predict` does."""
 
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import zip_longest
 from os import PathLike
+from typing import Any, NamedTuple, TypeAlias, overload
 
 import numpy as np
 import torch
@@ -8,45 +11,145 @@ from numpy.typing import ArrayLike
 
 from deux.contracts import DepthModel
 from deux.deployment.model_files import load_model
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
+
+Model: TypeAlias = DepthModel | str | PathLike[str]
+"""A depth model, or where one is stored."""
+
+_ENDED = object()
+"""Stands for the frames of a stream that ended before the others."""
 
 OTHER_UNIT = 10.0
 """If even the nearest point lies this many times beyond the model's range, the points are not in metres."""
 
 
+@overload
+def predict_arrays(  # type: ignore[overload-overlap]  # a list of arrays is an array, as for numpy
+    image: ArrayLike, sparse_depth: ArrayLike, intrinsics: ArrayLike, model: Model, batch_size: int = ...
+) -> np.ndarray: ...
+
+
+@overload
 def predict_arrays(
-    image: ArrayLike, sparse_depth: ArrayLike, intrinsics: ArrayLike, model: DepthModel | str | PathLike[str]
-) -> np.ndarray:
-    """Predict dense depth of one frame, or of N frames, in float32 and on the model's own device.
+    image: Iterable[ArrayLike],
+    sparse_depth: Iterable[ArrayLike],
+    intrinsics: ArrayLike | Iterable[ArrayLike],
+    model: Model,
+    batch_size: int = ...,
+) -> Iterator[np.ndarray]: ...
+
+
+def predict_arrays(
+    image: ArrayLike | Iterable[ArrayLike],
+    sparse_depth: ArrayLike | Iterable[ArrayLike],
+    intrinsics: ArrayLike | Iterable[ArrayLike],
+    model: Model,
+    batch_size: int = 1,
+) -> np.ndarray | Iterator[np.ndarray]:
+    """Predict dense depth of one frame, N frames or a stream of frames, in float32 and on the model's own device.
+
+    Where `image` is a generator, or anything else that gives arrays one after the other and is neither an array nor a
+    list, so is `sparse_depth`, and `intrinsics` may be. The result is then a generator too: it asks for the next frames
+    when they are needed and keeps none, so that a video of any length goes through.
 
     Args:
-        image: H x W x 3 or N x H x W x 3, RGB: uint8, or floats in [0, 1]. Any size.
-        sparse_depth: H x W or N x H x W metres, floats, 0 = none.
-        intrinsics: 3 x 3, [[fx, s, cx], [0, fy, cy], [0, 0, 1]] in pixels of this image; or N x 3 x 3.
+        image: H x W x 3 or N x H x W x 3, RGB: uint8, or floats in [0, 1]. Any size. Or a stream of H x W x 3.
+        sparse_depth: H x W or N x H x W metres, floats, 0 = none. Or a stream of H x W.
+        intrinsics: 3 x 3, [[fx, s, cx], [0, fy, cy], [0, 0, 1]] in pixels of this image; or N x 3 x 3. One for all
+            frames of a stream, or a stream of them.
         model: a depth model, or the path of a run folder or model file. For many frames load it once, by `deux.load`.
+        batch_size: frames of a stream that go through the model at once, where they are of one size.
 
     Returns:
-        H x W or N x H x W float32 metres.
+        H x W or N x H x W float32 metres; of a stream, an iterator of H x W.
 
     Raises:
         DeuxError: an input has another shape or type, or impossible values; or there is no such model.
     """
     model = model if isinstance(model, DepthModel) else _loaded(model)
+    if _is_stream(image) or _is_stream(sparse_depth):
+        check_range("batch_size", batch_size, 1)
+        return _predict_stream(_zipped(image, sparse_depth, intrinsics), model, batch_size)
+    frames = _checked(image, sparse_depth, intrinsics, model)  # type: ignore[arg-type]
+    if frames.image.ndim == 4:
+        return _predict(frames, model)
+    return _predict(_stacked([frames]), model)[0]
+
+
+class _Inputs(NamedTuple):
+    """One frame, or N frames with a matrix for each; all float32, the image in [0, 1]."""
+
+    image: np.ndarray
+    sparse_depth: np.ndarray
+    intrinsics: np.ndarray
+
+
+def _checked(image: ArrayLike, sparse_depth: ArrayLike, intrinsics: ArrayLike, model: DepthModel) -> _Inputs:
+    """What the user gave, as arrays; N frames get a matrix each."""
     colors, points, cameras = _image(image), _sparse_depth(sparse_depth), _intrinsics(intrinsics)
     _check_shapes(colors, points, cameras)
     _check_unit(points, model.max_depth)
-    single = colors.ndim == 3
-    if single:
-        colors, points = colors[None], points[None]
-    cameras = np.broadcast_to(cameras, (len(colors), 3, 3)).copy()
+    if colors.ndim == 4:
+        cameras = np.broadcast_to(cameras, (len(colors), 3, 3)).copy()
+    return _Inputs(colors, points, cameras)
+
+
+def _stacked(frames: Sequence[_Inputs]) -> _Inputs:
+    return _Inputs(*(np.stack(arrays) for arrays in zip(*frames, strict=True)))
+
+
+def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
+    """N x H x W float32 metres."""
     with torch.autocast(_device(model).type, enabled=False):
         depth = model.predict(
-            torch.from_numpy(colors).permute(0, 3, 1, 2).contiguous(),
-            torch.from_numpy(points)[:, None],
-            torch.from_numpy(cameras),
+            torch.from_numpy(frames.image).permute(0, 3, 1, 2).contiguous(),
+            torch.from_numpy(frames.sparse_depth)[:, None],
+            torch.from_numpy(frames.intrinsics),
         )
-    dense = depth[:, 0].cpu().numpy()
-    return dense[0] if single else dense
+    return depth[:, 0].cpu().numpy()
+
+
+def _is_stream(value: object) -> bool:
+    """Whether a value gives its arrays one after the other and is no array itself, nor a list that makes one."""
+    array_like = isinstance(value, Sequence | memoryview | bytearray) or hasattr(value, "__array__")
+    return isinstance(value, Iterable) and not array_like
+
+
+def _zipped(image: Any, sparse_depth: Any, intrinsics: Any) -> Iterator[tuple[Any, Any, Any]]:
+    """The frames of the three inputs, of which intrinsics alone may be one for all frames."""
+    if not (_is_stream(image) and _is_stream(sparse_depth)):
+        raise DeuxError("one of image and sparse_depth is an iterator and the other is not: both are, or neither.")
+    rows = zip_longest(image, sparse_depth, *([intrinsics] if _is_stream(intrinsics) else []), fillvalue=_ENDED)
+    return (_row(number, row, intrinsics) for number, row in enumerate(rows))
+
+
+def _row(number: int, row: tuple[Any, ...], intrinsics: Any) -> tuple[Any, Any, Any]:
+    names = ("image", "sparse_depth", "intrinsics")[: len(row)]
+    ended = [name for name, value in zip(names, row, strict=True) if value is _ENDED]
+    if ended:
+        raise DeuxError(f"{' and '.join(ended)} ended after {number} frames, and the others did not.")
+    return row if len(row) == 3 else (*row, intrinsics)
+
+
+def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, batch_size: int) -> Iterator[np.ndarray]:
+    """Predict full batches, and shorter ones where the size changes and at the end."""
+    batch: list[_Inputs] = []
+    for number, given in enumerate(frames):
+        try:
+            frame = _checked(*given, model)
+        except DeuxError as error:
+            raise DeuxError(f"frame {number}: {error}") from error
+        if frame.image.ndim != 3:
+            raise DeuxError(f"frame {number}: image has the shape {_shape(frame.image)}: a stream gives H x W x 3.")
+        if batch and batch[0].image.shape != frame.image.shape:
+            yield from _predict(_stacked(batch), model)
+            batch = []
+        batch.append(frame)
+        if len(batch) == batch_size:
+            yield from _predict(_stacked(batch), model)
+            batch = []
+    if batch:
+        yield from _predict(_stacked(batch), model)
 
 
 def _loaded(model: str | PathLike[str]) -> DepthModel:

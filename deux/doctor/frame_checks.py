@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts.reader import SPLITS
 from deux.data.depth_unit import ratio_warning, unit_warning
 from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
 from deux.errors import DeuxError, counted, plural
@@ -15,8 +16,6 @@ from deux.figures.drawing import save_figure
 from deux.figures.frame_preview import PreviewFrame, draw_preview
 from deux.geometry.poses import motion
 from deux.io.calibration import camera_warning
-
-SPLITS = ("train", "validation", "test")
 
 CHECKED = 12
 """Frames of a split, spread evenly over it, that are read."""

@@ -129,27 +129,33 @@ def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
     return figure
 
 
-def draw_depth(depth: np.ndarray) -> Figure:
-    """Draw a depth map with a scale in metres.
+def draw_depth(depth: np.ndarray, confidence: np.ndarray | None = None) -> Figure:
+    """Draw a depth map with a scale in metres, and beside it how sure it is.
 
     The colours run from the 1st to the 99th percentile, so that a few far pixels do not flatten all others.
 
     Args:
         depth: H x W metres, 0 = none.
+        confidence: H x W in [0, 1], 0 = none; None for no second map.
     """
     known = np.where(depth > 0, depth, np.nan)
     nearest, farthest = np.nanpercentile(known, (1, 99)) if (depth > 0).any() else (0.0, 1.0)
+    maps = [(known, DEPTH_COLORS, (nearest, farthest), "depth [m]", "both")]
+    if confidence is not None:
+        sure = np.where(confidence > 0, confidence, np.nan)
+        maps.append((sure, UNCERTAINTY_COLORS, (0.0, 1.0), "confidence", "neither"))
     height, width = depth.shape
     ratio = min(max(height / width, 1 / _MOST_ELONGATED), _MOST_ELONGATED)
     size = _LONGER_SIDE * np.array([1.0, ratio]) / max(1.0, ratio)
-    figure = new_figure(size[0] + 1.0, size[1])
-    axes = figure.add_subplot()
-    picture = axes.imshow(known, cmap=DEPTH_COLORS, vmin=nearest, vmax=farthest)
-    axes.set_facecolor("0.85")
-    hide_ticks(axes)
-    bar = figure.colorbar(picture, ax=axes, extend="both", pad=0.02)
-    bar.set_label("depth [m]", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    figure = new_figure(len(maps) * (size[0] + 1.0), size[1])
+    for number, (values, colors, (low, high), label, extend) in enumerate(maps, start=1):
+        axes = figure.add_subplot(1, len(maps), number)
+        picture = axes.imshow(values, cmap=colors, vmin=low, vmax=high)
+        axes.set_facecolor("0.85")
+        hide_ticks(axes)
+        bar = figure.colorbar(picture, ax=axes, extend=extend, pad=0.02)
+        bar.set_label(label, fontsize=9)
+        bar.ax.tick_params(labelsize=8)
     return figure
 
 

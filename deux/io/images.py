@@ -20,7 +20,8 @@ from deux.io.atomic import read_bytes, write_atomically
 DEPTH_SCALE = 256.0
 """Stored depth values per metre."""
 
-LARGEST_DEPTH = np.iinfo(np.uint16).max / DEPTH_SCALE
+_LARGEST_CODE = np.iinfo(np.uint16).max
+LARGEST_DEPTH = _LARGEST_CODE / DEPTH_SCALE
 """In metres, the farthest that a file can hold."""
 
 # Fast to write; on rendered and recorded frames run-length matching also gives the smaller files.
@@ -117,6 +118,22 @@ def decode_depth(content: bytes, path: Path, scale: float = DEPTH_SCALE) -> np.n
     return _decode_png(content, path, _16_BIT_MODES, "a 16-bit depth map").astype(np.float32) / np.float32(scale)
 
 
+def encode_fraction(fraction: np.ndarray) -> bytes:
+    """The 16-bit PNG file of H x W fractions x 65535; what is above 0 stays above 0."""
+    code = np.clip(np.rint(fraction.astype(np.float64) * _LARGEST_CODE), fraction > 0, _LARGEST_CODE)
+    return _encode_png(code.astype(np.uint16))
+
+
+def read_fraction(path: Path) -> np.ndarray:
+    """Read H x W float32 in [0, 1] from a 16-bit PNG file of fractions x 65535.
+
+    Raises:
+        DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
+    """
+    pixels = _decode_png(read_bytes(path), path, _16_BIT_MODES, "a 16-bit map of fractions")
+    return pixels.astype(np.float32) / np.float32(_LARGEST_CODE)
+
+
 def write_labels(path: Path, labels: np.ndarray) -> None:
     """Write H x W label indices (-1 = none) as 16-bit PNG of index + 1, atomically."""
     write_atomically(path, _encode_png((labels + 1).astype(np.uint16)))
@@ -134,7 +151,7 @@ def read_labels(path: Path) -> np.ndarray:
 def _depth_code(depth: np.ndarray) -> np.ndarray:
     """Depth as uint16 multiples of 1/256 m."""
     code = np.rint(np.nan_to_num(depth.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0) * DEPTH_SCALE)
-    return np.where((code < 0) | (code > np.iinfo(np.uint16).max), 0, code).astype(np.uint16)
+    return np.where((code < 0) | (code > _LARGEST_CODE), 0, code).astype(np.uint16)
 
 
 def _encode_png(pixels: np.ndarray) -> bytes:

@@ -140,10 +140,11 @@ class GoalExplorer(Explorer):
         return depth
 
     def map(self) -> ExplorerMap | None:
-        """The occupancy map as it stands; None before the first step."""
+        """The occupancy map as it stands, and the target; None before the first step."""
         if self.occupancy.cells.size == 0:
             return None
-        return ExplorerMap(self.occupancy.frame, self.occupancy.cells.copy())
+        target = None if self._pursuit is None else self._pursuit.target.place
+        return ExplorerMap(self.occupancy.frame, self.occupancy.cells.copy(), target=target)
 
     def frontiers(self, distance: np.ndarray) -> FrontierCandidates:
         """The frontier cells that can be reached and are not finished."""

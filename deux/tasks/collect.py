@@ -8,6 +8,7 @@ from deux.collection.explored_map import episode_poses, explored_map
 from deux.collection.perception import needs_model
 from deux.configuration import run_folder, sections_of
 from deux.data.dataset_reader import DatasetReader
+from deux.inference.precision import FastPredictor
 from deux.io.layout import sequences
 from deux.metrics.scorecard import score
 from deux.task_sections import Sections
@@ -20,7 +21,7 @@ from deux.tasks.seed_model import SeedModel
 from deux.training.ranks import leads
 
 MOST_TRAJECTORIES = 6
-"""Episodes of which the trajectory is drawn."""
+"""Episodes of which the trajectory is drawn, and recorded for a viewer."""
 
 
 def run(cfg: DictConfig) -> None:
@@ -28,6 +29,10 @@ def run(cfg: DictConfig) -> None:
     quieten_libraries()
     sections = sections_of(cfg)
     datasets = Datasets(sections, ["train"])
+    if datasets.collect.viewer:
+        from deux.figures.viewer_recording import check_viewer  # with matplotlib, as below
+
+        check_viewer("collect.viewer")
     evaluation = sections.read("evaluation", EvaluationSettings)
     training = Training(sections, datasets, evaluation.validation_viewpoints)
     exploration = Exploration(sections, datasets, training)
@@ -35,6 +40,7 @@ def run(cfg: DictConfig) -> None:
         dataset = exploration.collect(run)
         if leads():
             exploration.draw(dataset, run)
+            exploration.record(dataset, run)
             choice = training.recipe.source_choice()
             card = score(DatasetReader(dataset), choice=choice, simulation=datasets.simulation)
             card.save(run.path)
@@ -60,21 +66,22 @@ class Exploration:
         self._datasets = datasets
         self._training = training
         self._seed_model = None
+        self._predictor: FastPredictor | None = None
         if self.guided:
             datasets.collect.measure.create()  # a mistake in its options is told before the seed model is trained
             self._seed_model = SeedModel(sections, datasets, training)
 
     def collect(self, run: RunFolder) -> Path:
         """The dataset; with a seed model first, if the explorer needs one."""
-        predictor, identity = None, None
+        identity = None
         if self._seed_model is not None:
             with run.stage("seed"):
                 guide = self._seed_model.get()
-            predictor = self._training.predictor(guide.model)
-            identity = f"{guide.weights} in {predictor.precision}"
+            self._predictor = self._training.predictor(guide.model)
+            identity = f"{guide.weights} in {self._predictor.precision}"
         say(f"Explore with {self.explorer.name}")
         with run.stage("collect"):
-            return self._datasets.explored(self.explorer, predictor, identity)
+            return self._datasets.explored(self.explorer, self._predictor, identity)
 
     def draw(self, dataset: Path, run: RunFolder) -> None:
         """Draw where the robot went in the first episodes; nothing of free viewpoints, which have no way."""
@@ -91,3 +98,16 @@ class Exploration:
             title = f"{self.explorer.name} in {sequence.name}"
             figure = draw_trajectory(explored, episode_poses(sequence), title)
             save_figure(figure, run.figures / f"trajectory_{sequence.name}.png")
+
+    def record(self, dataset: Path, run: RunFolder) -> None:
+        """Write recordings of the first episodes, by `collect.viewer`; call it after `collect`."""
+        if self._datasets.collect.viewer is None or is_ceiling(self.explorer):
+            return
+        from deux.figures.exploration_recording import ExplorationRecording  # matplotlib, as above
+
+        for sequence in sequences(dataset)[:MOST_TRAJECTORIES]:
+            path = run.path / "recordings" / f"{sequence.name}.rrd"
+            with ExplorationRecording(path, sequence.name) as recording:
+                for step in self._datasets.replayed(sequence, self.explorer, self._predictor):
+                    recording.add(step)
+            say(f"Recording: {path}")

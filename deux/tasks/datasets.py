@@ -1,20 +1,24 @@
 """The datasets of a run: explored frames to train on, free viewpoints to validate and test on."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 from deux.collection.collect_settings import CollectSettings
-from deux.collection.perception import needs_model
+from deux.collection.perception import Perception, needs_model
 from deux.collection.pipeline import build_dataset, read_manifest
+from deux.collection.replay import replay
 from deux.collection.sparse import SparseSettings
 from deux.collection.specification import IDEAL_SOURCES, VIEWPOINTS, DatasetSpec, Split
 from deux.collection.verification import VerificationSettings
+from deux.collection.walk import Step
 from deux.compilation import nothing_compiled
 from deux.contracts import NO_ROBOT, DepthPredictor, FreeViewpoints, Robot, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.io.layout import SequencePaths
 from deux.registry import PluginChoice, registry
 from deux.scenes.splits import check_not_empty
 from deux.simulator.simulation import Simulation
@@ -153,6 +157,24 @@ class Datasets:
             count: viewpoints in each scene.
         """
         return self._viewpoints("synthetic", "train", further_scenes(source, scenes, self.scenes), count)
+
+    def replayed(
+        self, sequence: SequencePaths, explorer: PluginChoice, predictor: DepthPredictor | None = None
+    ) -> Iterator[Step]:
+        """The steps of an episode of `explored`, taken again on its stored frames; arguments as there.
+
+        Raises:
+            DeuxError: the episode is not one of this experiment's scenes, or not what the explorer does now.
+        """
+        place = json.loads((sequence.folder / "episode.json").read_text())["scene"]
+        scene = next((scene for scene in self.scenes.train if scene.name == place), None)
+        if scene is None:
+            raise DeuxError(f"{sequence.folder} was collected in {place}, which is none of the training scenes.")
+        perception = None
+        if predictor is not None:
+            measure = self.collect.measure.create()
+            perception = Perception(predictor, self.sampling, measure, self.collect.correct_depth)
+        return replay(sequence, scene, self.collect.steps, self.simulation.make, explorer.create, perception)
 
     def _exploration(self, explorer: PluginChoice, predictor_identity: str | None) -> DatasetSpec:
         if is_ceiling(explorer):

@@ -98,14 +98,24 @@ def check_recorded(
     say(f"  {counted(len(complete), f'{split} frame')} of {reader.folder}{others if lacking else ''}")
     if not complete:
         return  # the data module says so in a sentence
-    chosen = _spread(complete)
+    chosen = _spread([triplet.target for triplet in complete])
     if needs.poses:
         _check_poses(reader, chosen)
-    for frame in {frame.sequence: frame for frame in chosen}.values():
-        height, width = reader.sparse_depth(frame).shape
-        camera = f"the camera matrix of {frame.sequence} in {reader.folder}"
-        _warn(camera_warning(reader.intrinsics(frame), height, width, camera))
-    _check_unit(reader, chosen, needs.ground_truth, model.max_depth)
+    _check_cameras_and_units(reader, chosen, model, needs.ground_truth)
+
+
+def check_frames(reader: Reader, frames: Sequence[FrameReference], model: DepthModel) -> None:
+    """Look at some of the frames: warn of depth in a likely other unit and of intrinsics of images of another size.
+
+    Args:
+        reader: of the recorded frames.
+        frames: at least one.
+        model: gives the depths that are plausible.
+
+    Raises:
+        DeuxError: a file is missing, damaged or of another kind.
+    """
+    _check_cameras_and_units(reader, _spread(frames), model, truth=True)
 
 
 def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:
@@ -116,9 +126,17 @@ def _where(offsets: tuple[int, ...], choice: SourceChoice) -> str:
     return f" at {list(offsets)}" if choice == "recent" else ""
 
 
-def _spread(found: Sequence[Triplet]) -> list[FrameReference]:
-    """`CHECKED` targets, evenly over all."""
-    return [found[i].target for i in np.unique(np.linspace(0, len(found) - 1, CHECKED).round().astype(int))]
+def _check_cameras_and_units(reader: Reader, frames: Sequence[FrameReference], model: DepthModel, truth: bool) -> None:
+    for frame in {frame.sequence: frame for frame in frames}.values():
+        height, width = reader.sparse_depth(frame).shape
+        camera = f"the camera matrix of {frame.sequence} in {reader.folder}"
+        _warn(camera_warning(reader.intrinsics(frame), height, width, camera))
+    _check_unit(reader, frames, truth, model.max_depth)
+
+
+def _spread(found: Sequence[FrameReference]) -> list[FrameReference]:
+    """`CHECKED` frames, evenly over all."""
+    return [found[i] for i in np.unique(np.linspace(0, len(found) - 1, CHECKED).round().astype(int))]
 
 
 def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:

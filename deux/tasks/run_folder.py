@@ -26,7 +26,10 @@ EPISODES = "episodes"
 ROUNDS = "rounds"
 """The folder of what a training with active collection has explored, and of the weights that explored."""
 
-_WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, ROUNDS, MODEL_FILE, POLICY_FILE, RESULTS_FILE)
+JOURNAL = "frames.jsonl"
+"""The file that tells which of many frames are predicted."""
+
+_WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, ROUNDS, MODEL_FILE, POLICY_FILE, RESULTS_FILE, JOURNAL)
 """What a run leaves in its folder that another run must not go on from."""
 
 

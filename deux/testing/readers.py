@@ -133,6 +133,17 @@ class ReaderSuite:
                 assert steps == list(offsets), f"the sources of {target} lie at {steps}, not at {list(offsets)}"
                 assert {source.sequence for source in sources} == {target.sequence}, "a source of another sequence"
 
+    def test_lists_every_frame_once(self, folder: Path) -> None:
+        """`frames` has all targets, and keeps each sequence together and in the order of time."""
+        reader = self.make_reader(folder)
+        found = reader.frames()
+        assert len(set(found)) == len(found), "a frame is listed twice"
+        assert {target for target, _ in reader.triplets("train", OFFSETS)} <= set(found), "a target is not listed"
+        for sequence in {frame.sequence for frame in found}:
+            names = [frame.name for frame in found if frame.sequence == sequence]
+            assert names == sorted(names, key=natural_order), f"the frames of {sequence} are not in the order of time"
+        assert reader.sparse_depth(found[0]).shape == reader.image(found[0]).shape[:2]
+
     def test_reads_what_was_recorded(self, folder: Path, recordings: Recordings) -> None:
         """Images, intrinsics, depth and poses of every frame, in the types and units of the contract."""
         reader = self.make_reader(folder)

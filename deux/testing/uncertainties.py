@@ -212,6 +212,14 @@ class UncertaintySuite:
         for moves in (MOVES[:1], MOVES * 2):
             self.measure(wall_view(moves=moves, points=point_grid(), predict_depth=CheckedPredictor()))
 
+    def test_judges_a_frame_without_sources_if_it_needs_none(self) -> None:
+        """A measure that declares that it needs no source frames gives the same values without them."""
+        if self.make_uncertainty().needs_sources:
+            pytest.skip("the measure compares a frame with its source frames")
+        view = _views()
+        none = {name: getattr(view, name)[:, :0] for name in ("sources", "source_from_target", "rebuilt", "visible")}
+        torch.testing.assert_close(self.measure(replace(view, **none)), self.measure(view), equal_nan=True)
+
     def test_keeps_a_card_busy(self) -> None:
         """The host waits for nothing that the measure computes; a first call may build constants."""
         if self.computes_on_host:

@@ -1,5 +1,6 @@
 """The depth-uncertainty-guided explorer: Algorithm 1 of the paper."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -152,7 +153,7 @@ class DeuxExplorer(GoalExplorer):
         if known is None:
             return None
         uncertainty = np.where(known.occupancy == UNKNOWN, np.float32(np.nan), self._field.grid(known.frame))
-        return ExplorerMap(known.frame, known.occupancy, uncertainty)
+        return replace(known, uncertainty=uncertainty)
 
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
         """`SampleFrontiers`, then `SampleDepthGuidedTarget`."""

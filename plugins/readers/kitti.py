@@ -13,7 +13,7 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_intrinsics, read_intrinsics
-from deux_plugins.readers.parts.frame_files import IMAGE_SUFFIXES, list_files
+from deux.io.frame_files import IMAGE_SUFFIXES, list_files
 from deux_plugins.readers.parts.recorded_video import (
     Clip,
     FrameFiles,

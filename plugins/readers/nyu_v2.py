@@ -12,13 +12,13 @@ from deux.collection.sparse import SparseSettings
 from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.io.calibration import read_intrinsics
-from deux.io.layout import natural_order
-from deux_plugins.readers.parts.frame_files import (
+from deux.io.frame_files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
     list_files,
     matching,
 )
+from deux.io.layout import natural_order
 from deux_plugins.readers.parts.labelled_images import LABELLED, LabelledImages
 from deux_plugins.readers.parts.recorded_video import (
     Clip,

@@ -16,13 +16,13 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.geometry.poses import motion
 from deux.io.camera_files import read_any_image, read_any_intrinsics
-from deux.io.layout import natural_order
-from deux_plugins.readers.parts.frame_files import (
+from deux.io.frame_files import (
     DEPTH_SUFFIXES,
     IMAGE_SUFFIXES,
     list_files,
     matching,
 )
+from deux.io.layout import natural_order
 from deux_plugins.readers.parts.recorded_video import (
     Clip,
     FrameFiles,

@@ -12,8 +12,8 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
+from deux.io.frame_files import IMAGE_SUFFIXES, list_files
 from deux.io.layout import natural_order
-from deux_plugins.readers.parts.frame_files import IMAGE_SUFFIXES, list_files
 from deux_plugins.readers.parts.recorded_video import (
     Clip,
     FrameFiles,

@@ -9,6 +9,8 @@ from deux.contracts import Uncertainty, View
 class FlipDisagreement(Uncertainty):
     """The difference in metres between the prediction and that of the mirrored frame, mirrored back."""
 
+    needs_sources = False
+
     def __call__(self, view: View) -> Tensor:
         """N x H x W metres."""
         intrinsics = view.intrinsics.clone()
@@ -19,6 +21,8 @@ class FlipDisagreement(Uncertainty):
 
 class HiddenPointsDisagreement(Uncertainty):
     """The mean difference in metres between the prediction and those from either half of the sparse points."""
+
+    needs_sources = False
 
     def __call__(self, view: View) -> Tensor:
         """N x H x W metres."""

@@ -18,6 +18,8 @@ class SparseError(Uncertainty):
     points.
     """
 
+    needs_sources = False
+
     def __call__(self, view: View) -> Tensor:
         """N x H x W metres."""
         points = view.sparse_depth[:, 0] > 0

@@ -188,3 +188,74 @@ def test_a_camera_for_each_frame_or_one_for_all():
     data["intrinsics"] = np.stack([data["intrinsics"][0]] * 3)
     with pytest.raises(DeuxError, match=r"^intrinsics has the shape 3 x 3 x 3: .* it is 3 x 3, or 2 x 3 x 3\.$"):
         deux.predict(**data, model=Doubling())
+
+
+# ---------------------------------------------------------------------------------------------------- streams
+
+
+def streamed(count: int, drawn: list[int] | None = None, **options):
+    """`deux.predict` on generators of that many frames; `drawn` is told which images were asked for."""
+    frames = [frame(seed) for seed in range(count)]
+
+    def images():
+        for number, one in enumerate(frames):
+            if drawn is not None:
+                drawn.append(number)
+            yield one["image"]
+
+    points = (one["sparse_depth"] for one in frames)
+    return deux.predict(images(), points, frames[0]["intrinsics"], **{"model": Doubling(), **options})
+
+
+@pytest.mark.parametrize("batch_size", [1, 2, 10])
+def test_a_stream_gives_what_single_frames_give(batch_size):
+    found = list(streamed(5, batch_size=batch_size))
+    assert len(found) == 5
+    for seed, depth in enumerate(found):
+        np.testing.assert_allclose(depth, deux.predict(**frame(seed), model=Doubling()), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("batch_size", "asked_for"), [(1, [0]), (3, [0, 1, 2])])
+def test_a_stream_asks_for_no_more_than_it_needs(batch_size, asked_for):
+    drawn: list[int] = []
+    depths = streamed(9, drawn, batch_size=batch_size)
+    assert drawn == []
+    next(depths)
+    assert drawn == asked_for
+
+
+def test_frames_of_a_stream_may_differ_in_size_and_camera():
+    one, other = frame(0), frame(1)
+    other |= {"image": other["image"][:20], "sparse_depth": other["sparse_depth"][:20]}
+    other["intrinsics"] = other["intrinsics"] * [[2.0], [2.0], [1.0]]
+    given = [one, other, one]
+    columns = (iter([each[name] for each in given]) for name in ("image", "sparse_depth", "intrinsics"))
+    for depth, each in zip(deux.predict(*columns, model=Doubling(), batch_size=2), given, strict=True):
+        np.testing.assert_allclose(depth, deux.predict(**each, model=Doubling()), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"image": "array"}, "one of image and sparse_depth is an iterator and the other is not: both are, or neither"),
+        ({"sparse_depth": "short"}, "sparse_depth ended after 1 frames, and the others did not"),
+        ({"intrinsics": "short"}, "intrinsics ended after 1 frames, and the others did not"),
+        ({"sparse_depth": "wide"}, "frame 1: sparse_depth has the shape 37 x 51"),
+        ({"image": "batch"}, "frame 1: image has the shape 1 x 37 x 50 x 3: a stream gives H x W x 3"),
+        ({"batch_size": 0}, "batch_size is 0: it must be at least 1"),
+    ],
+)
+def test_a_stream_that_cannot_be(change, sentence):
+    streams = {name: [frame(seed)[name] for seed in range(3)] for name in ("image", "sparse_depth", "intrinsics")}
+    ((option, how),) = change.items()
+    if how == "short":
+        streams[option] = streams[option][:1]
+    elif how == "wide":
+        streams[option][1] = np.zeros((HEIGHT, WIDTH + 1))
+    elif how == "batch":
+        streams["image"][1], streams["sparse_depth"][1] = streams["image"][1][None], streams["sparse_depth"][1][None]
+    given = {name: iter(values) for name, values in streams.items()}
+    if how == "array":
+        given["image"] = np.stack(streams["image"])
+    with pytest.raises(DeuxError, match=sentence):
+        list(deux.predict(**given, model=Doubling(), **({"batch_size": 0} if option == "batch_size" else {})))

@@ -103,3 +103,12 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkey
         images.write_depth(file, np.zeros((8, 8)))
     assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_fractions_come_back_and_what_is_above_zero_stays_so(tmp_path):
+    fractions = np.array([[0.0, 1e-9, 0.25, 1.0]], np.float32)
+    (tmp_path / "a.png").write_bytes(images.encode_fraction(fractions))
+    found = images.read_fraction(tmp_path / "a.png")
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, fractions, atol=1 / 65535)
+    assert (found > 0).tolist() == [[False, True, True, True]]

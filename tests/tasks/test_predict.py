@@ -11,7 +11,8 @@ from scipy.interpolate import griddata
 
 import deux as package
 from deux.io.images import quantise_depth, read_depth, write_depth
-from deux.tasks.predict import write_prediction
+from deux.tasks.depth_completion import CompletedDepth
+from deux.tasks.frame_prediction import write_prediction
 
 HEIGHT, WIDTH = 45, 61
 SECTION = dict.fromkeys(("image", "sparse", "sparse_scale", "intrinsics", "ground_truth", "checkpoint"), "predict.")
@@ -318,7 +319,7 @@ def test_without_points_nothing_is_interpolated(predict, frame):
 
 def test_depth_beyond_what_a_png_holds_is_said(tmp_path, caplog):
     depth = np.array([[1.0, 300.0]], np.float32)
-    png, npy, _ = write_prediction(depth, tmp_path / "run")
+    png, npy, _ = write_prediction(CompletedDepth(depth), tmp_path / "run")
     assert caplog.messages == [f"{png} holds 0 where the depth is above 256 m: {npy} holds all of it."]
     np.testing.assert_array_equal(read_depth(png), [[1.0, 0.0]])
     np.testing.assert_array_equal(np.load(npy), depth)
@@ -350,7 +351,7 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
     [
         (
             {"image": None},
-            "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=: ",
+            "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=, or ",
         ),
         (
             {"sparse": None, "intrinsics": None},

@@ -13,10 +13,9 @@ import numpy as np
 
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts.reader import SPLITS
 from deux.errors import DeuxError, check_range, near_matches
 from deux.io.camera_files import read_any_depth, read_any_image
-
-SPLITS = ("train", "validation", "test")
 
 MANY_FRAMES = 10
 """An offset that is as large counts frames: a gap on top of it would take frames that show other things."""
@@ -116,6 +115,18 @@ class RecordedVideo(Reader):
             raise DeuxError(
                 f"{self.folder} has no {split} frames with depth and source frames: {self._expected(split)}"
             )
+        return found
+
+    def frames(self) -> list[FrameReference]:
+        """Every frame that has depth, those between two splits included."""
+        found = [
+            FrameReference(sequence, name)
+            for sequence, frames in self._frames.items()
+            for name, files in frames.items()
+            if files.has_depth
+        ]
+        if not found:
+            raise DeuxError(f"{self.folder} has no frames with depth.")
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:

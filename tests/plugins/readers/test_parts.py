@@ -1,4 +1,4 @@
-"""What the readers share: the order and the names of files, source frames, trajectories."""
+"""What the readers share: trajectories."""
 
 from pathlib import Path
 
@@ -7,27 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from deux.errors import DeuxError
-from deux_plugins.readers.parts.frame_files import list_files, matching
 from deux_plugins.readers.parts.trajectory_files import read_trajectory
-
-
-def test_files_are_listed_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    for name in ("1.png", "12.png", "2.JPG", ".3.png", "4.txt", "depth_5.png"):
-        (tmp_path / name).touch()
-    assert list(list_files(tmp_path, (".png", ".jpg"))) == ["1", "2", "12", "depth_5"]
-    assert set(list_files(tmp_path, (".png",), "depth_*")) == {"depth_5"}
-    assert list_files(tmp_path / "none", (".png",)) == {}
-    (tmp_path / "1.jpg").touch()
-    with pytest.raises(DeuxError, match=r"holds both 1\.jpg and 1\.png"):
-        list_files(tmp_path, (".png", ".jpg"))
-
-
-def test_files_belong_to_frames_by_name_and_otherwise_by_number() -> None:
-    assert matching(["1", "2"], {"2": Path("b"), "3": Path("c")}) == {"2": Path("b")}
-    assert matching(["rgb_1", "rgb_2"], {"d0002": Path("b"), "d0003": Path("c")}) == {"rgb_2": Path("b")}
-    assert matching(["rgb_1"], {"d_1": Path("a"), "e_1": Path("b")}) == {}
-    assert matching(["rgb_1"], {}) == {}
-
 
 POSES = [np.eye(4) for _ in range(3)]
 for index, pose in enumerate(POSES):

@@ -1,0 +1,123 @@
+"""Frames that no reader knows: a folder of images or a video, a folder of sparse points, and one camera matrix."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from deux.contracts import FrameReference, Reader, Triplet
+from deux.errors import DeuxError
+from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
+from deux.io.frame_files import DEPTH_SUFFIXES, list_files, matching
+from deux.io.images import DEPTH_SCALE
+from deux.io.layout import frame_name
+from deux.io.video_files import VIDEO_SUFFIXES, VideoReader
+
+LOOSE_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+"""Of the images that count."""
+
+
+@dataclass(frozen=True)
+class LooseFrames(Reader):
+    """One sequence of a folder of images, or of a video, that has sparse points in a folder of its own and no poses.
+
+    Points belong to the image of the same name, or number. In a video they belong to the frames in their order if there
+    are as many files as frames; otherwise by the last number in a file's name, counted from 0. A frame without points
+    is left out.
+
+    Args:
+        folder: the folder of images, or the video file.
+        sparse: the folder of sparse points, 16-bit PNG files or .npy files of metres.
+        camera: a file with the camera matrix of all images.
+        scale: stored values per metre of the PNG files.
+        truth: a folder of true depth, as `sparse`; None for none.
+        truth_scale: stored values per metre of its PNG files; None for `scale`.
+
+    Raises:
+        DeuxError: a folder or file is missing, or no image has points.
+    """
+
+    folder: Path
+    sparse: Path
+    camera: Path
+    scale: float = DEPTH_SCALE
+    truth: Path | None = None
+    truth_scale: float | None = None
+
+    def __post_init__(self) -> None:
+        for folder in (self.sparse, self.truth):
+            if folder is not None and not folder.is_dir():
+                raise DeuxError(f"{folder} is no folder: the depth maps of many frames lie in one.")
+        if not self._points:
+            what = "frames of the video" if self._is_video else "images"
+            raise DeuxError(
+                f"{self.sparse} has no points of the {what} {self.folder}: a .png or .npy file for each is expected, "
+                "with its name or number."
+            )
+
+    def frames(self) -> list[FrameReference]:
+        """The images that have points."""
+        return [FrameReference(self.folder.stem, name) for name in self._points]
+
+    def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
+        """All frames are the split "test", without source frames."""
+        if split != "test":
+            raise DeuxError(f"{self.folder} has no {split} split: all its frames are for test.")
+        return [Triplet(frame, ()) for frame in self.frames()]
+
+    def image(self, frame: FrameReference) -> np.ndarray:
+        """H x W x 3 uint8."""
+        return self._video.read(int(frame.name)) if self._is_video else read_any_image(self._images[frame.name])
+
+    def intrinsics(self, frame: FrameReference) -> np.ndarray:
+        """3 x 3 float64, the same of all frames."""
+        return read_any_intrinsics(self.camera)
+
+    def sparse_depth(self, frame: FrameReference) -> np.ndarray:
+        """H x W float32 metres, 0 = none."""
+        return read_any_depth(self._points[frame.name], self.scale)
+
+    def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
+        """H x W float32 metres, 0 = none; None for a frame without."""
+        file = self._truths.get(frame.name)
+        return None if file is None else read_any_depth(file, self.truth_scale or self.scale)
+
+    @property
+    def _is_video(self) -> bool:
+        return self.folder.suffix.lower() in VIDEO_SUFFIXES
+
+    @cached_property
+    def _video(self) -> VideoReader:
+        return VideoReader(self.folder)
+
+    @cached_property
+    def _images(self) -> dict[str, Path]:
+        if not self.folder.is_dir():
+            raise DeuxError(
+                f"{self.folder} is no folder of images and no video ({', '.join(VIDEO_SUFFIXES)}) to predict from."
+            )
+        return list_files(self.folder, LOOSE_IMAGE_SUFFIXES)
+
+    @cached_property
+    def _points(self) -> dict[str, Path]:
+        return self._files(self.sparse)
+
+    @cached_property
+    def _truths(self) -> dict[str, Path]:
+        return {} if self.truth is None else self._files(self.truth)
+
+    def _files(self, folder: Path) -> dict[str, Path]:
+        """The folder's files by the names of the frames that they belong to, in the order of time."""
+        files = list_files(folder, DEPTH_SUFFIXES)
+        if not self._is_video:
+            return matching(self._images, files)
+        if len(files) == len(self._video):
+            return {frame_name(number): path for number, path in enumerate(files.values())}
+        return matching(map(frame_name, range(len(self._video))), {_last_number(name): files[name] for name in files})
+
+
+def _last_number(name: str) -> str:
+    """The last number in a file's name, as frames are called; the name itself where there is none."""
+    digits = "".join(character if character.isdecimal() else " " for character in name).split()
+    return frame_name(int(digits[-1])) if digits else name

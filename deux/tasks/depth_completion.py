@@ -1,0 +1,129 @@
+"""A depth model, with or without a measure of uncertainty, on batches of recorded frames."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from deux.contracts import DepthModel, FrameReference, Uncertainty
+from deux.data.frame_stream import RecordedFrame
+from deux.deployment.array_prediction import predict_arrays
+from deux.errors import DeuxError
+from deux.frame_uncertainty import make_view
+from deux.inference.precision import default_device, tf32_convolutions
+from deux.registry import registry
+
+NamedFrame = tuple[FrameReference, RecordedFrame]
+"""A frame of a folder and its content."""
+
+
+@dataclass(frozen=True)
+class CompletedDepth:
+    """What a model makes of a frame.
+
+    Args:
+        depth: H x W float32 metres.
+        confidence: H x W float32, exp(-uncertainty) in (0, 1], 0 where the measure has no value; None without measure.
+    """
+
+    depth: np.ndarray
+    confidence: np.ndarray | None = None
+
+
+class DepthCompletion:
+    """Completes the depth of frames in float32, on a CUDA device where there is one.
+
+    Args:
+        model: the depth model; it is moved.
+        measure: judges the depth; None for no confidence.
+    """
+
+    def __init__(self, model: DepthModel, measure: Uncertainty | None = None) -> None:
+        self._device = default_device()
+        self._model = model.to(self._device)
+        self._measure = measure
+
+    @tf32_convolutions(False)
+    def __call__(self, frames: Sequence[RecordedFrame]) -> list[CompletedDepth]:
+        """Complete frames of one size, with the same number of source frames each."""
+        sources = len(frames[0].sources)
+        if self._measure is None or (self._measure.needs_sources and sources == 0):
+            images, points, cameras = (
+                np.stack([getattr(frame, name) for frame in frames]) for name in ("image", "sparse_depth", "intrinsics")
+            )
+            depths = predict_arrays(images, points, cameras, self._model)
+            return [self._without_value(depth) for depth in depths]
+        return self._judge(frames, self._measure)
+
+    @torch.no_grad()
+    def _judge(self, frames: Sequence[RecordedFrame], measure: Uncertainty) -> list[CompletedDepth]:
+        height, width = frames[0].image.shape[:2]
+        sources = [source for frame in frames for source in frame.sources]
+        shape = (len(frames), len(sources) // len(frames))
+        images = self._images([frame.image for frame in frames], height, width)
+        view = make_view(
+            images,
+            self._tensor([frame.sparse_depth for frame in frames])[:, None],
+            self._tensor([frame.intrinsics for frame in frames]),
+            self._images([source.image for source in sources], height, width).unflatten(0, shape),
+            self._tensor([source.source_from_target for source in sources]).reshape(*shape, 4, 4),
+            self._model.predict,
+        )
+        confidence = torch.exp(-measure(view)).nan_to_num(nan=0.0)
+        return [
+            CompletedDepth(depth, known)
+            for depth, known in zip(view.depth[:, 0].cpu().numpy(), confidence.cpu().numpy(), strict=True)
+        ]
+
+    def _without_value(self, depth: np.ndarray) -> CompletedDepth:
+        return CompletedDepth(depth, None if self._measure is None else np.zeros_like(depth))
+
+    def _images(self, images: Sequence[np.ndarray], height: int, width: int) -> Tensor:
+        """N x 3 x H x W in [0, 1]; N may be 0."""
+        stacked = np.stack(images) if images else np.empty((0, height, width, 3), np.uint8)
+        return torch.from_numpy(stacked).to(self._device).permute(0, 3, 1, 2).contiguous().float() / 255.0
+
+    def _tensor(self, arrays: Sequence[np.ndarray]) -> Tensor:
+        return torch.from_numpy(np.array(arrays, dtype=np.float32)).to(self._device)
+
+
+def batches(frames: Iterable[NamedFrame], size: int) -> Iterator[list[NamedFrame]]:
+    """Frames in batches of up to `size` that have one image size and one number of source frames."""
+    batch: list[NamedFrame] = []
+    for name, frame in frames:
+        if batch and _kind(batch[0][1]) != _kind(frame):
+            yield batch
+            batch = []
+        batch.append((name, frame))
+        if len(batch) == size:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def _kind(frame: RecordedFrame) -> tuple[tuple[int, ...], int]:
+    return frame.image.shape, len(frame.sources)
+
+
+def refuse_measure(name: str, why: str) -> DeuxError:
+    """The error for a measure that compares frames where there is nothing to compare with.
+
+    Args:
+        name: of the measure.
+        why: what is missing, the middle of the sentence.
+    """
+    others = " or ".join(other for other in registry().names("uncertainties") if _judges_alone(other))
+    return DeuxError(
+        f"predict.uncertainty={name} compares a frame with its neighbours by their poses, and {why}: choose a measure "
+        f"that judges single frames{f', {others}' if others else ''}."
+    )
+
+
+def _judges_alone(name: str) -> bool:
+    try:
+        return not registry().get("uncertainties", name).needs_sources  # type: ignore[attr-defined]
+    except DeuxError:  # a package that is broken harms nobody who does not ask for it
+        return False

@@ -1,0 +1,26 @@
+"""Files as the frames of a video: their order, and which belong together."""
+
+from pathlib import Path
+
+import pytest
+
+from deux.errors import DeuxError
+from deux.io.frame_files import list_files, matching
+
+
+def test_files_are_listed_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for name in ("1.png", "12.png", "2.JPG", ".3.png", "4.txt", "depth_5.png"):
+        (tmp_path / name).touch()
+    assert list(list_files(tmp_path, (".png", ".jpg"))) == ["1", "2", "12", "depth_5"]
+    assert set(list_files(tmp_path, (".png",), "depth_*")) == {"depth_5"}
+    assert list_files(tmp_path / "none", (".png",)) == {}
+    (tmp_path / "1.jpg").touch()
+    with pytest.raises(DeuxError, match=r"holds both 1\.jpg and 1\.png"):
+        list_files(tmp_path, (".png", ".jpg"))
+
+
+def test_files_belong_to_frames_by_name_and_otherwise_by_number() -> None:
+    assert matching(["1", "2"], {"2": Path("b"), "3": Path("c")}) == {"2": Path("b")}
+    assert matching(["rgb_1", "rgb_2"], {"d0002": Path("b"), "d0003": Path("c")}) == {"rgb_2": Path("b")}
+    assert matching(["rgb_1"], {"d_1": Path("a"), "e_1": Path("b")}) == {}
+    assert matching(["rgb_1"], {}) == {}

@@ -52,7 +52,7 @@ Any line can be given on the command line, `python -m deux camera.width=256`, or
 type ends the command with one sentence, before any work is done. `python -m deux --help` lists groups and presets, and
 `python -m deux --cfg job` with options prints what they are composed to.
 
-The tables are made from the constructors. "Required" options have no default.
+The lists are made from the constructors; a required option has no default.
 """
 
 
@@ -67,9 +67,9 @@ def _page() -> Iterator[str]:
     cfg = compose(["callbacks=[active_collection]"])
     yield INTRODUCTION
     yield "## Tasks\n"
-    yield "| `task=` | what it does | sections that it reads |\n|---|---|---|"
     for name, task in TASKS.items():
-        yield f"| `{name}` | {_cell(task.purpose)} | {', '.join(f'`{section}`' for section in task.sections)} |"
+        sections = ", ".join(f"`{section}`" for section in task.sections)
+        yield f"- `task={name}`: {_line(task.purpose)}. It reads {sections}."
     yield "\n## Sections\n"
     for section, target in SECTIONS.items():
         module, _, attribute = target.partition(":")
@@ -100,12 +100,11 @@ def _described(cls: type, where: str, given: Collection[str], chosen: dict[str, 
         yield "No options.\n"
         return
     meanings = _meanings(cls)
-    yield "| option | type | default | meaning |\n|---|---|---|---|"
     for name, option in known.items():
         default = chosen.get(name, option.default)
-        shown = "required" if default is REQUIRED else f"`{_yaml(default)}`"
-        kind = _cell(describe(option.annotation))
-        yield f"| `{where}.{name}` | {kind} | {shown} | {_cell(meanings.get(name, ''))} |"
+        shown = "required" if default is REQUIRED else f"default `{_yaml(default)}`"
+        meaning = _line(meanings.get(name, ""))
+        yield f"- `{where}.{name}` ({_line(describe(option.annotation))}; {shown}): {meaning}"
     yield ""
 
 
@@ -141,12 +140,12 @@ def _yaml(value: Any) -> str:
         return f"[{', '.join(map(_yaml, value))}]"
     if isinstance(value, dict) or type(value).__name__ == "_HAS_DEFAULT_FACTORY_CLASS":
         return "{}" if not isinstance(value, dict) else f"{{{', '.join(f'{k}: {_yaml(v)}' for k, v in value.items())}}}"
-    return str(value).replace("|", "\\|")
+    return str(value)
 
 
-def _cell(text: str) -> str:
-    """Text in a cell of a table: on one line, without the character that ends cells."""
-    return " ".join(text.split()).replace("|", "\\|")
+def _line(text: str) -> str:
+    """Text on one line."""
+    return " ".join(text.split())
 
 
 if __name__ == "__main__":

@@ -32,8 +32,8 @@ def test_every_option_of_every_plugin_has_a_line_that_says_what_it_means(page):
         for plugin in (one for one in registry().plugins(kind.name) if one.package == "deux"):
             where = kind.settings.format(name=plugin.name)
             for option in options(plugin.load(), kind.given):
-                (line, *_) = re.findall(rf"^\| `{re.escape(where)}\.{option}` \|.*", page, re.M)
-                assert not line.endswith("|  |"), f"{kind.noun} {plugin.name} does not say what {option} is"
+                (line, *_) = re.findall(rf"^- `{re.escape(where)}\.{option}` \(.*", page, re.M)
+                assert not line.endswith("): "), f"{kind.noun} {plugin.name} does not say what {option} is"
 
 
 def test_every_section_is_there(page):
@@ -45,25 +45,14 @@ def test_every_section_is_there(page):
 
 
 @pytest.mark.parametrize(
-    ("line", "meaning"),
+    "line",
     [
-        ("| `camera.width` | a whole number | `128` |", "image width in pixels"),
-        ("| `training.learning_rate` | a number | `0.0005` |", ""),  # of a base class
-        ("| `training.offsets` | a list (each a whole number) | `[-1, -2]` |", ""),
-        ("| `scenes.up` | 'y' or 'z' | `y` |", "the axis of the files that points up"),
-        ("| `scenes.root` | text | required |", ""),
+        "- `camera.width` (a whole number; default `128`): image width in pixels.",
+        "- `training.learning_rate` (a number; default `0.0005`): the rate",  # of a base class
+        "- `training.offsets` (a list (each a whole number); default `[-1, -2]`): the recent source frames",
+        "- `scenes.up` ('y' or 'z'; default `y`): the axis of the files that points up",
+        "- `scenes.root` (text; required): ",
     ],
 )
-def test_type_and_default_are_those_of_the_command(page, line, meaning):
-    assert f"{line} {meaning}" in page
-
-
-def test_every_row_of_a_table_has_as_many_cells_as_its_head(page):
-    width = 0
-    for line in page.splitlines():
-        if line.startswith("|"):
-            cells = len(re.findall(r"(?<!\\)\|", line))
-            width = width or cells
-            assert cells == width, line
-        else:
-            width = 0
+def test_type_and_default_are_those_of_the_command(page, line):
+    assert line in page

@@ -127,10 +127,11 @@ def test_write_an_explorer(folder):
     result = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
     assert result.returncode == 0, result.stderr
     (manifest,) = folder.glob("outputs/datasets/bouncer-*/manifest.json")
-    assert json.loads(manifest.read_text())["specification"]["explorer"]["distance"] == 0.8
+    assert json.loads(manifest.read_text())["specification"]["explorer_settings"] == {"distance": 0.8}
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_notebook_runs(folder):
     nbformat = pytest.importorskip("nbformat", reason="the extra notebook is not installed")
     nbclient = pytest.importorskip("nbclient", reason="the extra notebook is not installed")
@@ -138,7 +139,7 @@ def test_the_notebook_runs(folder):
     notebook = nbformat.read(EXAMPLES / "first_look.ipynb", as_version=4)
     assert all(not cell.get("outputs") for cell in notebook.cells), "commit it without outputs"
     environment = {**os.environ, "PYTHONWARNINGS": "ignore"}
-    nbclient.NotebookClient(notebook, timeout=280, resources={"metadata": {"path": str(folder)}}).execute(
+    nbclient.NotebookClient(notebook, timeout=840, resources={"metadata": {"path": str(folder)}}).execute(
         env=environment
     )
     pictures = [

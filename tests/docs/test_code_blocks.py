@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 import deux.contracts
 from deux.data.dataset_reader import DatasetReader
@@ -116,6 +117,15 @@ def example_explorer(folder: Path) -> dict[str, Any]:
     return {**vars(deux.contracts), "MyExplorer": explorer, "WallFollower": explorer}
 
 
+def recorded_frame(folder: Path) -> dict[str, Any]:
+    """A frame of a depth camera, in millimetres, and the libraries that the page imports in its sentence."""
+    for name, values in (("images", frame()["image"]), ("depth", np.full((64, 96), 2000, np.uint16))):
+        (folder / name).mkdir()
+        Image.fromarray(values).save(folder / name / "00010.png")
+    importlib.import_module("deux.collection.sparse")
+    return {"np": np, "Image": Image, "deux": deux}
+
+
 def nothing(folder: Path) -> dict[str, Any]:
     return {}
 
@@ -130,6 +140,7 @@ GIVEN: dict[str, Callable[[Path], dict[str, Any]]] = {
     "docs/export.md": shards,
     "docs/plugins.md": example_explorer,
     "docs/habitat.md": habitat,
+    "docs/results.md": recorded_frame,
 }
 """What the blocks of a page find; those of other pages need nothing."""
 

@@ -1,5 +1,6 @@
 """What the doctor says of packages."""
 
+import re
 from importlib.metadata import version
 
 from deux.doctor import installation_checks
@@ -26,6 +27,6 @@ def test_a_dependency_that_is_missing_or_too_old_is_a_fault(monkeypatch):
     checkup = Checkup(show=False)
     check_packages(checkup)
     (fault,) = checkup.as_json()["sections"][0]["faults"]
-    assert "kornia>=0.8 (0.6.0 installed)" in fault
-    assert "trimesh>=4.4 (not installed)" in fault
+    assert re.search(r"kornia>=[\d.]+ \(0\.6\.0 installed\)", fault)
+    assert re.search(r"trimesh>=[\d.]+ \(not installed\)", fault)
     assert facts(checkup)["deux[gl]"] == "lacks moderngl"

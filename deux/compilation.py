@@ -40,3 +40,8 @@ def nothing_compiled() -> bool:
     return not any(
         any(Path(dispatcher.stats.cache_path).glob(f"*{dispatcher.py_func.__qualname__}-*.nbi")) for dispatcher in _kept
     )
+
+
+def kept_folders() -> list[Path]:
+    """The folders in which machine code is kept, of the functions imported so far."""
+    return sorted({Path(dispatcher.stats.cache_path).resolve() for dispatcher in _kept})

@@ -134,6 +134,11 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
 
     Raises:
         DeuxError: an override that names nothing, or a plugin that is not installed.
+
+    Example:
+        >>> cfg = compose(["model=voiced", "camera.width=256"])
+        >>> cfg.model.name, cfg.camera.width
+        ('voiced', 256)
     """
     register_configuration()
     check_names(overrides)

@@ -66,7 +66,7 @@ def prepare_machine(threads: int | None, device: str = "auto") -> Machine:
     torch.set_num_threads(count)
     cv2.setNumThreads(count)
     return Machine(
-        processor=_processor(),
+        processor=processor(),
         cores=cores(),
         threads=count,
         accelerator=torch.cuda.get_device_name() if used else "none",
@@ -80,7 +80,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def _processor() -> str:
+def processor() -> str:
+    """The processor's model."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

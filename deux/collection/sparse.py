@@ -62,6 +62,12 @@ def sample_sparse(image: np.ndarray, depth: np.ndarray, settings: SparseSettings
 
     Returns:
         H x W float32 metres, 0 = none.
+
+    Example:
+        >>> image = np.random.default_rng(0).integers(0, 255, (40, 40, 3), np.uint8)
+        >>> points = sample_sparse(image, np.full((40, 40), 2.0, np.float32), SparseSettings(density=0.01))
+        >>> int(np.count_nonzero(points)), points.max().item()
+        (16, 2.0)
     """
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     response = cv2.cornerHarris(gray, blockSize=3, ksize=3, k=0.04)

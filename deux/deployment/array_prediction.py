@@ -65,6 +65,12 @@ def predict_arrays(
 
     Raises:
         DeuxError: an input has another shape or type, or impossible values; or there is no such model.
+
+    Example:
+        >>> model = deux.load("outputs/runs/kbnet-deux-1a2b3c4d")
+        >>> depth = deux.predict(image, sparse_depth, intrinsics, model=model)
+        >>> depth.shape == sparse_depth.shape
+        True
     """
     model = model if isinstance(model, DepthModel) else _loaded(model)
     if _is_stream(image) or _is_stream(sparse_depth):

@@ -48,6 +48,10 @@ def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings
         model: the depth model.
         name: its registered name.
         settings: the options that it was made with; defaults are filled in.
+
+    Example:
+        >>> model = registry().create("depth_models", "kbnet", {"max_depth": 8})
+        >>> save_model("kbnet.safetensors", model, "kbnet", {"max_depth": 8})
     """
     config = ModelConfig(name, full_settings(type(model), settings), __version__)
     weights = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
@@ -67,6 +71,11 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     Raises:
         DeuxError: there is no such file, it is damaged or not one of ours, its model is not installed, or its weights
             do not fit the model.
+
+    Example:
+        >>> model = deux.load("outputs/runs/kbnet-deux-1a2b3c4d")  # a run folder, or a model file
+        >>> model.max_depth
+        10.0
     """
     file = weights_file(path)
     config = _read_config(file)

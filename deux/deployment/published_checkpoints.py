@@ -54,6 +54,10 @@ def load_published(
 
     Raises:
         DeuxError: a file cannot be read or is not a checkpoint of this model, or of its pose network.
+
+    Example:
+        >>> model = deux.load_published("kbnet", "kbnet-void1500.pth")
+        >>> depth = deux.predict(image, sparse_depth, intrinsics, model=model)
     """
     model_class: type[DepthModel] = registry().get("depth_models", name)
     model: DepthModel = registry().create("depth_models", name, {**(settings or {}), **model_class.published_options})

@@ -1,8 +1,9 @@
-"""What is there and what is missing: `python -m deux.doctor [--load] [option=value ...]`."""
+"""What is there and what is missing: `python -m deux.doctor [--load] [--json] [option=value ...]`."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -20,43 +21,64 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the checks and return the exit code: 0, or 1 if something that was asked for is missing or wrong."""
     leave_out_working_folder()
     options = _parser().parse_args(arguments)
+    # Imported here because it brings torch, which `--help` must not wait for.
+    from deux.doctor.checkup import Checkup
+
+    checkup = Checkup(show=not options.json)
     try:
-        return 1 if _run(options.overrides, options.load) else 0
-    except DeuxError as error:
-        print(f"deux: {error}", file=sys.stderr)
-        return 1
+        _run(checkup, options.overrides, options.load)
+    except DeuxError as error:  # the options cannot be composed: nothing can be said of what they ask for
+        if options.json:
+            checkup.fault(str(error))
+        else:
+            checkup.faults += 1
+            print(f"deux: {error}", file=sys.stderr)
+    if options.json:
+        print(json.dumps(checkup.as_json(), indent=2))
+    return 1 if checkup.faults else 0
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m deux.doctor",
-        description="Say what is installed, which scenes and frames are on disk and what is missing, for a command "
-        "with these options. Exit code 1: something that was asked for is missing.",
+        description="Say what is installed and works here, which plugins load, which scenes and frames are on disk and "
+        "what is missing, for a command with these options. Paste the output into a report of a fault. Exit code 1: "
+        "something that was asked for is missing.",
     )
     parser.add_argument(
         "overrides", nargs="*", metavar="option=value", help="of python -m deux, such as scenes=mp3d scenes.root=FOLDER"
     )
     parser.add_argument("--load", action="store_true", help="load the first scene and describe it")
+    parser.add_argument("--json", action="store_true", help="print JSON in place of text")
     return parser
 
 
-def _run(overrides: Sequence[str], load: bool) -> int:
-    """Check all that the configuration asks for; the number of faults."""
-    # Imported here because they bring torch, which `--help` must not wait for.
+def _run(checkup: Checkup, overrides: Sequence[str], load: bool) -> None:
+    """Check the installation, then all that the configuration asks for.
+
+    Raises:
+        DeuxError: the overrides name something that there is not.
+    """
     from deux.composition_errors import quoted_digits
     from deux.configuration import compose
-    from deux.doctor.checkup import Checkup
-    from deux.doctor.installation_checks import check_installation
+    from deux.doctor.installation_checks import check_packages, check_simulators
+    from deux.doctor.machine_checks import check_accelerator, check_folders, check_machine
+    from deux.doctor.plugin_checks import check_chosen_plugins, check_models, check_plugins
     from deux.doctor.scene_checks import check_scenes
 
+    check_machine(checkup)
+    check_packages(checkup)
+    check_plugins(checkup)
+    check_models(checkup)
     cfg = compose([quoted_digits(override) for override in overrides])
-    checkup = Checkup()
-    check_installation(checkup, cfg)
+    check_simulators(checkup, cfg)
+    check_folders(checkup, cfg)
+    check_chosen_plugins(checkup, cfg)
+    check_accelerator(checkup, cfg)
     check_scenes(checkup, cfg, load)
     for option, folder in (("training_data", cfg.training_data), ("evaluation.data", cfg.evaluation.data)):
         if folder is not None:
             _check_frames(checkup, cfg, option, folder)
-    return checkup.faults
 
 
 def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -> None:
@@ -66,7 +88,6 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
     from deux.doctor.frame_checks import check_frames
     from deux.options import construct
     from deux.registry import registry
-    from deux.tasks.console import say
     from deux.training.training_settings import TrainingSettings
 
     checkup.heading(f"Frames: {cfg.data.get('name')}, {option}={folder}")
@@ -74,10 +95,10 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
         reader: Reader = registry().choose("readers", cfg.data).create(user_path(folder))
         checkup.fact("folder", str(reader.folder))
         offsets = construct(TrainingSettings, cfg.training, "training").offsets
-        checks = check_frames(
-            reader, offsets, user_path(cfg.paths.outputs) / "doctor", show=lambda line: say(f"  {line}")
-        )
-        checkup.faults += sum(len(check.problems) for check in checks)
+        checks = check_frames(reader, offsets, user_path(cfg.paths.outputs) / "doctor", show=checkup.line)
+        for check in checks:
+            for problem in check.problems:
+                checkup.count(problem)
         if not any(check.frames for check in checks):
             checkup.fault(f"{folder} has no frames in any split.")
     except DeuxError as error:

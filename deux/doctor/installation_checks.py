@@ -1,42 +1,67 @@
-"""What is installed and works here: the versions of packages, the graphics card, the renderers."""
+"""What is installed and works here: the versions of packages, what extras lack, the renderers."""
 
-import platform
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
 
 import numpy as np
-import torch
 from omegaconf import DictConfig
+from packaging.requirements import Requirement
 
 from deux.contracts import Material, SceneMesh
 from deux.doctor.checkup import Checkup
+from deux.doctor.plugin_checks import lacking
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.registry import registry
 from deux.simulator.renderers import RENDERERS, make_renderer
 
-PACKAGES = ("deux", "torch", "torchvision", "lightning", "hydra-core", "kornia", "numpy", "trimesh", "embreex")
+DEVELOPMENT = ("test", "dev", "docs")
+"""Extras that nobody needs who uses deux."""
 
 
-def check_installation(checkup: Checkup, cfg: DictConfig) -> None:
-    """Report versions, graphics card and renderers; a renderer that the configuration chooses must work."""
-    checkup.heading("Installation")
-    versions = {name: found for name in PACKAGES if (found := _version(name))}
-    checkup.fact("packages", ", ".join(f"{name} {number}" for name, number in versions.items()))
-    checkup.fact("Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
-    checkup.fact("GPU", _graphics_card())
+def check_packages(checkup: Checkup) -> None:
+    """Report the versions of what deux depends on, and what each extra lacks; a missing dependency is a fault."""
+    checkup.heading("Packages")
+    needed = [Requirement(text) for text in requires("deux") or ()]
+    checkup.fact("deux", _version("deux") or "not installed")
+    missing = []
+    for one in needed:
+        if one.marker is None or one.marker.evaluate({"extra": ""}):
+            found = _version(one.name)
+            if found and one.specifier.contains(found, prereleases=True):
+                checkup.fact(one.name, found)
+            else:
+                missing.append(f"{one.name}{one.specifier} ({found or 'not'} installed)")
+    if missing:
+        checkup.fault(f'deux needs {", ".join(missing)}: pip install "deux".')
+    for extra in sorted(set(metadata("deux").get_all("Provides-Extra") or ()) - set(DEVELOPMENT)):
+        of_extra = [one for one in needed if one.marker is not None and one.marker.evaluate({"extra": extra})]
+        absent = [one.name for one in of_extra if _version(one.name) is None]
+        checkup.fact(f"deux[{extra}]", f"lacks {', '.join(absent)}" if absent else "installed")
+
+
+def check_simulators(checkup: Checkup, cfg: DictConfig) -> None:
+    """Draw with each renderer, ask each simulator what it lacks; what the configuration chooses must work."""
+    checkup.heading("Simulators and renderers")
+    chosen, renderer = cfg.simulator.get("name"), None
     try:
-        simulator = registry().choose("simulators", cfg.simulator)
+        renderer = registry().choose("simulators", cfg.simulator).settings.get("renderer")
     except DeuxError as error:
         checkup.fault(str(error))
-        return
-    checkup.fact("simulator", simulator.name)
-    chosen = simulator.settings.get("renderer")
+    for name in registry().names("simulators"):
+        try:
+            problem = lacking(registry().get("simulators", name))
+        except DeuxError as error:
+            problem = str(error)
+        if problem and name == chosen:
+            checkup.fault(f"simulator {name}: {problem}")
+        else:
+            checkup.fact(f"simulator {name}", problem or "can be used")
     for name in RENDERERS:
         fault = _renderer_fault(name)
-        if fault and name == chosen:
+        if fault and name == renderer:
             checkup.fault(f"renderer {name}: {fault}")
         else:
-            checkup.fact(f"  {name}", ("works" if not fault else f"does not work: {fault}"))
+            checkup.fact(f"renderer {name}", ("works" if not fault else f"does not work: {fault}"))
 
 
 def _version(package: str) -> str | None:
@@ -44,16 +69,6 @@ def _version(package: str) -> str | None:
         return version(package)
     except PackageNotFoundError:
         return None
-
-
-def _graphics_card() -> str:
-    if not torch.cuda.is_available():
-        built = (
-            f"torch is built with CUDA {torch.version.cuda}" if torch.version.cuda else "torch is built without CUDA"
-        )
-        return f"none that torch can use ({built}): models run on the CPU"
-    memory = torch.cuda.get_device_properties(0).total_memory / 2**30
-    return f"{torch.cuda.get_device_name(0)}, {memory:.0f} GiB; {torch.cuda.device_count()} in all"
 
 
 def _renderer_fault(name: str) -> str:

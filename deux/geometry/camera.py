@@ -21,6 +21,10 @@ class Camera:
 
     Raises:
         DeuxError: a value is out of its range.
+
+    Example:
+        >>> Camera(width=4, height=2, hfov=90.0).intrinsics.round(6).tolist()
+        [[2.0, 0.0, 1.5], [0.0, 2.0, 0.5], [0.0, 0.0, 1.0]]
     """
 
     width: int = 400

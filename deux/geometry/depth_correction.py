@@ -42,6 +42,12 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float) -> Tensor
 
     Returns:
         N x 1 x H x W float32 metres; a frame without any point is unchanged.
+
+    Example:
+        >>> depth, points = torch.full((1, 1, 9, 9), 2.0), torch.zeros(1, 1, 9, 9)
+        >>> points[..., 4, 4] = 3.0  # measured where 2 m were predicted
+        >>> correct_depth(depth, points, spacing=3.0)[..., 4, 4].item() > 2.9
+        True
     """
     depth, sparse_depth = depth.float(), sparse_depth.float()
     height, width = depth.shape[-2:]

@@ -13,18 +13,33 @@ def camera_pose(x: float, y: float, z: float, yaw: float) -> np.ndarray:
 
     Returns:
         4 x 4 float64; its columns are the camera's right, down and forward axes and its centre.
+
+    Example:
+        >>> camera_pose(1.0, 1.25, 2.0, yaw=0.0)[:, 2].tolist()  # forward is -Z
+        [-0.0, 0.0, -1.0, 0.0]
     """
     s, c = math.sin(yaw), math.cos(yaw)
     return np.array([[c, 0.0, -s, x], [0.0, -1.0, 0.0, y], [-s, 0.0, -c, z], [0.0, 0.0, 0.0, 1.0]])
 
 
 def yaw_of(pose: np.ndarray) -> float:
-    """Heading in radians, in (-pi, pi], of a level camera-to-world matrix; the inverse of `camera_pose`."""
+    """Heading in radians, in (-pi, pi], of a level camera-to-world matrix; the inverse of `camera_pose`.
+
+    Example:
+        >>> round(yaw_of(camera_pose(0.0, 1.25, 0.0, yaw=0.5)), 6)
+        0.5
+    """
     return math.atan2(-pose[0, 2], -pose[2, 2])
 
 
 def inverse(pose: np.ndarray) -> np.ndarray:
-    """Inverse of rigid 4 x 4 matrices (... x 4 x 4), exact for rotations."""
+    """Inverse of rigid 4 x 4 matrices (... x 4 x 4), exact for rotations.
+
+    Example:
+        >>> pose = camera_pose(1.0, 1.25, 2.0, yaw=0.5)
+        >>> np.allclose(inverse(pose) @ pose, np.eye(4))
+        True
+    """
     rotation = np.swapaxes(pose[..., :3, :3], -1, -2)
     result = np.zeros_like(pose)
     result[..., :3, :3] = rotation
@@ -34,12 +49,24 @@ def inverse(pose: np.ndarray) -> np.ndarray:
 
 
 def source_from_target(target: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """The matrix that carries points of the target camera into the source camera, from both cameras' poses."""
+    """The matrix that carries points of the target camera into the source camera, from both cameras' poses.
+
+    Example:
+        >>> target, source = camera_pose(0.0, 1.25, 0.0, yaw=0.0), camera_pose(0.5, 1.25, 0.0, yaw=0.0)
+        >>> source_from_target(target, source)[:3, 3].tolist()  # half a metre to the left of the source
+        [-0.5, 0.0, 0.0]
+    """
     return inverse(source) @ target
 
 
 def motion(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
-    """Distance in metres and rotation angle in degrees between two camera-to-world matrices."""
+    """Distance in metres and rotation angle in degrees between two camera-to-world matrices.
+
+    Example:
+        >>> distance, angle = motion(camera_pose(0.0, 1.25, 0.0, yaw=0.0), camera_pose(3.0, 1.25, 4.0, yaw=0.1))
+        >>> round(distance, 6), round(angle, 3)
+        (5.0, 5.73)
+    """
     relative = source_from_target(first, second)
     cosine = (np.trace(relative[:3, :3]) - 1.0) / 2.0
     return float(np.linalg.norm(relative[:3, 3])), math.degrees(math.acos(min(1.0, max(-1.0, cosine))))

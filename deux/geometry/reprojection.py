@@ -43,6 +43,13 @@ def reproject(
         images: N x S x 3 x H x W, the target frame as each source frame shows it; differentiable in depth and pose.
         visible: N x S x 1 x H x W bool, true where there is depth and the point lies in front of the source camera
             and inside its image.
+
+    Example:
+        >>> image, depth = torch.rand(1, 1, 3, 4, 4), torch.full((1, 1, 4, 4), 2.0)
+        >>> camera = torch.tensor([[[2.0, 0.0, 1.5], [0.0, 2.0, 1.5], [0.0, 0.0, 1.0]]])
+        >>> images, visible = reproject(image, depth, camera, torch.eye(4).expand(1, 1, 4, 4))  # nothing moves
+        >>> torch.allclose(images, image, atol=1e-5), visible.all().item()
+        (True, True)
     """
     dtype = torch.float64 if depth.dtype == torch.float64 else torch.float32
     with torch.autocast(depth.device.type, enabled=False):

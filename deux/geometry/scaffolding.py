@@ -22,6 +22,10 @@ def interpolate(sparse_depth: np.ndarray, outside: Literal["nearest", "zero"] = 
     Returns:
         H x W float32 metres. Where no triangle can be made (fewer than three points, or all on one line) every pixel
         takes the nearest point's depth, whatever `outside` says; without any point the result is 0 everywhere.
+
+    Example:
+        >>> interpolate(np.array([[1.0, 0.0, 3.0], [0.0, 0.0, 0.0], [1.0, 0.0, 3.0]]))[1].tolist()
+        [1.0, 2.0, 3.0]
     """
     rows, columns = np.nonzero(sparse_depth)
     if rows.size == 0:

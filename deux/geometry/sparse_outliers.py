@@ -19,6 +19,11 @@ def remove_outliers(sparse_depth: Tensor, kernel_size: int = 7, threshold: float
 
     Returns:
         validity: N x 1 x H x W float32, 1 = kept point, 0 = no point or dropped.
+
+    Example:
+        >>> points = torch.tensor([[[[2.0, 0.0, 5.0, 3.0]]]])  # 5 m is behind the edge of what is at 2 m
+        >>> remove_outliers(points).tolist()
+        [[[[1.0, 0.0, 0.0, 1.0]]]]
     """
     points = sparse_depth > 0
     # Pixels without a point must never be the nearest: they are pooled as infinitely far.

@@ -38,6 +38,11 @@ def ssim(
 
     Returns:
         N x ... x C x H x W in [-1, 1], smaller by `window_size - 1` in both directions with `border="valid"`.
+
+    Example:
+        >>> image = torch.rand(1, 3, 8, 8)
+        >>> ssim(image, image).mean().item()
+        1.0
     """
     dtype = torch.promote_types(torch.promote_types(image.dtype, other.dtype), torch.float32)
     compare = _by_rows if tuned_for_cpu(image) else _by_kornia

@@ -16,6 +16,11 @@ def sparsification_curve(error: np.ndarray, uncertainty: np.ndarray) -> np.ndarr
 
     Returns:
         A value for each of `REMOVED`; at least one pixel always remains.
+
+    Example:
+        >>> error = np.linspace(0.0, 1.0, 1001)
+        >>> sparsification_curve(error, uncertainty=error)[[0, 10]].round(2).tolist()  # all pixels, half of them
+        [0.5, 0.25]
     """
     ascending = error[np.argsort(uncertainty, kind="stable")]
     means = np.cumsum(ascending) / np.arange(1, len(ascending) + 1)
@@ -33,5 +38,10 @@ def ause(curve: np.ndarray, oracle: np.ndarray) -> float:
     Args:
         curve: a sparsification curve.
         oracle: that of the error itself.
+
+    Example:
+        >>> error = np.linspace(0.0, 1.0, 1001)
+        >>> ause(sparsification_curve(error, error), sparsification_curve(error, error))
+        0.0
     """
     return float(np.trapezoid(curve - oracle, REMOVED) / oracle[0])

@@ -1,5 +1,6 @@
 """The command `python -m deux.doctor`."""
 
+import json
 import re
 
 import pytest
@@ -9,7 +10,7 @@ from deux.configuration import compose
 from deux.contracts import SceneFiles, SceneSource, SceneSplits
 from deux.doctor.__main__ import main
 from deux.doctor.checkup import Checkup
-from deux.doctor.installation_checks import check_installation
+from deux.doctor.installation_checks import check_simulators
 from deux.doctor.scene_checks import check_scenes
 from deux.registry import registry
 from deux.simulator.renderers import RENDERERS
@@ -32,8 +33,10 @@ def lines(capsys) -> dict[str, str]:
 def test_all_is_well_for_the_defaults(capsys):
     assert main([]) == 0
     facts = lines(capsys)
-    assert "torch 2" in facts["packages"]
-    assert facts["embree"] == "works"
+    assert facts["torch"].startswith("2.")
+    assert facts["renderer embree"] == "works"
+    assert "deux" in facts["explorers"]
+    assert facts["explore"] == "deux"
     assert facts["train"].split() == ["4", "4", "0.00", "4"]
 
 
@@ -55,6 +58,24 @@ def test_a_mistake_is_one_sentence_without_a_stack_trace(capsys):
         "deux: there is no source of scenes called 'fils': did you mean files? There is: "
         f"{', '.join(sorted({*registry().names('scenes'), 'low_camera'}))}.\n"
     )
+
+
+def test_the_same_as_json(capsys):
+    assert main(["--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["faults"] == 0
+    facts = {name: value for section in report["sections"] for name, value in section["facts"]}
+    assert facts["renderer embree"] == "works"
+    assert facts["simulators"].startswith("habitat, mesh")
+    assert main(["--json", "scenes=fils"]) == 1
+    report = json.loads(capsys.readouterr().out)
+    assert report["faults"] == 1
+    assert "did you mean files?" in report["sections"][-1]["faults"][0]
+
+
+def test_an_option_that_its_plugin_does_not_have_is_a_fault(capsys):
+    assert main(["explore=frontier", "explore.distanse=1"]) == 1
+    assert "explore.distanse is not an option of FrontierExplorer" in lines(capsys)["FAULT"]
 
 
 def test_what_is_missing_is_told_and_counted(tmp_path, capsys):
@@ -101,8 +122,8 @@ def test_a_renderer_that_fails_is_a_fault_only_if_it_is_chosen(monkeypatch, caps
     for broken, faults in (("pyrender", 0), ("embree", 1)):
         monkeypatch.setitem(RENDERERS, broken, "deux.nowhere:Renderer")
         checkup = Checkup()
-        check_installation(checkup, compose(["simulator.renderer=embree"]))
+        check_simulators(checkup, compose(["simulator.renderer=embree"]))
         assert checkup.faults == faults, broken
     facts = lines(capsys)
     assert "No module named 'deux.nowhere'" in facts["FAULT"]
-    assert facts["pyrender"].startswith("does not work")
+    assert facts["renderer pyrender"].startswith("does not work")

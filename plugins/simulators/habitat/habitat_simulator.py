@@ -16,7 +16,7 @@ from deux.geometry.poses import camera_pose
 from deux_plugins.simulators.habitat.drawing_context import FAR, NEAR
 from deux_plugins.simulators.habitat.navmesh import sample_navmesh
 from deux_plugins.simulators.habitat.semantics import Semantics, read_semantics
-from deux_plugins.simulators.habitat.session import Session
+from deux_plugins.simulators.habitat.session import Session, import_habitat
 from deux_plugins.simulators.habitat.storeys import Storey, find_storeys
 from deux_plugins.simulators.habitat.survey import covered, ground
 
@@ -90,6 +90,15 @@ class HabitatSimulator(Simulator):
         except DeuxError as error:
             raise DeuxError(f"{scene.name}: {error}") from error
         self._begin(scene, camera, robot, _SharedScene(session, storeys, read_semantics(session.semantic_objects)))
+
+    @staticmethod
+    def lacking() -> str:
+        """What keeps Habitat-Sim from being imported here; `python -m deux.doctor` asks for it."""
+        try:
+            import_habitat()
+        except DeuxError as error:
+            return str(error)
+        return ""
 
     def _begin(self, scene: SceneReference, camera: Camera, robot: Robot, shared: _SharedScene) -> None:
         self.scene, self.camera, self.robot = scene, camera, robot

@@ -43,6 +43,7 @@ def test_the_settings_are_the_papers(preset):
     assert rates == [1e-4] * 10 + [5e-5] * 15
     assert (cfg.model.name, cfg.explore.name, cfg.seed_model.explore) == ("kbnet", "deux", "random")
     assert cfg.explore == compose(["explore=deux_paper"]).explore
+    assert (cfg.collect.uncertainty, cfg.collect.correct_depth) == ("l1", False)
 
 
 @pytest.mark.parametrize(

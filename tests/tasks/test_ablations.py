@@ -8,7 +8,10 @@ from deux.report.conditions import Conditions, conditions
 
 SWITCHES = {
     "explore.residual_pose": ("surface", "pose", "constant"),
-    "collect.uncertainty": ("l1", *(name for name in registry().names("uncertainties") if name != "l1")),
+    "collect.uncertainty": (
+        "sparse_error",
+        *(name for name in registry().names("uncertainties") if name != "sparse_error"),
+    ),
     "explore.map_depth": ("predicted", "sensor"),
     "explore.target": ("sampled", "greedy", "informative"),
     "explore.per_action": ("true", "false"),

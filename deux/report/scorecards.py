@@ -36,7 +36,7 @@ LEAST_RUNS = 6
 """Runs that a rank correlation takes at least."""
 
 _ROUNDING = 1e-9
-"""Values that differ from their mean by less are equal."""
+"""Values that differ from their median by less are equal."""
 
 
 def scorecard_table(runs: ComparableRuns, names: DisplayNames, caption: str, name: str) -> ResultTable | None:
@@ -81,8 +81,8 @@ def scorecard_table(runs: ComparableRuns, names: DisplayNames, caption: str, nam
 def correlation_table(groups: Sequence[ComparableRuns], names: DisplayNames) -> ResultTable | None:
     """Spearman's rank correlation of each entry with MAE, one depth model at a time, over all runs of a report.
 
-    From both, the mean over the runs with the same model, seed and budget is taken off first, so that what a seed does
-    to all explorers alike does not count. The ceiling's runs are left out, and those of models that were tested on
+    From both, the median over the runs with the same model, seed and budget is taken off first, so that what a seed
+    does to all explorers alike does not count, and one failed training does not move the others. The ceiling's runs are left out, and those of models that were tested on
     another dataset.
 
     Args:
@@ -104,8 +104,8 @@ def correlation_table(groups: Sequence[ComparableRuns], names: DisplayNames) -> 
         if any(cell.estimate for cell in cells):
             rows.append(Row((column.title,), cells, ranked=False))
     notes = [
-        "Spearman's rank correlation ρ of each entry with MAE, after the mean over the runs with the same model, seed "
-        "and budget was taken off both.",
+        "Spearman's rank correlation ρ of each entry with MAE, after the median over the runs with the same model, "
+        "seed and budget was taken off both.",
         "Below 0: runs that have more of the entry than the others with their seed tend to have a smaller MAE.",
     ]
     if any(explorer.is_ceiling for group in own for explorer in group.explorers):
@@ -135,7 +135,7 @@ def _value(run: Run, entry: str) -> float | None:
 
 
 def _pairs(groups: Sequence[ComparableRuns], model: Variant, entry: str) -> np.ndarray:
-    """An entry and the MAE of the runs that have it, N x 2, each less its mean over the runs of a group and a seed.
+    """An entry and the MAE of the runs that have it, N x 2, each less its median over the runs of a group and a seed.
 
     Scorecards that judge other source frames are not compared with one another.
     """
@@ -147,7 +147,7 @@ def _pairs(groups: Sequence[ComparableRuns], model: Variant, entry: str) -> np.n
                 if run.scorecard is not None and (value := run.scorecard.entries()[entry]) is not None:
                     alike[seed, run.scorecard.sources].append((value, run.errors["mae"]))
         # One explorer alone differs from nothing.
-        found += [values - values.mean(axis=0) for values in map(np.array, alike.values()) if len(values) > 1]
+        found += [values - np.median(values, axis=0) for values in map(np.array, alike.values()) if len(values) > 1]
     return np.concatenate(found)
 
 
@@ -158,6 +158,6 @@ def _correlation(pairs: np.ndarray) -> tuple[Cell, Cell]:
     scale = np.abs(pairs).max(axis=0)
     if (scale < _ROUNDING).any():
         return Cell(), Cell()
-    # Equal runs differ from their mean by rounding alone, which must not rank them.
+    # Equal runs differ from their median by rounding alone, which must not rank them.
     correlation = stats.spearmanr(*np.round(pairs / scale, 9).T).statistic
     return Cell(Estimate(float(correlation))), Cell(Estimate(float(len(pairs))))

@@ -81,9 +81,9 @@ def scorecard_table(runs: ComparableRuns, names: DisplayNames, caption: str, nam
 def correlation_table(groups: Sequence[ComparableRuns], names: DisplayNames) -> ResultTable | None:
     """Spearman's rank correlation of each entry with MAE, one depth model at a time, over all runs of a report.
 
-    From both, the median over the runs with the same model, seed and budget is taken off first, so that what a seed
-    does to all explorers alike does not count, and one failed training does not move the others. The ceiling's runs are left out, and those of models that were tested on
-    another dataset.
+    From both, the median over the runs with the same model, seed and budget is taken off first: what a seed does to all
+    explorers alike does not count, and one failed training does not move the others. The ceiling's runs are left out,
+    and those of models that were tested on another dataset.
 
     Args:
         groups: all groups of comparable runs.

@@ -116,10 +116,9 @@ def register_configuration() -> None:
         OmegaConf.update(open_nodes, name, {}, force_add=True)
         OmegaConf.set_struct(OmegaConf.select(open_nodes, name), False)
     store.store(name="open_nodes", node=open_nodes, provider="deux")
-    folders = [config_folder(), *package_folders().values()]
     for group, kind in PLUGIN_SECTIONS.items():
         # Hydra merges a stored node into YAML of the same name and warns, so a plugin that has YAML gets no node.
-        described = {path.stem for folder in folders for path in (folder / group).glob("*.yaml")}
+        described = group_files(group)
         for name in registry().names(kind):
             if name not in described:
                 store.store(group=group, name=name, node={"name": name}, provider="deux")
@@ -127,6 +126,12 @@ def register_configuration() -> None:
         if name != ACTIVE_COLLECTION:  # which has YAML
             package = f"{CALLBACK_GROUP}.{name}"
             store.store(group=CALLBACK_GROUP, name=name, node={}, package=package, provider="deux")
+
+
+def group_files(group: str) -> set[str]:
+    """The names of a config group's YAML files, those of other packages included."""
+    folders = [config_folder(), *package_folders().values()]
+    return {path.stem for folder in folders for path in (folder / group).glob("*.yaml")}
 
 
 def compose(overrides: Sequence[str] = ()) -> DictConfig:

@@ -3,7 +3,7 @@
 import itertools
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -72,12 +72,14 @@ class ComparableRuns:
         begun: the runs without.
         sweeps: the sweeps that any of them belongs to.
         repeated: number of runs that are there a second time, such as in a copy, with equal errors.
+        presets: named sets of an explorer's options, whose names stand for them.
     """
 
     finished: tuple[Run, ...]
     begun: tuple[Run, ...]
     sweeps: tuple[Sweep, ...]
     repeated: int = 0
+    presets: Mapping[str, FlatOptions] = field(default_factory=dict)
 
     @property
     def runs(self) -> tuple[Run, ...]:
@@ -225,7 +227,7 @@ class ComparableRuns:
             explorers[str(run.conditions.explorer)].append(run.conditions.explorer_options)
             models[run.conditions.model].append(run.conditions.model_options)
         return (
-            {name: variant_labels(choices) for name, choices in explorers.items()},
+            {name: variant_labels(choices, self.presets) for name, choices in explorers.items()},
             {name: variant_labels(choices) for name, choices in models.items()},
         )
 
@@ -243,8 +245,15 @@ class ComparableRuns:
         return tuple(MissingRun(*wanted, begun=wanted in begun) for wanted in sorted(expected))
 
 
-def group_comparable(found: FoundRuns, sweeps: Sequence[Sweep]) -> list[ComparableRuns]:
+def group_comparable(
+    found: FoundRuns, sweeps: Sequence[Sweep], presets: Mapping[str, FlatOptions] | None = None
+) -> list[ComparableRuns]:
     """All groups of comparable runs with a finished one among them, the largest first.
+
+    Args:
+        found: the runs.
+        sweeps: that they may belong to.
+        presets: named sets of an explorer's options.
 
     Raises:
         DeuxError: the same run is there twice with other errors.
@@ -252,7 +261,11 @@ def group_comparable(found: FoundRuns, sweeps: Sequence[Sweep]) -> list[Comparab
     groups: dict[tuple[FlatOptions, FlatOptions, FlatOptions], list[Run]] = defaultdict(list)
     for run in (*found.finished, *found.begun):
         groups[run.conditions.training, run.own_testing, run.conditions.testing].append(run)
-    made = [_without_repetitions(runs, sweeps) for runs in groups.values() if any(run.results for run in runs)]
+    made = [
+        replace(_without_repetitions(runs, sweeps), presets=presets or {})
+        for runs in groups.values()
+        if any(run.results for run in runs)
+    ]
     return sorted(made, key=lambda group: (-len(group.explorers), -len(group.finished), group.training, group.testing))
 
 

@@ -6,6 +6,7 @@ which a later version adds separate no runs until they are added here.
 """
 
 import json
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -165,12 +166,30 @@ def differences(mine: FlatOptions, others: FlatOptions) -> str:
     return ", ".join(words)
 
 
-def variant_labels(choices: Iterable[FlatOptions]) -> dict[FlatOptions, str]:
+def variant_labels(
+    choices: Iterable[FlatOptions], presets: Mapping[str, FlatOptions] | None = None
+) -> dict[FlatOptions, str]:
     """A short label for each of several sets of options: what they differ in; "" where all are the same.
 
-    A section that some of them lack altogether is named as a whole: "with callbacks", "no callbacks".
+    Sets that hold all options of a preset are told from the others by its name alone. A section that some of them lack
+    altogether is named as a whole: "with callbacks", "no callbacks".
+
+    Args:
+        choices: the sets.
+        presets: named sets of options; a set that holds several of them counts to the largest.
     """
-    distinct = sorted(set(choices))
+    largest_first = sorted((presets or {}).items(), key=lambda item: -len(item[1]))
+    members: dict[str, list[FlatOptions]] = defaultdict(list)
+    for choice in sorted(set(choices)):
+        members[next((name for name, preset in largest_first if {*preset} <= {*choice}), "")].append(choice)
+    return {
+        choice: ", ".join(filter(None, (name, label)))
+        for name, alike in members.items()
+        for choice, label in _difference_labels(alike).items()
+    }
+
+
+def _difference_labels(distinct: Sequence[FlatOptions]) -> dict[FlatOptions, str]:
     keys = sorted({key for choice in distinct for key, _ in choice})
     differing = [key for key in keys if len({dict(choice).get(key) for choice in distinct}) > 1]
     optional = [node for node in _OPTIONAL_SECTIONS if len({_has(choice, node) for choice in distinct}) > 1]

@@ -3,14 +3,14 @@
 import itertools
 import shlex
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from deux.errors import counted, plural
 from deux.metrics.tables import ResultTable
 from deux.report.comparable_runs import ComparableRuns, MissingRun, group_comparable
-from deux.report.conditions import differences
+from deux.report.conditions import FlatOptions, differences
 from deux.report.dataset_names import DatasetNames
 from deux.report.display_names import DisplayNames, Variant
 from deux.report.paper_tables import table_one, table_three, table_two
@@ -86,6 +86,7 @@ def read_contents(
     first: str | None = None,
     starred: Sequence[str] = (),
     baseline: str | tuple[str, ...] | None = None,
+    presets: Mapping[str, FlatOptions] | None = None,
 ) -> Contents:
     """Read the runs below a folder and put them into the paper's tables.
 
@@ -95,12 +96,13 @@ def read_contents(
         first: the name of Table I's dataset; None for the one on which the most explorers were compared.
         starred: explorers of which Table II also shows the models that were trained on the first dataset.
         baseline: the explorers that the others are compared with, seed by seed.
+        presets: named sets of an explorer's options, whose names stand for them in the tables.
 
     Raises:
         DeuxError: there is no finished run, a run's file is damaged, or no dataset is called `first`.
     """
     found, sweeps = find_runs(folder), find_sweeps(folder)
-    groups = group_comparable(found, sweeps)
+    groups = group_comparable(found, sweeps, presets)
     datasets = DatasetNames(groups, first)
     groups.sort(key=lambda group: (group.transferred, group.testing != datasets.first))  # stable: largest first
     tables = _Tables(groups, names, datasets, starred, baseline)

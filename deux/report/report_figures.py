@@ -99,7 +99,7 @@ def draw_error_against_frames(groups: Sequence[ComparableRuns], names: DisplayNa
         panel.grid(alpha=0.3)
     panels[0].set_ylim(bottom=max(0.0, panels[0].get_ylim()[0]))
     panels[0].set_ylabel(f"{METRICS['mae'].title} on the {dataset} test set [{METRICS['mae'].unit}]")
-    panels[-1].legend(fontsize=7)
+    figure.legend(*panels[-1].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=2)
     return figure
 
 

@@ -6,10 +6,12 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder, sections_of, user_path
+from deux.configuration import compose, group_files, run_folder, sections_of, user_path
 from deux.errors import DeuxError, counted, plural
 from deux.figures.drawing import save_figure
 from deux.io.atomic import make_folder, write_atomically
+from deux.registry import registry
+from deux.report.conditions import FlatOptions, conditions
 from deux.report.contents import Contents, read_contents
 from deux.report.display_names import DisplayNames
 from deux.report.kept_runs import keep_runs
@@ -53,7 +55,9 @@ def run(cfg: DictConfig) -> None:
             "task=report needs runs: name a folder with runs or sweeps below it, such as report.runs=outputs."
         )
     names = DisplayNames(settings.models, settings.explorers)
-    contents = read_contents(user_path(settings.runs), names, settings.first, settings.transferred, settings.baseline)
+    contents = read_contents(
+        user_path(settings.runs), names, settings.first, settings.transferred, settings.baseline, explorer_presets()
+    )
     if settings.keep:
         count, size = keep_runs(user_path(settings.runs), user_path(settings.keep))
         kept = f"{counted(count, 'run')} {plural('is', count)} kept in {user_path(settings.keep)}"
@@ -75,6 +79,19 @@ def run(cfg: DictConfig) -> None:
     say(f"Report: {folder / 'report.html'}")
 
 
+def explorer_presets() -> dict[str, FlatOptions]:
+    """What each YAML file of the group `explore`, such as deux_paper, sets otherwise than its explorer's defaults."""
+    presets = {}
+    for name in sorted(group_files("explore") - {*registry().names("explorers")}):
+        composed = compose([f"explore={name}"])
+        options, defaults = (
+            conditions(sections_of(cfg).identity).explorer_options
+            for cfg in (composed, compose([f"explore={composed.explore.name}"]))
+        )
+        presets[name] = tuple(option for option in options if option not in defaults)
+    return presets
+
+
 def draw(contents: Contents, names: DisplayNames, folder: Path) -> dict[str, list[CaptionedFigure]]:
     """Draw the figures into a folder; the result has them by the name of the table that they belong to."""
     figures: dict[str, list[CaptionedFigure]] = {}
@@ -83,7 +100,7 @@ def draw(contents: Contents, names: DisplayNames, folder: Path) -> dict[str, lis
         table = section.table.name
         figures[table] = draw_runs(section.runs, names, folder, table)
         alike = [s for s in trained if s.runs.without_amount == section.runs.without_amount]
-        if section is alike[0]:
+        if section is alike[0] and len({s.runs.training for s in alike}) > 1:
             figure = draw_error_against_frames([s.runs for s in alike], names, section.dataset)
             file = save_figure(figure, folder / f"{table}_error_against_frames.png")
             figures[table].append(

@@ -207,6 +207,22 @@ def test_variants_are_called_by_what_they_differ_in():
     assert variant_labels([plain, surface]) == {plain: "pose not set", surface: "pose=surface"}
 
 
+def test_a_preset_stands_for_its_options():
+    """Only what is left beside the preset tells its sets apart; the sets without it know nothing of it."""
+    preset = {"paper": flatten_options({"explore": {"guidance": 1}, "collect": {"uncertainty": "l1"}})}
+    plain = flatten_options({"explore": {"guidance": 2}, "collect": {"uncertainty": "flip"}})
+    paper = flatten_options({"explore": {"guidance": 1}, "collect": {"uncertainty": "l1"}})
+    wider = flatten_options({"explore": {"guidance": 1, "range": 5}, "collect": {"uncertainty": "l1"}})
+    partly = flatten_options({"explore": {"guidance": 1}, "collect": {"uncertainty": "flip"}})
+    assert variant_labels([plain, paper], preset) == {plain: "", paper: "paper"}
+    assert variant_labels([plain, paper, wider, partly], preset) == {
+        plain: "guidance=2",
+        partly: "guidance=1",
+        paper: "paper, range not set",
+        wider: "paper, range=5",
+    }
+
+
 def test_a_section_that_some_lack_is_one_word():
     rounds = {"active_collection": {"every": 1, "rounds": 3}}
     often = {"active_collection": {"every": 2, "rounds": 3}}

@@ -10,6 +10,7 @@ import yaml
 
 from deux.configuration import compose, config_folder
 from deux.registry import registry
+from deux.tasks.report import explorer_presets
 
 
 def preset(name: str) -> dict:
@@ -37,6 +38,16 @@ def test_a_scale_gives_way_to_the_scenes_and_the_command_line_to_nothing():
     assert compose(["model=voiced", "scale=paper"]).training.learning_rate == 1e-4
     assert compose(["experiment=debug", "scenes=files"]).scenes.test == []
     assert compose(["scale=laptop"]) == compose()
+
+
+def test_the_papers_explorer_is_known_by_its_options():
+    """What `explore=deux_paper` sets otherwise than `explore=deux`: the walk, the measure and the map."""
+    presets = explorer_presets()
+    assert list(presets) == ["deux_paper"]
+    options = dict(presets["deux_paper"])
+    assert options["explore.residual_pose"] == '"pose"'
+    assert (options["collect.uncertainty"], options["collect.correct_depth"]) == ('"l1"', "false")
+    assert "explore.target" not in options  # sampled, as by default
 
 
 def test_a_report_changes_no_runs_name():

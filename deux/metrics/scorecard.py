@@ -136,7 +136,8 @@ class Scorecard:
         for name, value in self.entries().items():
             if value is not None:
                 numbers = (value, self.test_shares.get(name))
-                cells = tuple(Cell(None if n is None else Estimate(float(n), math.nan)) for n in numbers)
+                digits = 0 if isinstance(value, int) else None  # counts are whole numbers
+                cells = tuple(Cell(None if n is None else Estimate(n, math.nan), digits=digits) for n in numbers)
                 rows.append(Row((name.replace("_", " "),), cells))
         notes = (f"sources: {self.sources}",)
         return ResultTable(caption, ("entry",), columns, (tuple(rows),), name="scorecard", notes=notes)

@@ -81,11 +81,13 @@ class Cell:
         estimate: the mean and its interval; None where there is no number.
         mark: how it stands out.
         seeds: the random seeds that the mean is over; empty for a number that no seed changes.
+        digits: behind the decimal point; None for those of its column.
     """
 
     estimate: Estimate | None = None
     mark: Mark | None = None
     seeds: tuple[int, ...] = ()
+    digits: int | None = None
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,8 @@ class ResultTable:
         if cell.estimate is None:
             return NO_VALUE, ""
         column = self.columns[index % len(self.columns)]
-        mean, half_width = (f"{number * column.factor:z.{column.digits}f}" for number in cell.estimate)  # z: no "-0.0"
+        digits = column.digits if cell.digits is None else cell.digits
+        mean, half_width = (f"{number * column.factor:z.{digits}f}" for number in cell.estimate)  # z: no "-0.0"
         behind = "" if math.isnan(cell.estimate.half_width) else f" ± {half_width}"
         if cell.seeds and len(cell.seeds) != len(self.usual_seeds):
             behind += f" (n={len(cell.seeds)})"

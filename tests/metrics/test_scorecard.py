@@ -166,7 +166,9 @@ def test_a_scorecard_is_read_as_it_was_written(tmp_path):
     card = score(Wall(Path("d"), along(10, 0.25)), tests=Wall(Path("t"), along(4, 0.25), depth=0.5))
     card.save(tmp_path)
     assert Scorecard.load(tmp_path) == card
-    assert "near" in card.table("Scorecard").markdown()
+    printed = card.table("Scorecard").markdown()
+    assert f"| places | {card.places} |" in printed  # a whole number
+    assert f"| near | {card.near:.3f} | {card.test_shares['near']:.3f} |" in printed
 
 
 def test_a_scorecard_of_an_earlier_version_judges_recent_sources_and_knows_no_actions(tmp_path):

@@ -44,6 +44,7 @@ def test_the_settings_are_the_papers(preset):
     assert (cfg.model.name, cfg.explore.name, cfg.seed_model.explore) == ("kbnet", "deux", "random")
     assert cfg.explore == compose(["explore=deux_paper"]).explore
     assert (cfg.collect.uncertainty, cfg.collect.correct_depth) == ("l1", False)
+    assert cfg.trainer.gradient_clip_val is None
 
 
 @pytest.mark.parametrize(

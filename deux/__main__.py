@@ -15,21 +15,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import hydra
-import yaml
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
 from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
 
-from deux.composition_errors import check_names, composition_error, quoted_digits
+from deux.composition_errors import check_names, composition_error, quoted_digits, raised_in_composition
 from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
-from deux.errors import DeuxError, JobFailed, counted
+from deux.errors import DeuxError, JobFailed, counted, printable
 from deux.io.atomic import write_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugin_options, check_plugins
 from deux.thread_waiting import let_waiting_threads_sleep
-
-COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 
 LAUNCHERS = ("joblib", "submitit", "ray")
 """The packages behind `hydra/launcher=...`. They raise errors of their own for jobs that end without a word, such as
@@ -37,6 +32,9 @@ those that the system killed for their memory."""
 
 PLACE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
 """The system's errors that say that files cannot be written where they are to go."""
+
+NAME_ERRORS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ)
+"""The system's errors that say that there can be no file of this name."""
 
 log = logging.getLogger("deux")
 
@@ -100,15 +98,24 @@ def main() -> int:
         _complain(str(error))
         return _complain("a job of the sweep failed, perhaps not this one alone: deux.log in each run's folder tells.")
     except Exception as error:
-        if mistake := _mistake(error):
-            return _complain(str(mistake))
-        if isinstance(error, COMPOSITION_ERRORS):
-            return _complain(str(composition_error(error)))
+        if sentence := sentence_of(error):
+            return _complain(sentence)
         if type(error).__module__.partition(".")[0] in LAUNCHERS:
             told = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
             return _complain(f"the sweep's launcher stopped with {told} The same command goes on from here.")
         raise
     return 0
+
+
+def sentence_of(error: Exception) -> str | None:
+    """The sentence for an error that is the user's mistake, or a place's that takes no files; None for the program's.
+
+    Args:
+        error: of the composition of a configuration, or of a job.
+    """
+    if mistake := _mistake(error):
+        return str(mistake)
+    return str(composition_error(error)) if raised_in_composition(error) else None
 
 
 def run_task(cfg: DictConfig) -> None:
@@ -180,17 +187,23 @@ def _first_failure(error: Exception) -> Exception:
 
 
 def _mistake(error: Exception) -> DeuxError | None:
-    """The sentence for an error that is none of the program's: the user's mistake, or a disk that takes no files."""
+    """The sentence for an error that is none of the program's: the user's mistake, or a limit of the machine's."""
     if isinstance(error, OSError) and error.errno in PLACE_ERRORS:
         place = error.filename or (HydraConfig.initialized() and HydraConfig.get().runtime.output_dir)
         if not place:  # Hydra's own files, before the job begins
             return DeuxError(f"the run folder cannot be written: {error.strerror}; make room and start again.")
         return DeuxError(write_failure(Path(place), error))
+    if isinstance(error, OSError) and error.errno in NAME_ERRORS:
+        return DeuxError(f"{error.filename or 'a name of a file'} cannot be used: {error.strerror}.")
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return DeuxError(f"{error.strerror}: raise the number of files that a process may open, as by ulimit -n 1024.")
+    if isinstance(error, MemoryError):
+        return DeuxError("there is not enough memory for this: choose smaller frames, batches or scenes.")
     return error if isinstance(error, DeuxError) else None
 
 
 def _complain(sentence: str, code: int = 1) -> int:
-    print(f"deux: {sentence}", file=sys.stderr)
+    print(f"deux: {printable(sentence)}", file=sys.stderr)
     return code
 
 

@@ -2,7 +2,23 @@
 
 import difflib
 import math
+import re
+import reprlib
 from collections.abc import Iterable
+from typing import Any
+
+_QUOTED = reprlib.Repr()
+_QUOTED.maxstring = _QUOTED.maxother = 120
+_QUOTED.maxlong = 60
+_QUOTED.maxlist = _QUOTED.maxtuple = _QUOTED.maxdict = 12
+_QUOTED.maxlevel = 4
+_LONGEST_NUMBER = 10_000
+"""Bits of the largest whole number that is written in digits; Python refuses those of some thousand digits."""
+
+_CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Characters that move a terminal's cursor, change the direction of its text, or stand for no character at all."""
+
+_LONG_WORD = re.compile(r"\S{1000,}")
 
 _PLURAL_VERBS = {"is": "are", "has": "have", "does": "do"}
 
@@ -32,6 +48,32 @@ def near_matches(wrong: str, known: Iterable[str]) -> str:
     listed = f"here is: {', '.join(names) or 'none'}."
     close = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(close)}? T{listed}" if close else f"t{listed}"
+
+
+def quoted(value: Any) -> str:
+    """A value as messages quote it: its repr, shortened where it is long or deep.
+
+    Example:
+        >>> quoted("a"), len(quoted("a" * 5000)), quoted(1 << 20000)
+        ("'a'", 120, 'a whole number of 20001 bits')
+    """
+    if isinstance(value, int) and value.bit_length() > _LONGEST_NUMBER:
+        return f"a whole number of {value.bit_length()} bits"
+    return _QUOTED.repr(value)
+
+
+def printable(text: str) -> str:
+    """Text without characters that a terminal would obey instead of showing them, such as of a file's name.
+
+    Line breaks become blanks, other control characters are written as escapes, and words of 1,000 characters or more
+    lose their middle.
+
+    Example:
+        >>> printable("a\\x1b[31m b\\nc"), len(printable("a" * 5000))
+        ('a\\\\x1b[31m b c', 401)
+    """
+    visible = _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), " ".join(text.split("\n")))
+    return _LONG_WORD.sub(lambda found: f"{found[0][:200]}…{found[0][-200:]}", visible)
 
 
 def plural(word: str, count: int) -> str:

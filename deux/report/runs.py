@@ -1,17 +1,13 @@
 """The runs below a folder: their results, and what made them."""
 
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-
 from deux.errors import DeuxError
+from deux.io.foreign_files import read_yaml, walk
 from deux.metrics.scorecard import SCORECARD_FILE, Scorecard
 from deux.report.conditions import Conditions, FlatOptions, conditions
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
@@ -104,11 +100,10 @@ def find_runs(folder: Path) -> FoundRuns:
 
 def run_folders(folder: Path) -> Iterator[Path]:
     """Folders of runs at or below a folder, by name; datasets and hidden folders are not looked into."""
-    for found, below, files in os.walk(folder, followlinks=True):
-        below[:] = sorted(name for name in below if not name.startswith("."))
+    for found, below, files in walk(folder):
         if RESULTS_FILE in files or IDENTITY_FILE in files:
             below.clear()
-            yield Path(found)
+            yield found
         elif "manifest.json" in files:
             below.clear()
 
@@ -134,6 +129,8 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
 def read_identity(path: Path) -> dict[str, Any] | None:
     """A run's whole configuration, from `run.json` or else from what Hydra composed; None if neither is there.
 
+    In what Hydra composed, references between options are kept as they are written.
+
     Raises:
         DeuxError: the file is damaged.
     """
@@ -141,21 +138,21 @@ def read_identity(path: Path) -> dict[str, Any] | None:
         if (path / IDENTITY_FILE).exists():
             found = json.loads((path / IDENTITY_FILE).read_text())
         elif (path / _CONFIG_FILE).exists():
-            found = OmegaConf.to_container(OmegaConf.load(path / _CONFIG_FILE), resolve=True)
+            found = read_yaml(path / _CONFIG_FILE)
         else:
             return None
         if not isinstance(found, dict):
             raise TypeError("it holds no options")
         conditions(found)
         return found
-    except (OSError, ValueError, TypeError, AttributeError, yaml.YAMLError, OmegaConfBaseException) as error:
+    except (OSError, ValueError, TypeError, AttributeError) as error:
         raise DeuxError(f"the configuration of the run {path} is damaged ({error}): delete the folder.") from error
 
 
 def _overrides(path: Path) -> tuple[str, ...]:
     """The overrides of the run's command; none where they are not known."""
     try:
-        overrides = yaml.safe_load((path / OVERRIDES_FILE).read_text())
-    except (OSError, ValueError, yaml.YAMLError):
+        overrides = read_yaml(path / OVERRIDES_FILE)
+    except (OSError, ValueError):
         return ()
     return tuple(map(str, overrides)) if isinstance(overrides, list) else ()

@@ -39,6 +39,10 @@ NAME_ERRORS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ)
 log = logging.getLogger("deux")
 
 
+class Terminated(KeyboardInterrupt):
+    """The process was asked by SIGTERM to end: what works on ends as it does at Ctrl-C."""
+
+
 class Jobs:
     """What Hydra calls once for a run and once for each job of a sweep.
 
@@ -75,8 +79,10 @@ def main() -> int:
     """Run the command line and return its exit code, or leave with it by `SystemExit`.
 
     0: done; 1: a mistake of the user's, told in one sentence on stderr, or an error of the program, with its stack
-    trace, or a sweep in which some job failed; 130: interrupted.
+    trace, or a sweep in which some job failed; 130: interrupted by Ctrl-C; 143: ended by SIGTERM.
     """
+    if problem := _unusable_surroundings():
+        return _complain(problem)
     leave_out_working_folder()
     let_waiting_threads_sleep()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
@@ -85,9 +91,11 @@ def main() -> int:
         register_configuration()
         sys.argv[1:] = [quoted_digits(argument) for argument in sys.argv[1:]]
         check_names(argument for argument in sys.argv[1:] if "=" in argument and not argument.startswith("-"))
-        with _quiet_log_writers():
+        with _quiet_log_writers(), _termination_raised():
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
+        if _was_terminated(interrupt):
+            return _complain("ended by SIGTERM; the same command goes on from here.", 143)
         return _complain("interrupted; the same command goes on from here.", 130)
     except BrokenPipeError:  # the reader of the help page or configuration, such as `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more as it ends
@@ -137,12 +145,55 @@ def _stay_until_killed(interrupt: KeyboardInterrupt) -> None:
 
     A job that is preempted with a time of grace is queued again only if it is still there when that time is over.
     """
-    preempted = type(interrupt.__cause__).__name__ == "SIGTERMException"  # Lightning's, which need not be imported here
-    if not (preempted and in_sweep() and "SLURM_JOB_ID" in os.environ):
+    if not (_was_terminated(interrupt) and in_sweep() and "SLURM_JOB_ID" in os.environ):
         return
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
     log.warning("Slurm ends this job; if it is queued again, it goes on from here.")
     while True:
         signal.pause()
+
+
+def _was_terminated(interrupt: BaseException | None) -> bool:
+    """Whether SIGTERM is behind an interrupt: deux's own answer to it, or Lightning's, which it wraps in others."""
+    while interrupt is not None:
+        if isinstance(interrupt, Terminated) or type(interrupt).__name__ == "SIGTERMException":
+            return True
+        interrupt = interrupt.__cause__ or interrupt.__context__
+    return False
+
+
+@contextmanager
+def _termination_raised() -> Iterator[None]:
+    """Let SIGTERM end what happens inside as Ctrl-C does. Lightning and Ray keep this handler beside their own."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(*_: object) -> None:
+        raise Terminated
+
+    earlier = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, earlier)
+
+
+def _unusable_surroundings() -> str | None:
+    """The sentence for a working folder or a locale in which no configuration can be composed; None for others."""
+    if sys.getfilesystemencoding().lower() != "utf-8":
+        found = sys.getfilesystemencoding()
+        return f"this Python takes file names and texts for {found}: start it with PYTHONUTF8=1, or in a UTF-8 locale."
+    try:
+        here = os.getcwd()
+    except OSError as error:
+        return f"the working folder cannot be used, {error.strerror}: start the command in another one."
+    if "${" in here:
+        return (
+            f"the working folder's name, {here}, reads as a reference to an option: start the command in another one."
+        )
+    return None
 
 
 @contextmanager

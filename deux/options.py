@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 from omegaconf import OmegaConf
 from omegaconf.errors import InterpolationKeyError, OmegaConfBaseException
 
-from deux.errors import DeuxError, near_matches
+from deux.errors import DeuxError, near_matches, shown
 
 T = TypeVar("T")
 
@@ -67,6 +67,28 @@ def construct(
     """
     filled = dict(given or {})
     return target(**filled, **_checked(target, settings, where, filled))
+
+
+def converted(value: Any, annotation: Any, where: str) -> Any:
+    """A value as a type, checked as options are: a simple type, a list, a tuple or dict of them, or a dataclass.
+
+    Args:
+        value: plain, such as JSON has it.
+        annotation: the type.
+        where: what the value is called; it begins every message.
+
+    Raises:
+        DeuxError: the value, or one in it, is of another type.
+
+    Example:
+        >>> converted([1, 2], tuple[float, float], "size")
+        (1.0, 2.0)
+    """
+    if dataclasses.is_dataclass(annotation):
+        if not isinstance(value, Mapping):
+            raise DeuxError(f"{where} must be {describe(Mapping)}, but is {shown(value)}.")
+        return construct(annotation, value, "")  # type: ignore[arg-type]
+    return _option_value(value, annotation, where)
 
 
 def full_settings(
@@ -120,6 +142,8 @@ def describe(annotation: Any) -> str:
         if get_origin(annotation) is tuple and Ellipsis not in arguments:
             return f"a list of {len(arguments)} values ({', '.join(map(describe, arguments))})"
         return f"a list (each {describe(arguments[0])})" if arguments else "a list"
+    if _is_mapping(annotation):
+        return f"names, each with {describe(arguments[1])}" if arguments else "names with values"
     return words[annotation] if annotation in words else str(getattr(annotation, "__name__", annotation))
 
 
@@ -161,8 +185,8 @@ def _option_value(value: Any, annotation: Any, where: str) -> Any:
     except _Mismatch:
         choices = [choice for choice in get_args(annotation) if isinstance(choice, str)]
         if get_origin(annotation) is Literal and isinstance(value, str) and choices:
-            raise DeuxError(f"{where} cannot be {value!r}: {near_matches(value, choices)}") from None
-        raise DeuxError(f"{where} must be {describe(annotation)}, but is {value!r}.") from None
+            raise DeuxError(f"{where} cannot be {shown(value)}: {near_matches(value, choices)}") from None
+        raise DeuxError(f"{where} must be {describe(annotation)}, but is {shown(value)}.") from None
 
 
 def _converted(value: Any, annotation: Any, where: str) -> Any:
@@ -177,12 +201,18 @@ def _converted(value: Any, annotation: Any, where: str) -> Any:
         return _expect(value, isinstance(value, annotation))
     if annotation in (int, float):
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        whole = number and (annotation is float or float(value).is_integer())
-        return annotation(_expect(value, whole))
+        whole = number and (annotation is float or isinstance(value, int) or value.is_integer())
+        _expect(value, whole)
+        try:
+            return annotation(value)
+        except OverflowError as error:  # a whole number beyond the greatest float
+            raise _Mismatch from error
     if annotation is Path:
         return Path(_expect(value, isinstance(value, str | Path)))
     if _is_sequence(annotation):
         return _sequence(_expect(value, isinstance(value, list | tuple)), annotation, where)
+    if _is_mapping(annotation):
+        return _mapping(_expect(value, isinstance(value, Mapping)), annotation, where)
     if dataclasses.is_dataclass(annotation) and isinstance(value, Mapping):
         return construct(annotation, value, where)  # type: ignore[arg-type]
     return value
@@ -213,12 +243,21 @@ def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
     return kind(_converted(value, element, where) for value in values)
 
 
+def _mapping(values: Mapping[Any, Any], annotation: Any, where: str) -> dict[Any, Any]:
+    element = (get_args(annotation) or (Any, Any))[1]
+    return {key: _converted(value, element, f"{where}.{key}") for key, value in values.items()}
+
+
 def _is_union(annotation: Any) -> bool:
     return get_origin(annotation) in (Union, types.UnionType)
 
 
 def _is_sequence(annotation: Any) -> bool:
     return (get_origin(annotation) or annotation) in (tuple, list, Sequence)
+
+
+def _is_mapping(annotation: Any) -> bool:
+    return (get_origin(annotation) or annotation) in (dict, Mapping)
 
 
 def _json(value: Any) -> Any:

@@ -2,16 +2,18 @@
 
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
 from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from deux.errors import DeuxError
+from deux.io.arrays import said
+from deux.io.json_files import read_json
+from deux.io.yaml_files import read_yaml
 from deux.metrics.scorecard import SCORECARD_FILE, Scorecard
 from deux.report.conditions import Conditions, FlatOptions, conditions
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
@@ -19,6 +21,9 @@ from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
 _CONFIG_FILE = Path(".hydra", "config.yaml")
 OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
 """The overrides of a run's command, in its folder."""
+
+_RESOLVER = re.compile(r"\$\{[^}]*:")
+"""A reference to something else than another option, such as `${oc.env:HOME}`."""
 
 _TASKS = ("experiment", "evaluate")
 """The tasks whose results belong in the tables."""
@@ -139,23 +144,34 @@ def read_identity(path: Path) -> dict[str, Any] | None:
     """
     try:
         if (path / IDENTITY_FILE).exists():
-            found = json.loads((path / IDENTITY_FILE).read_text())
+            found = read_json(path / IDENTITY_FILE)
         elif (path / _CONFIG_FILE).exists():
-            found = OmegaConf.to_container(OmegaConf.load(path / _CONFIG_FILE), resolve=True)
+            found = _with_own_references(read_yaml(path / _CONFIG_FILE))
         else:
             return None
         if not isinstance(found, dict):
             raise TypeError("it holds no options")
         conditions(found)
         return found
-    except (OSError, ValueError, TypeError, AttributeError, yaml.YAMLError, OmegaConfBaseException) as error:
-        raise DeuxError(f"the configuration of the run {path} is damaged ({error}): delete the folder.") from error
+    except Exception as error:  # options of any type, which `conditions` takes apart
+        problem = said(error)
+        raise DeuxError(f"the configuration of the run {path} is damaged ({problem}): delete the folder.") from error
+
+
+def _with_own_references(content: Any) -> Any:
+    """A composed configuration whose options refer to each other; left as it is where they refer to anything else.
+
+    Somebody else's configuration is data: `${oc.env:NAME}` would put a variable of this machine into a report.
+    """
+    if _RESOLVER.search(json.dumps(content, default=str)):
+        return content
+    return OmegaConf.to_container(OmegaConf.create(content), resolve=True)
 
 
 def _overrides(path: Path) -> tuple[str, ...]:
     """The overrides of the run's command; none where they are not known."""
     try:
-        overrides = yaml.safe_load((path / OVERRIDES_FILE).read_text())
-    except (OSError, ValueError, yaml.YAMLError):
+        overrides = read_yaml(path / OVERRIDES_FILE)
+    except DeuxError:
         return ()
     return tuple(map(str, overrides)) if isinstance(overrides, list) else ()

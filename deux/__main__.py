@@ -190,9 +190,7 @@ def _unusable_surroundings() -> str | None:
     except OSError as error:
         return f"the working folder cannot be used, {error.strerror}: start the command in another one."
     if "${" in here:
-        return (
-            f"the working folder's name, {here}, reads as a reference to an option: start the command in another one."
-        )
+        return f"the name of the folder {here} reads as a reference to an option: start the command in another one."
     return None
 
 

@@ -31,7 +31,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from deux.callbacks import ACTIVE_COLLECTION, callback_names
 from deux.composition_errors import check_names, composition_error, raised_in_composition
-from deux.errors import DeuxError, printable, quoted
+from deux.errors import DeuxError, printable, shown
 from deux.registry import registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins, section, task_name, without_means
 
@@ -184,7 +184,7 @@ def user_path(path: str | Path) -> Path:
         DeuxError: no path can be called so.
     """
     if "\0" in str(path):
-        raise DeuxError(f"{quoted(str(path))} is no path: it holds a zero byte.")
+        raise DeuxError(f"{shown(str(path))} is no path: it holds a zero byte.")
     try:
         return Path(to_absolute_path(str(Path(path).expanduser())))
     except RuntimeError as error:
@@ -212,7 +212,7 @@ def outputs_folder(cfg: DictConfig) -> Path:
     """
     outputs = section(cfg, "paths").get("outputs")
     if not (isinstance(outputs, str) and outputs.strip()):
-        raise DeuxError(f"paths.outputs must be the path of a folder, but is {quoted(outputs)}.")
+        raise DeuxError(f"paths.outputs must be the path of a folder, but is {shown(outputs)}.")
     return user_path(outputs)
 
 

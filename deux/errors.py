@@ -3,31 +3,32 @@
 import difflib
 import math
 import re
-import reprlib
 from collections.abc import Iterable
-from typing import Any
-
-_QUOTED = reprlib.Repr()
-_QUOTED.maxstring = _QUOTED.maxother = 120
-_QUOTED.maxlong = 60
-_QUOTED.maxlist = _QUOTED.maxtuple = _QUOTED.maxdict = 12
-_QUOTED.maxlevel = 4
-_LONGEST_NUMBER = 10_000
-"""Bits of the largest whole number that is written in digits; Python refuses those of some thousand digits."""
-
-_CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Characters that move a terminal's cursor, change the direction of its text, or stand for no character at all."""
-
-_LONG_WORD = re.compile(r"\S{1000,}")
 
 _PLURAL_VERBS = {"is": "are", "has": "have", "does": "do"}
+_BLANKS = str.maketrans("\n\r\t", "   ")
+_LONGEST_WORD = 400
+"""Characters in a row that a message shows: names of files are shorter."""
 
 
 class DeuxError(Exception):
     """A mistake of the user's: one sentence that says what is wrong, where, and what would be right.
 
-    The command line prints the sentence without a stack trace and exits with code 1.
+    The command line prints the sentence without a stack trace and exits with code 1. Names and values from outside may
+    be part of it: line breaks become blanks, what no console prints as it is, such as escapes, is written as Python
+    writes it, and words of more than 400 characters are cut.
+
+    Args:
+        message: the sentence.
+
+    Example:
+        >>> print(DeuxError("there is no file\\n\\x1b[31m.png."))
+        there is no file \\x1b[31m.png.
     """
+
+    def __init__(self, message: object = "") -> None:
+        text = printable(str(message))
+        super().__init__(re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: f"{word[0][:_LONGEST_WORD]}...", text))
 
 
 class JobFailed(DeuxError):
@@ -35,6 +36,21 @@ class JobFailed(DeuxError):
 
     Stands for errors of any kind, some of which cannot be sent from one process to another.
     """
+
+
+def printable(text: str) -> str:
+    """Text on one line as it may be printed: nothing in it moves a terminal's cursor or turns its text around.
+
+    Line breaks and tabs become blanks; what no console prints as it is, is written as Python writes it.
+
+    Example:
+        >>> printable("a\\x1b[31m b\\nc")
+        'a\\\\x1b[31m b c'
+    """
+    text = text.translate(_BLANKS)
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def near_matches(wrong: str, known: Iterable[str]) -> str:
@@ -48,32 +64,6 @@ def near_matches(wrong: str, known: Iterable[str]) -> str:
     listed = f"here is: {', '.join(names) or 'none'}."
     close = difflib.get_close_matches(wrong, names, n=3, cutoff=0.5)
     return f"did you mean {' or '.join(close)}? T{listed}" if close else f"t{listed}"
-
-
-def quoted(value: Any) -> str:
-    """A value as messages quote it: its repr, shortened where it is long or deep.
-
-    Example:
-        >>> quoted("a"), len(quoted("a" * 5000)), quoted(1 << 20000)
-        ("'a'", 120, 'a whole number of 20001 bits')
-    """
-    if isinstance(value, int) and value.bit_length() > _LONGEST_NUMBER:
-        return f"a whole number of {value.bit_length()} bits"
-    return _QUOTED.repr(value)
-
-
-def printable(text: str) -> str:
-    """Text without characters that a terminal would obey instead of showing them, such as of a file's name.
-
-    Line breaks become blanks, other control characters are written as escapes, and words of 1,000 characters or more
-    lose their middle.
-
-    Example:
-        >>> printable("a\\x1b[31m b\\nc"), len(printable("a" * 5000))
-        ('a\\\\x1b[31m b c', 401)
-    """
-    visible = _CONTROLS.sub(lambda found: found[0].encode("unicode_escape").decode(), " ".join(text.split("\n")))
-    return _LONG_WORD.sub(lambda found: f"{found[0][:200]}…{found[0][-200:]}", visible)
 
 
 def plural(word: str, count: int) -> str:
@@ -94,6 +84,20 @@ def counted(count: int, noun: str) -> str:
         ('1 run', '12 runs')
     """
     return f"{count} {plural(noun, count)}"
+
+
+def shown(value: object, most: int = 80) -> str:
+    """A value from outside for a message: as Python writes it, cut where it is long.
+
+    Example:
+        >>> shown([1, 2]), shown("x" * 1000, most=10), shown(10**10_000)
+        ('[1, 2]', "'xxxxxx...", 'a value of the type int')
+    """
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # numbers of thousands of digits, lists in lists
+        text = f"a value of the type {type(value).__name__}"
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def check_range(

@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 from omegaconf import OmegaConf
 from omegaconf.errors import InterpolationKeyError, MissingMandatoryValue, OmegaConfBaseException
 
-from deux.errors import DeuxError, near_matches, quoted
+from deux.errors import DeuxError, near_matches, shown
 
 T = TypeVar("T")
 
@@ -68,6 +68,28 @@ def construct(
     """
     filled = dict(given or {})
     return target(**filled, **_checked(target, settings, where, filled))
+
+
+def converted(value: Any, annotation: Any, where: str) -> Any:
+    """A value as a type, checked as options are: a simple type, a list, a tuple or dict of them, or a dataclass.
+
+    Args:
+        value: plain, such as JSON has it.
+        annotation: the type.
+        where: what the value is called; it begins every message.
+
+    Raises:
+        DeuxError: the value, or one in it, is of another type.
+
+    Example:
+        >>> converted([1, 2], tuple[float, float], "size")
+        (1.0, 2.0)
+    """
+    if dataclasses.is_dataclass(annotation):
+        if not isinstance(value, Mapping):
+            raise DeuxError(f"{where} must be {describe(Mapping)}, but is {shown(value)}.")
+        return construct(annotation, value, "")  # type: ignore[arg-type]
+    return _option_value(value, annotation, where)
 
 
 def full_settings(
@@ -130,7 +152,7 @@ def plain_options(settings: Any, where: str) -> dict[str, Any]:
     """
     found = plain(settings, where)
     if not isinstance(found, Mapping):
-        raise DeuxError(f"{where} holds options by name, as in {where}.<option>=<value>, but is {quoted(found)}.")
+        raise DeuxError(f"{where} holds options by name, as in {where}.<option>=<value>, but is {shown(found)}.")
     return dict(found)
 
 
@@ -149,8 +171,7 @@ def describe(annotation: Any) -> str:
             return f"a list of {len(arguments)} values ({', '.join(map(describe, arguments))})"
         return f"a list (each {describe(arguments[0])})" if arguments else "a list"
     if _is_mapping(annotation):
-        element = arguments[1] if arguments else Any
-        return "options by name" + ("" if element is Any else f" (each {describe(element)})")
+        return f"names, each with {describe(arguments[1])}" if arguments else "names with values"
     return words[annotation] if annotation in words else str(getattr(annotation, "__name__", annotation))
 
 
@@ -192,8 +213,8 @@ def _option_value(value: Any, annotation: Any, where: str) -> Any:
     except _Mismatch:
         choices = [choice for choice in get_args(annotation) if isinstance(choice, str)]
         if get_origin(annotation) is Literal and isinstance(value, str) and choices:
-            raise DeuxError(f"{where} cannot be {quoted(value)}: {near_matches(value, choices)}") from None
-        raise DeuxError(f"{where} must be {describe(annotation)}, but is {quoted(value)}.") from None
+            raise DeuxError(f"{where} cannot be {shown(value)}: {near_matches(value, choices)}") from None
+        raise DeuxError(f"{where} must be {describe(annotation)}, but is {shown(value)}.") from None
 
 
 def _converted(value: Any, annotation: Any, where: str) -> Any:
@@ -250,8 +271,8 @@ def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
 
 
 def _mapping(values: Mapping[Any, Any], annotation: Any, where: str) -> dict[str, Any]:
-    _, element = get_args(annotation) or (str, Any)
-    return {str(key): _converted(value, element, where) for key, value in values.items()}
+    element = (get_args(annotation) or (Any, Any))[1]
+    return {str(key): _converted(value, element, f"{where}.{key}") for key, value in values.items()}
 
 
 def _is_union(annotation: Any) -> bool:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 
-from deux.errors import DeuxError, near_matches, quoted
+from deux.errors import DeuxError, near_matches, shown
 from deux.options import construct, plain, plain_options, references_resolved
 from deux.registry import KINDS, PluginChoice, registry
 
@@ -184,7 +184,7 @@ def task_name(cfg: DictConfig) -> str:
     with references_resolved("task"):
         name = cfg.get("task")
     if not (isinstance(name, str) and name in TASKS):
-        raise DeuxError(f"there is no task called {quoted(name)}: {near_matches(str(name), TASKS)}")
+        raise DeuxError(f"there is no task called {shown(name)}: {near_matches(str(name), TASKS)}")
     return name
 
 
@@ -202,7 +202,7 @@ def section(cfg: DictConfig, name: str) -> Any:
     if name not in SINGLE_VALUES:
         return plain_options(found, name)
     if OmegaConf.is_config(found):
-        raise DeuxError(f"{name} is a single value, but holds {quoted(plain(found, name))}.")
+        raise DeuxError(f"{name} is a single value, but holds {shown(plain(found, name))}.")
     return found
 
 

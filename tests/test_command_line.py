@@ -284,7 +284,8 @@ def test_where_no_command_can_be_started(
     tmp_path: Path, folder: str, environment: dict[str, str], sentence: str
 ) -> None:
     (tmp_path / folder).mkdir()
-    script = f"import os, runpy; {'os.rmdir(os.getcwd()); ' if folder == 'gone' else ''}runpy.run_module('deux', run_name='__main__')"
+    leave = "os.rmdir(os.getcwd()); " if folder == "gone" else ""
+    script = f"import os, runpy; {leave}runpy.run_module('deux', run_name='__main__')"
     result = subprocess.run(
         [sys.executable, "-c", script],
         cwd=tmp_path / folder,

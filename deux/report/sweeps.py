@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
-from hydra.errors import HydraException
+from hydra.core.override_parser.types import Override, RangeSweep
 
-from deux.io.foreign_files import read_yaml, walk
+from deux.io.folder_walk import walk
+from deux.io.yaml_files import read_yaml
 from deux.report.older_configurations import RENAMED_OPTIONS, current_keys
 
 SWEEP_FILE = "multirun.yaml"
 """What Hydra keeps of a sweep, in its folder."""
 
-MOST_RUNS = 100_000
-"""Runs of a sweep that a report lists; a file that asks for more is no sweep's that anybody has run."""
+MOST_RUNS = 10_000
+"""Runs of a sweep that a report can show."""
 
 GRID = ("explore", "model", "seed")
 """The options that span a table: its rows, its columns, and what its intervals are over."""
@@ -62,7 +62,7 @@ def find_sweeps(folder: Path) -> list[Sweep]:
     for path in _sweep_folders(folder):
         try:
             sweep = _read(path)
-        except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, HydraException):
+        except Exception:  # values of any type, which are taken for what Hydra writes
             continue
         if sweep is not None:
             sweeps.append(sweep)
@@ -103,7 +103,8 @@ def _read(folder: Path) -> Sweep | None:
     swept = {}
     for override in OverridesParser.create().parse_overrides([*preset, *overrides]):  # later ones win, as in Hydra
         option = override.get_key_element()
-        swept[RENAMED_OPTIONS.get(option, option)] = _values(override)
+        values = _swept_values(override) if override.is_sweep_override() else (_value(override),)
+        swept[RENAMED_OPTIONS.get(option, option)] = values
     chosen = current_keys(content)
     fixed = {"explore": chosen["explore"]["name"], "model": chosen["model"]["name"], "seed": chosen["seed"]}
     sweep = Sweep(
@@ -112,14 +113,19 @@ def _read(folder: Path) -> Sweep | None:
         swept={option: swept[option] for option in GRID if option in swept},
         fixed={option: str(value) for option, value in fixed.items()},
     )
-    if math.prod(len(values) for values in sweep.swept.values()) > MOST_RUNS:
+    if math.prod(map(len, sweep.swept.values())) > MOST_RUNS:
         raise ValueError(f"it asks for more than {MOST_RUNS} runs")
     sweep.grid  # noqa: B018 - seeds that are no numbers raise here, and the sweep is left out
     return sweep
 
 
-def _values(override: Override) -> tuple[str, ...]:
-    """The values that a sweep takes of an option, the only one where it was not swept over."""
-    if not override.is_sweep_override():
-        return (str(override.get_value_element_as_str()),)
-    return tuple(itertools.islice(override.sweep_string_iterator(), MOST_RUNS + 1))
+def _swept_values(override: Override) -> tuple[str, ...]:
+    """The values of an option that is swept over; ValueError where they are more than a table can have."""
+    asked = override.value()
+    if isinstance(asked, RangeSweep) and len(range(*map(int, (asked.start, asked.stop, asked.step)))) > MOST_RUNS:
+        raise ValueError(f"it asks for more than {MOST_RUNS} values")
+    return tuple(override.sweep_string_iterator())
+
+
+def _value(override: Any) -> str:
+    return str(override.get_value_element_as_str())

@@ -12,7 +12,9 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_failure
 from deux.io.camera_files import read_any_depth
+from deux.io.file_names import is_file_name, is_within
 from deux.io.images import encode_depth, encode_fraction, read_fraction
+from deux.io.json_files import checked_record, decode_json
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.tables import csv_text
 from deux.tasks.depth_completion import CompletedDepth
@@ -109,13 +111,15 @@ class PredictionFolder:
 
     def _journal(self) -> Iterable[FrameRecord]:
         try:
-            lines = (self.folder / JOURNAL).read_text().splitlines()
+            lines = (self.folder / JOURNAL).read_bytes().splitlines()
         except FileNotFoundError:
             return
         for line in lines:
             try:
-                record = FrameRecord(**json.loads(line))
-            except (ValueError, TypeError):  # the line that was being written when the command was killed
+                record = checked_record(decode_json(line, self.folder / JOURNAL), FrameRecord, JOURNAL)
+            except DeuxError:  # the line that was being written when the command was killed
+                continue
+            if not is_within(record.sequence) or not is_file_name(record.name):
                 continue
             if self.file("depth", FrameReference(record.sequence, record.name)).exists():
                 yield record

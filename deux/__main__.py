@@ -15,21 +15,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import hydra
-import yaml
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import HydraException
 from omegaconf import DictConfig
-from omegaconf.errors import OmegaConfBaseException
 
-from deux.composition_errors import check_names, composition_error, quoted_digits
+from deux.composition_errors import check_names, composition_error, quoted_digits, raised_in_composition
 from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
-from deux.errors import DeuxError, JobFailed, counted
+from deux.errors import DeuxError, JobFailed, counted, printable
 from deux.io.atomic import write_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugin_options, check_plugins
 from deux.thread_waiting import let_waiting_threads_sleep
-
-COMPOSITION_ERRORS = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 
 LAUNCHERS = ("joblib", "submitit", "ray")
 """The packages behind `hydra/launcher=...`. They raise errors of their own for jobs that end without a word, such as
@@ -38,7 +33,14 @@ those that the system killed for their memory."""
 PLACE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
 """The system's errors that say that files cannot be written where they are to go."""
 
+NAME_ERRORS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ)
+"""The system's errors that say that there can be no file of this name."""
+
 log = logging.getLogger("deux")
+
+
+class Terminated(KeyboardInterrupt):
+    """The process was asked by SIGTERM to end: what works on ends as it does at Ctrl-C."""
 
 
 class Jobs:
@@ -77,8 +79,10 @@ def main() -> int:
     """Run the command line and return its exit code, or leave with it by `SystemExit`.
 
     0: done; 1: a mistake of the user's, told in one sentence on stderr, or an error of the program, with its stack
-    trace, or a sweep in which some job failed; 130: interrupted.
+    trace, or a sweep in which some job failed; 130: interrupted by Ctrl-C; 143: ended by SIGTERM.
     """
+    if problem := _unusable_surroundings():
+        return _complain(problem)
     leave_out_working_folder()
     let_waiting_threads_sleep()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
@@ -87,9 +91,11 @@ def main() -> int:
         register_configuration()
         sys.argv[1:] = [quoted_digits(argument) for argument in sys.argv[1:]]
         check_names(argument for argument in sys.argv[1:] if "=" in argument and not argument.startswith("-"))
-        with _quiet_log_writers():
+        with _quiet_log_writers(), _termination_raised():
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
+        if _was_terminated(interrupt):
+            return _complain("ended by SIGTERM; the same command goes on from here.", 143)
         return _complain("interrupted; the same command goes on from here.", 130)
     except BrokenPipeError:  # the reader of the help page or configuration, such as `head`, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more as it ends
@@ -100,15 +106,24 @@ def main() -> int:
         _complain(str(error))
         return _complain("a job of the sweep failed, perhaps not this one alone: deux.log in each run's folder tells.")
     except Exception as error:
-        if mistake := _mistake(error):
-            return _complain(str(mistake))
-        if isinstance(error, COMPOSITION_ERRORS):
-            return _complain(str(composition_error(error)))
+        if sentence := sentence_of(error):
+            return _complain(sentence)
         if type(error).__module__.partition(".")[0] in LAUNCHERS:
             told = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
             return _complain(f"the sweep's launcher stopped with {told} The same command goes on from here.")
         raise
     return 0
+
+
+def sentence_of(error: Exception) -> str | None:
+    """The sentence for an error that is the user's mistake, or a place's that takes no files; None for the program's.
+
+    Args:
+        error: of the composition of a configuration, or of a job.
+    """
+    if mistake := _mistake(error):
+        return str(mistake)
+    return str(composition_error(error)) if raised_in_composition(error) else None
 
 
 def run_task(cfg: DictConfig) -> None:
@@ -130,12 +145,53 @@ def _stay_until_killed(interrupt: KeyboardInterrupt) -> None:
 
     A job that is preempted with a time of grace is queued again only if it is still there when that time is over.
     """
-    preempted = type(interrupt.__cause__).__name__ == "SIGTERMException"  # Lightning's, which need not be imported here
-    if not (preempted and in_sweep() and "SLURM_JOB_ID" in os.environ):
+    if not (_was_terminated(interrupt) and in_sweep() and "SLURM_JOB_ID" in os.environ):
         return
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
     log.warning("Slurm ends this job; if it is queued again, it goes on from here.")
     while True:
         signal.pause()
+
+
+def _was_terminated(interrupt: BaseException | None) -> bool:
+    """Whether SIGTERM is behind an interrupt: deux's own answer to it, or Lightning's, which it wraps in others."""
+    while interrupt is not None:
+        if isinstance(interrupt, Terminated) or type(interrupt).__name__ == "SIGTERMException":
+            return True
+        interrupt = interrupt.__cause__ or interrupt.__context__
+    return False
+
+
+@contextmanager
+def _termination_raised() -> Iterator[None]:
+    """Let SIGTERM end what happens inside as Ctrl-C does. Lightning and Ray keep this handler beside their own."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(*_: object) -> None:
+        raise Terminated
+
+    earlier = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, earlier)
+
+
+def _unusable_surroundings() -> str | None:
+    """The sentence for a working folder or a locale in which no configuration can be composed; None for others."""
+    if sys.getfilesystemencoding().lower() != "utf-8":
+        found = sys.getfilesystemencoding()
+        return f"this Python takes file names and texts for {found}: start it with PYTHONUTF8=1, or in a UTF-8 locale."
+    try:
+        here = os.getcwd()
+    except OSError as error:
+        return f"the working folder cannot be used, {error.strerror}: start the command in another one."
+    if "${" in here:
+        return f"the name of the folder {here} reads as a reference to an option: start the command in another one."
+    return None
 
 
 @contextmanager
@@ -180,17 +236,23 @@ def _first_failure(error: Exception) -> Exception:
 
 
 def _mistake(error: Exception) -> DeuxError | None:
-    """The sentence for an error that is none of the program's: the user's mistake, or a disk that takes no files."""
+    """The sentence for an error that is none of the program's: the user's mistake, or a limit of the machine's."""
     if isinstance(error, OSError) and error.errno in PLACE_ERRORS:
         place = error.filename or (HydraConfig.initialized() and HydraConfig.get().runtime.output_dir)
         if not place:  # Hydra's own files, before the job begins
             return DeuxError(f"the run folder cannot be written: {error.strerror}; make room and start again.")
         return DeuxError(write_failure(Path(place), error))
+    if isinstance(error, OSError) and error.errno in NAME_ERRORS:
+        return DeuxError(f"{error.filename or 'a name of a file'} cannot be used: {error.strerror}.")
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return DeuxError(f"{error.strerror}: raise the number of files that a process may open, as by ulimit -n 1024.")
+    if isinstance(error, MemoryError):
+        return DeuxError("there is not enough memory for this: choose smaller frames, batches or scenes.")
     return error if isinstance(error, DeuxError) else None
 
 
 def _complain(sentence: str, code: int = 1) -> int:
-    print(f"deux: {sentence}", file=sys.stderr)
+    print(f"deux: {printable(sentence)}", file=sys.stderr)
     return code
 
 

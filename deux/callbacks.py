@@ -84,11 +84,11 @@ def lightning_object(
     Raises:
         DeuxError: an option is unknown or missing, or its value is refused.
     """
-    from lightning.pytorch.utilities.exceptions import MisconfigurationException
-
     try:
         return construct(target, settings, where, given)
-    except (MisconfigurationException, TypeError, ValueError, ModuleNotFoundError) as error:
+    except DeuxError:
+        raise
+    except Exception as error:  # Lightning checks few of its arguments, and the others fail in many ways
         sentence = " ".join(str(error).split()).removesuffix(".")
         name = getattr(target, "__name__", str(target))
         raise DeuxError(f"the settings under {where} make no lightning.{name}: {sentence}.") from error

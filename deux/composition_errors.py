@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+import sys
+import traceback
 from collections.abc import Iterable
 
-from hydra.errors import MissingConfigException, OverrideParseException
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig
-from omegaconf.errors import ConfigAttributeError, ConfigKeyError, InterpolationKeyError
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, InterpolationKeyError, OmegaConfBaseException
+from yaml import YAMLError
 
 from deux.callbacks import callback_names
 from deux.errors import DeuxError, near_matches
@@ -55,6 +58,12 @@ _LAUNCHER_EXTRAS = {
 }
 """The extra that installs a launcher of sweeps, by the launcher's name; docs/sweeps.md."""
 
+_GROUPS = (*_NOUNS, "simulator", "scale", "report", "experiment")
+"""The options whose value names a file or a plugin, which is never a number."""
+
+_LIBRARIES = ("hydra", "omegaconf", "yaml", "antlr4")
+"""Packages that compose a configuration, and raise errors of any kind over a value that they cannot use."""
+
 _NO_OPTION = re.compile(r"Could not load '(?P<group>[^'/]+)/(?P<name>[^']+)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
 _KEY = re.compile(r"[+~]*(?P<key>[^=@]+)")
@@ -78,6 +87,8 @@ def check_names(overrides: Iterable[str]) -> None:
             raise DeuxError(f"there is no option {name}: it is now called {RENAMED[name]}.")
         if name == "callbacks" and value == "none":
             raise DeuxError("callbacks=none is now callbacks=[], a list of callbacks without any.")
+        if name in _GROUPS and _NUMBER.fullmatch(value) and value.lower() != "null":
+            raise DeuxError(f"{name} is chosen by a name, and {value} is none.")
         if quoted := _LIST_IN_QUOTES.fullmatch(value):
             raise DeuxError(
                 f"the quotes around the whole list make {name} a single text: {_quote(key, quoted['items'])}."
@@ -99,15 +110,29 @@ def quoted_digits(argument: str) -> str:
     return argument
 
 
+def raised_in_composition(error: BaseException) -> bool:
+    """Whether an error comes from the packages that compose a configuration, of whatever class it is.
+
+    What a plugin or deux itself raises does not, but for what OmegaConf wraps.
+    """
+    if isinstance(error, HydraException | OmegaConfBaseException | YAMLError):
+        return True
+    modules = (frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__))
+    packages = [root for module in modules if (root := module.partition(".")[0]) not in sys.stdlib_module_names]
+    return bool(packages) and packages[-1] in _LIBRARIES
+
+
 def composition_error(error: Exception) -> DeuxError:
     """The user's mistake behind an error raised while a configuration was composed.
 
     Args:
-        error: a `HydraException`, an `OmegaConfBaseException` or a `yaml.YAMLError`.
+        error: one that was `raised_in_composition`.
 
     Returns:
         The error to raise or print; its sentence names the override or key and what would be right.
     """
+    if mistake := _told_before(error):
+        return mistake
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options is not None:
         return _unknown_choice(str(error.missing_cfg_file), list(error.options))
     if found := _NO_OPTION.search(str(error)):
@@ -124,6 +149,13 @@ def composition_error(error: Exception) -> DeuxError:
     if isinstance(cause, ConfigKeyError | ConfigAttributeError) and isinstance(parent, DictConfig):
         return _unknown_option(str(cause.full_key), parent)
     return DeuxError(_first_sentence(error))
+
+
+def _told_before(error: BaseException | None) -> DeuxError | None:
+    """The user's mistake that OmegaConf wraps in an error of its own where a resolver of ours raised it."""
+    while error is not None and not isinstance(error, DeuxError):
+        error = error.__cause__ or error.__context__
+    return error
 
 
 def _unknown_choice(missing: str, known: list[str]) -> DeuxError:

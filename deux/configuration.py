@@ -12,7 +12,7 @@ import json
 import logging
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -24,17 +24,16 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.plugins import Plugins
-from hydra.errors import HydraException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from hydra.types import RunMode
 from hydra.utils import to_absolute_path
 from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
 
 from deux.callbacks import ACTIVE_COLLECTION, callback_names
-from deux.composition_errors import check_names, composition_error
+from deux.composition_errors import check_names, composition_error, raised_in_composition
+from deux.errors import DeuxError, printable, shown
 from deux.registry import registry
-from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins, without_means
+from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins, section, task_name, without_means
 
 CONFIG_NAME = "config"
 
@@ -67,6 +66,9 @@ OPEN_NODES = (
 """The nodes that become constructor arguments. Hydra takes any key there without a "+"; misspelt ones are caught by
 `deux.options.construct`, which knows the constructor."""
 
+_LONGEST_NAME = 60
+"""Characters of a plugin's name in the name of a run folder."""
+
 log = logging.getLogger(__name__)
 
 
@@ -96,6 +98,14 @@ def package_folders() -> dict[str, Path]:
         except Exception as error:  # the foreign package is imported here, which may raise anything
             log.warning("the configuration of %s is left out, %s cannot be imported: %s", package, entry.value, error)
     return folders
+
+
+class PrintableFormatter(logging.Formatter):
+    """Warnings on the console (`conf/hydra/default.yaml`), without characters that a terminal would obey."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The record's lines."""
+        return "\n".join(printable(line) for line in super().format(record).split("\n"))
 
 
 class PackageSearchPath(SearchPathPlugin):
@@ -152,7 +162,9 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
     try:
         with hydra.initialize_config_dir(str(config_folder()), job_name="deux", version_base="1.3"):
             cfg = hydra.compose(CONFIG_NAME, list(overrides))
-    except (HydraException, OmegaConfBaseException) as error:
+    except Exception as error:
+        if not raised_in_composition(error):
+            raise
         raise composition_error(error) from error
     finally:
         GlobalHydra.instance().hydra = command
@@ -171,8 +183,17 @@ def run_folder() -> Path:
 
 
 def user_path(path: str | Path) -> Path:
-    """A path as the user meant it: relative to the folder in which the command was started, ~ being the home folder."""
-    return Path(to_absolute_path(str(Path(path).expanduser())))
+    """A path as the user meant it: relative to the folder in which the command was started, ~ being the home folder.
+
+    Raises:
+        DeuxError: no path can be called so.
+    """
+    if "\0" in str(path):
+        raise DeuxError(f"{shown(str(path))} is no path: it holds a zero byte.")
+    try:
+        return Path(to_absolute_path(str(Path(path).expanduser())))
+    except RuntimeError as error:
+        raise DeuxError(f"{path} is no path: {error}") from error
 
 
 def run_id(cfg: DictConfig) -> str:
@@ -181,27 +202,39 @@ def run_id(cfg: DictConfig) -> str:
     The hash is of everything that makes the run what it is: the same command finds its folder again and goes on where
     it was.
     """
-    task = TASKS.get(str(cfg.task))
-    content = {name: without_means(name, _plain(cfg[name])) for name in (task.sections if task else ())}
-    return f"{_run_name(cfg)}-{_hash({'task': cfg.task, **content})}"
+    task = task_name(cfg)
+    outputs_folder(cfg)  # which the run folder lies in by default
+    content = {name: section(cfg, name) for name in TASKS[task].sections}
+    hashed = {name: without_means(name, found) for name, found in content.items()}
+    return f"{_run_name(task, content)}-{_hash({'task': task, **hashed})}"
+
+
+def outputs_folder(cfg: DictConfig) -> Path:
+    """The folder of runs, datasets and shared models.
+
+    Raises:
+        DeuxError: `paths.outputs` is no path.
+    """
+    outputs = section(cfg, "paths").get("outputs")
+    if not (isinstance(outputs, str) and outputs.strip()):
+        raise DeuxError(f"paths.outputs must be the path of a folder, but is {shown(outputs)}.")
+    return user_path(outputs)
 
 
 def sections_of(cfg: DictConfig) -> Sections:
     """The sections that the configuration's task names."""
-    return Sections(cfg, user_path(cfg.paths.outputs))
+    return Sections(cfg, outputs_folder(cfg))
 
 
-def _run_name(cfg: DictConfig) -> str:
-    if cfg.task in (*GIVEN_MODEL_TASKS, "compare_explorers"):
-        return str(cfg.task)
-    if cfg.task == "train_explorer":
-        return f"{cfg.task}-{cfg.explore.name}"
-    pair = f"{cfg.model.name}-{cfg.explore.name}"
-    return f"{cfg.task}-{pair}" if cfg.task == "study_uncertainty" else pair
-
-
-def _plain(value: Any) -> Any:
-    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+def _run_name(task: str, content: Mapping[str, Any]) -> str:
+    if task in (*GIVEN_MODEL_TASKS, "compare_explorers"):
+        return task
+    names = (str(content.get(name, {}).get("name")) for name in ("model", "explore"))
+    # A part of a folder's name, also where there is no plugin of that name, which is told later.
+    model, explorer = (re.sub(r"[^\w-]", "_", name)[:_LONGEST_NAME] for name in names)
+    if task == "train_explorer":
+        return f"{task}-{explorer}"
+    return f"{task}-{model}-{explorer}" if task == "study_uncertainty" else f"{model}-{explorer}"
 
 
 def _hash(content: Any) -> str:

@@ -2,16 +2,33 @@
 
 import difflib
 import math
+import re
 from collections.abc import Iterable
 
 _PLURAL_VERBS = {"is": "are", "has": "have", "does": "do"}
+_BLANKS = str.maketrans("\n\r\t", "   ")
+_LONGEST_WORD = 400
+"""Characters in a row that a message shows: names of files are shorter."""
 
 
 class DeuxError(Exception):
     """A mistake of the user's: one sentence that says what is wrong, where, and what would be right.
 
-    The command line prints the sentence without a stack trace and exits with code 1.
+    The command line prints the sentence without a stack trace and exits with code 1. Names and values from outside may
+    be part of it: line breaks become blanks, what no console prints as it is, such as escapes, is written as Python
+    writes it, and words of more than 400 characters are cut.
+
+    Args:
+        message: the sentence.
+
+    Example:
+        >>> print(DeuxError("there is no file\\n\\x1b[31m.png."))
+        there is no file \\x1b[31m.png.
     """
+
+    def __init__(self, message: object = "") -> None:
+        text = printable(str(message))
+        super().__init__(re.sub(rf"\S{{{_LONGEST_WORD},}}", lambda word: f"{word[0][:_LONGEST_WORD]}...", text))
 
 
 class JobFailed(DeuxError):
@@ -19,6 +36,21 @@ class JobFailed(DeuxError):
 
     Stands for errors of any kind, some of which cannot be sent from one process to another.
     """
+
+
+def printable(text: str) -> str:
+    """Text on one line as it may be printed: nothing in it moves a terminal's cursor or turns its text around.
+
+    Line breaks and tabs become blanks; what no console prints as it is, is written as Python writes it.
+
+    Example:
+        >>> printable("a\\x1b[31m b\\nc")
+        'a\\\\x1b[31m b c'
+    """
+    text = text.translate(_BLANKS)
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def near_matches(wrong: str, known: Iterable[str]) -> str:
@@ -52,6 +84,20 @@ def counted(count: int, noun: str) -> str:
         ('1 run', '12 runs')
     """
     return f"{count} {plural(noun, count)}"
+
+
+def shown(value: object, most: int = 80) -> str:
+    """A value from outside for a message: as Python writes it, cut where it is long.
+
+    Example:
+        >>> shown([1, 2]), shown("x" * 1000, most=10), shown(10**10_000)
+        ('[1, 2]', "'xxxxxx...", 'a value of the type int')
+    """
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # numbers of thousands of digits, lists in lists
+        text = f"a value of the type {type(value).__name__}"
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def check_range(

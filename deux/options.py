@@ -8,15 +8,16 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import types
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from omegaconf import OmegaConf
-from omegaconf.errors import InterpolationKeyError, OmegaConfBaseException
+from omegaconf.errors import InterpolationKeyError, MissingMandatoryValue, OmegaConfBaseException
 
-from deux.errors import DeuxError, near_matches
+from deux.errors import DeuxError, near_matches, shown
 
 T = TypeVar("T")
 
@@ -69,6 +70,28 @@ def construct(
     return target(**filled, **_checked(target, settings, where, filled))
 
 
+def converted(value: Any, annotation: Any, where: str) -> Any:
+    """A value as a type, checked as options are: a simple type, a list, a tuple or dict of them, or a dataclass.
+
+    Args:
+        value: plain, such as JSON has it.
+        annotation: the type.
+        where: what the value is called; it begins every message.
+
+    Raises:
+        DeuxError: the value, or one in it, is of another type.
+
+    Example:
+        >>> converted([1, 2], tuple[float, float], "size")
+        (1.0, 2.0)
+    """
+    if dataclasses.is_dataclass(annotation):
+        if not isinstance(value, Mapping):
+            raise DeuxError(f"{where} must be {describe(Mapping)}, but is {shown(value)}.")
+        return construct(annotation, value, "")  # type: ignore[arg-type]
+    return _option_value(value, annotation, where)
+
+
 def full_settings(
     target: Callable[..., Any], settings: Mapping[str, Any], where: str = "settings", given: Collection[str] = ()
 ) -> dict[str, Any]:
@@ -92,18 +115,45 @@ def unresolved_reference(error: InterpolationKeyError) -> str:
     )
 
 
+@contextmanager
+def references_resolved(where: str) -> Iterator[None]:
+    """Say in a sentence which reference of a configuration, by ${...}, cannot be followed inside.
+
+    Args:
+        where: the place in the configuration that is read, such as "camera".
+    """
+    try:
+        yield
+    except InterpolationKeyError as error:
+        raise DeuxError(unresolved_reference(error)) from error
+    except MissingMandatoryValue as error:
+        raise DeuxError(f"{error.full_key or where} has no value: give it one.") from error
+    except OmegaConfBaseException as error:
+        raise DeuxError(f"{where} cannot be resolved: {str(error).splitlines()[0]}.") from error
+    except RecursionError as error:
+        raise DeuxError(f"{where} refers by ${{...}} to itself, or is nested too deeply.") from error
+
+
 def plain(settings: Any, where: str) -> Any:
     """Settings as plain dictionaries and lists, interpolations resolved, values that are still "???" left out."""
     if OmegaConf.is_config(settings):
-        try:
+        with references_resolved(where):
             settings = OmegaConf.to_container(settings, resolve=True)
-        except InterpolationKeyError as error:
-            raise DeuxError(unresolved_reference(error)) from error
-        except OmegaConfBaseException as error:
-            raise DeuxError(f"{where} cannot be resolved: {str(error).splitlines()[0]}.") from error
     if isinstance(settings, Mapping):
         return {str(key): plain(value, f"{where}.{key}") for key, value in settings.items() if value != "???"}
     return settings
+
+
+def plain_options(settings: Any, where: str) -> dict[str, Any]:
+    """As `plain`, of a node that must hold options by name.
+
+    Raises:
+        DeuxError: it is a single value or a list.
+    """
+    found = plain(settings, where)
+    if not isinstance(found, Mapping):
+        raise DeuxError(f"{where} holds options by name, as in {where}.<option>=<value>, but is {shown(found)}.")
+    return dict(found)
 
 
 def describe(annotation: Any) -> str:
@@ -120,6 +170,8 @@ def describe(annotation: Any) -> str:
         if get_origin(annotation) is tuple and Ellipsis not in arguments:
             return f"a list of {len(arguments)} values ({', '.join(map(describe, arguments))})"
         return f"a list (each {describe(arguments[0])})" if arguments else "a list"
+    if _is_mapping(annotation):
+        return f"names, each with {describe(arguments[1])}" if arguments else "names with values"
     return words[annotation] if annotation in words else str(getattr(annotation, "__name__", annotation))
 
 
@@ -142,7 +194,7 @@ def _checked(
     name = getattr(target, "__name__", str(target))
     prefix = f"{where}." if where else ""
     result: dict[str, Any] = {}
-    for key, value in plain(settings, where).items():
+    for key, value in plain_options(settings, where).items():
         if key in known:
             result[key] = _option_value(value, known[key].annotation, f"{prefix}{key}")
         elif open_ended:
@@ -161,8 +213,8 @@ def _option_value(value: Any, annotation: Any, where: str) -> Any:
     except _Mismatch:
         choices = [choice for choice in get_args(annotation) if isinstance(choice, str)]
         if get_origin(annotation) is Literal and isinstance(value, str) and choices:
-            raise DeuxError(f"{where} cannot be {value!r}: {near_matches(value, choices)}") from None
-        raise DeuxError(f"{where} must be {describe(annotation)}, but is {value!r}.") from None
+            raise DeuxError(f"{where} cannot be {shown(value)}: {near_matches(value, choices)}") from None
+        raise DeuxError(f"{where} must be {describe(annotation)}, but is {shown(value)}.") from None
 
 
 def _converted(value: Any, annotation: Any, where: str) -> Any:
@@ -177,10 +229,15 @@ def _converted(value: Any, annotation: Any, where: str) -> Any:
         return _expect(value, isinstance(value, annotation))
     if annotation in (int, float):
         number = isinstance(value, int | float) and not isinstance(value, bool)
-        whole = number and (annotation is float or float(value).is_integer())
-        return annotation(_expect(value, whole))
+        whole = number and (annotation is float or isinstance(value, int) or value.is_integer())
+        try:
+            return annotation(_expect(value, whole))
+        except OverflowError:  # a whole number beyond the floats
+            raise _Mismatch from None
     if annotation is Path:
         return Path(_expect(value, isinstance(value, str | Path)))
+    if _is_mapping(annotation):
+        return _mapping(_expect(value, isinstance(value, Mapping)), annotation, where)
     if _is_sequence(annotation):
         return _sequence(_expect(value, isinstance(value, list | tuple)), annotation, where)
     if dataclasses.is_dataclass(annotation) and isinstance(value, Mapping):
@@ -213,12 +270,21 @@ def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
     return kind(_converted(value, element, where) for value in values)
 
 
+def _mapping(values: Mapping[Any, Any], annotation: Any, where: str) -> dict[str, Any]:
+    element = (get_args(annotation) or (Any, Any))[1]
+    return {str(key): _converted(value, element, f"{where}.{key}") for key, value in values.items()}
+
+
 def _is_union(annotation: Any) -> bool:
     return get_origin(annotation) in (Union, types.UnionType)
 
 
 def _is_sequence(annotation: Any) -> bool:
     return (get_origin(annotation) or annotation) in (tuple, list, Sequence)
+
+
+def _is_mapping(annotation: Any) -> bool:
+    return (get_origin(annotation) or annotation) in (dict, Mapping)
 
 
 def _json(value: Any) -> Any:

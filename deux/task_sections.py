@@ -6,13 +6,14 @@ says which options it has; a task reads and checks the sections that it names an
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
-from deux.errors import DeuxError, near_matches
-from deux.options import construct, plain
+from deux.errors import DeuxError, near_matches, shown
+from deux.options import construct, plain, plain_options, references_resolved
 from deux.registry import KINDS, PluginChoice, registry
 
 T = TypeVar("T")
@@ -80,6 +81,23 @@ PLUGIN_SECTIONS = {
 }
 """The sections that choose a plugin, and of which kind."""
 
+_NAMING_OPTIONS = (
+    ("seed_model", "explore", "explorers"),
+    ("seed_model", "name", "depth_models"),
+    ("compare", "baseline", "explorers"),
+    ("collect", "uncertainty", "uncertainties"),
+    ("predict", "uncertainty", "uncertainties"),
+    ("foundation", "source", "scenes"),
+    ("explorer_training", "source", "scenes"),
+)
+"""Options of other sections that name a plugin: section, option and kind."""
+
+SINGLE_VALUES = ("pose", "seed", "training_data")
+"""The sections that hold one value; all others hold options by name."""
+
+ALWAYS_READ = ("paths", "data")
+"""Sections that a task may read without naming them: where its outputs are kept, and where frames are cached."""
+
 MEANS = {
     "collect": ("processes", "executor", "executor_options", "viewer"),
     "data": ("cache",),
@@ -104,7 +122,7 @@ class Sections:
 
     def __init__(self, cfg: DictConfig, outputs: Path) -> None:
         self._cfg = cfg
-        self.task = str(cfg.task)
+        self.task = task_name(cfg)
         self.outputs = outputs
         self.names = TASKS[self.task].sections
 
@@ -126,7 +144,7 @@ class Sections:
 
     def plain(self, name: str) -> Any:
         """A section as plain dictionaries, lists and values."""
-        return plain(self._node(name), name)
+        return self._node(name)
 
     @property
     def data_cache(self) -> Any:
@@ -134,7 +152,7 @@ class Sections:
 
         No result depends on it: it belongs to no run's identity, and tasks that train read it without naming `data`.
         """
-        return self._cfg.data.get("cache", "auto")
+        return section(self._cfg, "data").get("cache", "auto")
 
     @property
     def seed(self) -> int:
@@ -154,7 +172,38 @@ class Sections:
 
     def _node(self, name: str) -> Any:
         assert name in self.names, f"task={self.task} does not name the section {name!r}"
-        return self._cfg[name]
+        return section(self._cfg, name)
+
+
+def task_name(cfg: DictConfig) -> str:
+    """The task that a configuration names.
+
+    Raises:
+        DeuxError: it names none, or none that there is.
+    """
+    with references_resolved("task"):
+        name = cfg.get("task")
+    if not (isinstance(name, str) and name in TASKS):
+        raise DeuxError(f"there is no task called {shown(name)}: {near_matches(str(name), TASKS)}")
+    return name
+
+
+def section(cfg: DictConfig, name: str) -> Any:
+    """A section's plain content: a dictionary of options, or of `SINGLE_VALUES` the value; references are resolved.
+
+    Raises:
+        DeuxError: it is not there, it is one value where it has options or the other way round, or a reference in it
+            leads nowhere.
+    """
+    if name not in cfg:
+        raise DeuxError(f"the section {name} was taken out of the configuration, but the task reads it.")
+    with references_resolved(name):
+        found = cfg[name]
+    if name not in SINGLE_VALUES:
+        return plain_options(found, name)
+    if OmegaConf.is_config(found):
+        raise DeuxError(f"{name} is a single value, but holds {shown(plain(found, name))}.")
+    return found
 
 
 def check_plugins(cfg: DictConfig) -> None:
@@ -162,9 +211,9 @@ def check_plugins(cfg: DictConfig) -> None:
 
     Nothing is imported, so a run with a misspelt loss term ends before any work is done.
     """
-    if cfg.task not in TASKS:
-        raise DeuxError(f"there is no task called {cfg.task!r}: {near_matches(str(cfg.task), TASKS)}")
-    for kind, name in _named_plugins(cfg):
+    names = TASKS[task_name(cfg)].sections
+    content = {name: section(cfg, name) for name in (*names, *ALWAYS_READ)}
+    for kind, name in _named_plugins({name: content[name] for name in names}):
         registry().find(kind, name)
 
 
@@ -180,32 +229,23 @@ def check_plugin_options(cfg: DictConfig) -> None:
 
     Plugins with all options at their defaults are not imported. Call `check_plugins` first.
     """
-    if "scenes" in TASKS[cfg.task].sections:
-        check_seed(cfg.seed)  # it draws scenes, and its own name is the one to tell
+    names = TASKS[task_name(cfg)].sections
+    if "scenes" in names:
+        check_seed(section(cfg, "seed"))  # it draws scenes, and its own name is the one to tell
     for name, kind in PLUGIN_SECTIONS.items():
-        if name in TASKS[cfg.task].sections and set(cfg[name]) - {"name", *KINDS[kind].reserved}:
-            registry().choose(kind, cfg[name], name)
+        if name in names and set(chosen := section(cfg, name)) - {"name", *KINDS[kind].reserved}:
+            registry().choose(kind, chosen, name)
 
 
-def _named_plugins(cfg: DictConfig) -> list[tuple[str, str]]:
-    """The plugins that the task's sections name: kind and name."""
-    sections = TASKS[cfg.task].sections
-    found = [(kind, cfg[name].get("name")) for name, kind in PLUGIN_SECTIONS.items() if name in sections]
-    if "seed_model" in sections:
-        found += [("explorers", cfg.seed_model.explore), ("depth_models", cfg.seed_model.name)]
-    if "compare" in sections:
-        explorers = cfg.compare.explorers
-        found += [("explorers", name) for name in ([] if isinstance(explorers, str) else explorers or [])]
-        found += [("explorers", cfg.compare.baseline)]
-    if "collect" in sections:
-        found += [("uncertainties", cfg.collect.uncertainty)]
-    if "predict" in sections:
-        found += [("uncertainties", cfg.predict.uncertainty)]
-    if "foundation" in sections:
-        found += [("scenes", cfg.foundation.source)]
-    if "explorer_training" in sections:
-        found += [("scenes", cfg.explorer_training.source)]
-    if "objective" in sections:
-        found += [("losses", term) for term in cfg.objective]
-    assert all(kind in KINDS for kind, _ in found)
+def _named_plugins(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """The plugins that the task's sections name: kind and name.
+
+    Args:
+        content: plain sections by name; an option that they lack is told by whoever reads the section.
+    """
+    found = [(kind, content[name].get("name")) for name, kind in PLUGIN_SECTIONS.items() if name in content]
+    found += [(kind, content[name].get(option)) for name, option, kind in _NAMING_OPTIONS if name in content]
+    explorers = content.get("compare", {}).get("explorers")
+    found += [("explorers", name) for name in (explorers if isinstance(explorers, list) else [])]
+    found += [("losses", term) for term in content.get("objective", {})]
     return [(kind, str(name)) for kind, name in found if name is not None]

@@ -1,16 +1,18 @@
 """The real command in processes of its own, with the task `train` replaced by a stub."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from deux.__main__ import main
 from deux.registry import registry
 
 STUB = """
-import json, sys, types
+import json, os, signal, sys, types
 from pathlib import Path
 
 def run(cfg):
@@ -19,6 +21,8 @@ def run(cfg):
     errors = {1: DeuxError("the seed is 1."), 2: ZeroDivisionError("a fault"), 3: KeyboardInterrupt()}
     if cfg.seed in errors:
         raise errors[cfg.seed]
+    if cfg.seed == 5:
+        os.kill(os.getpid(), signal.SIGTERM)
     if cfg.seed == 4:
         import numba
     facts = {"explore": cfg.explore.name, "sweep": in_sweep(), "folder": str(run_folder()), "path": str(user_path("x"))}
@@ -224,3 +228,72 @@ def test_a_sweep_that_cannot_be_composed_starts_no_job(tmp_path: Path) -> None:
     assert result.returncode == 1
     assert result.stderr.startswith("deux: there is no explorer called 'nowhere'")
     assert not list(tmp_path.glob("outputs/**/facts.json"))
+
+
+def test_an_end_by_sigterm_is_told_and_has_its_exit_code(tmp_path: Path) -> None:
+    result = stubbed(tmp_path, "seed=5")
+    assert result.returncode == 143
+    assert result.stderr == "deux: ended by SIGTERM; the same command goes on from here.\n"
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("paths.outputs=loop", "cannot be used: Too many levels of symbolic links."),
+        (f"paths.outputs={'a' * 300}", "cannot be used: File name too long."),
+        ("paths.outputs=file", "cannot be written: Not a directory."),
+        ("paths.outputs={a: 1}", "paths.outputs must be the path of a folder, but is {'a': 1}."),
+        ("hydra.run.dir=${nothing}", "hydra.run.dir refers by ${...} to an option that is not there"),
+        ("explore=5", "explore is chosen by a name, and 5 is none."),
+        ("explore=[[1]]", "the configuration cannot be composed: "),
+        ("seed=1" + 5000 * "0", "the configuration cannot be composed: Exceeds the limit"),
+        ("camera=5", "camera holds options by name, as in camera.<option>=<value>, but is 5."),
+        ("~camera", "the section camera was taken out of the configuration, but the task reads it."),
+        ("pose=\x1b[31m", "pose"),
+    ],
+)
+def test_what_fails_before_a_job_begins_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], override: str, sentence: str
+) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "file").touch()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["deux", "task=report", override])
+    if override.endswith(("camera", "camera=5")) or override.startswith("pose"):
+        monkeypatch.setattr(sys, "argv", ["deux", "task=train", override])
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
+    with pytest.raises(SystemExit) as ended:
+        raise SystemExit(main())
+    told = capfd.readouterr().err
+    assert ended.value.code == 1
+    assert told.startswith("deux: ")
+    assert told.count("\n") == 1
+    assert sentence in told
+    assert "\x1b" not in told
+
+
+@pytest.mark.parametrize(
+    ("folder", "environment", "sentence"),
+    [
+        ("${oc.env:HOME}", {}, "reads as a reference to an option: start the command in another one."),
+        ("gone", {}, "the working folder cannot be used, No such file or directory: start the command in another one."),
+        ("here", {"LC_ALL": "C", "PYTHONUTF8": "0"}, "this Python takes file names and texts for ascii: start it with"),
+    ],
+)
+def test_where_no_command_can_be_started(
+    tmp_path: Path, folder: str, environment: dict[str, str], sentence: str
+) -> None:
+    (tmp_path / folder).mkdir()
+    leave = "os.rmdir(os.getcwd()); " if folder == "gone" else ""
+    script = f"import os, runpy; {leave}runpy.run_module('deux', run_name='__main__')"
+    result = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path / folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert sentence in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -1,16 +1,16 @@
 """What a stored episode explored: its explorer's own map, or one made from its frames."""
 
-import csv
 from collections.abc import Iterable
-from zipfile import BadZipFile
 
 import numpy as np
 
+from deux.collection.free_floor import stored_grid
 from deux.contracts import ExplorerMap, Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.geometry.grid import GridFrame
+from deux.io.arrays import read_arrays, said
 from deux.io.calibration import read_pose
+from deux.io.csv_files import number, read_table
 from deux.io.images import read_depth
 from deux.io.layout import SequencePaths
 from deux.mapping.occupancy import OccupancyMap
@@ -31,15 +31,12 @@ def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> Explo
     if not kept.exists():
         built = _true_map(sequence, camera, robot)
         return ExplorerMap(built.frame, built.cells)
+    arrays = read_arrays(kept)
     try:
-        with np.load(kept, allow_pickle=False) as arrays:
-            occupancy = arrays["occupancy"]
-            x, z = arrays["origin"]
-            rows, columns = occupancy.shape
-            frame = GridFrame(float(x), float(z), rows, columns, float(arrays["resolution"]))
-            return ExplorerMap(frame, occupancy, arrays.get("uncertainty"))
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({error}): delete it.") from error
+        occupancy = arrays["occupancy"]
+        return ExplorerMap(stored_grid(arrays, occupancy), occupancy, arrays.get("uncertainty"))
+    except (ValueError, KeyError) as error:
+        raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({said(error)}): delete it.") from error
 
 
 def seen_area(sequence: SequencePaths, camera: Camera, robot: Robot) -> float:
@@ -54,8 +51,7 @@ def mean_uncertainty(episodes: Iterable[SequencePaths]) -> float | None:
     for sequence in episodes:
         record = sequence.folder / "uncertainty.csv"
         if record.exists():
-            with record.open(newline="") as file:
-                values += [float(row["uncertainty"]) for row in csv.DictReader(file)]
+            values += [number(row, "uncertainty", record) for row in read_table(record, "uncertainty")]
     known = np.array(values)[np.isfinite(values)]
     return float(known.mean()) if known.size else None
 

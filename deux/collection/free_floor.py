@@ -1,13 +1,14 @@
 """The true free floor of each place, kept with a dataset to judge it by, and how much of it a map knows."""
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace, GridFrame
+from deux.io.arrays import read_arrays, said
 from deux.io.atomic import write_atomically
 from deux.io.layout import SequencePaths
 from deux.mapping.occupancy import FREE, OccupancyMap
@@ -41,14 +42,32 @@ def read_free_floor(sequence: SequencePaths) -> tuple[GridFrame, np.ndarray] | N
     path = sequence.folder / FREE_FLOOR_FILE
     if not path.exists():
         return None
+    arrays = read_arrays(path)
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            free = arrays["free"].astype(bool)
-            x, z = arrays["origin"]
-            rows, columns = free.shape
-            return GridFrame(float(x), float(z), rows, columns, float(arrays["resolution"])), free
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise DeuxError(f"{path} is damaged, it holds no free floor ({error}): delete it.") from error
+        return stored_grid(arrays, arrays["free"]), arrays["free"].astype(bool)
+    except (ValueError, KeyError) as error:
+        raise DeuxError(f"{path} is damaged, it holds no free floor ({said(error)}): delete it.") from error
+
+
+def stored_grid(arrays: Mapping[str, np.ndarray], cells: np.ndarray) -> GridFrame:
+    """The grid of stored cells, by the arrays "origin" (x and z) and "resolution" beside them.
+
+    Args:
+        arrays: by name.
+        cells: rows x columns.
+
+    Raises:
+        KeyError: an array is missing.
+        ValueError: one has another shape or a value that is no place or size.
+    """
+    origin, resolution = arrays["origin"], arrays["resolution"]
+    kinds = {origin.dtype.kind, resolution.dtype.kind}
+    if cells.ndim != 2 or origin.shape != (2,) or resolution.shape != () or "c" in kinds:
+        raise ValueError("its arrays have other shapes or types than those of a grid")
+    if not (np.isfinite(origin).all() and np.isfinite(resolution) and resolution > 0):
+        raise ValueError("its origin and resolution are no places and sizes")
+    x, z = origin
+    return GridFrame(float(x), float(z), *cells.shape, float(resolution))
 
 
 def known_free_cells(known: OccupancyMap, frame: GridFrame, free: np.ndarray) -> int:

@@ -1,6 +1,5 @@
 """The four stages in one: from a specification to a finished dataset, once."""
 
-import json
 import logging
 import os
 import shutil
@@ -21,6 +20,7 @@ from deux.collection.viewpoints import ViewpointPlan, collect_viewpoints, plan_v
 from deux.contracts import DepthPredictor
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_json
+from deux.io.json_files import read_json_object
 from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, TRIPLET_LISTS, SourceChoice, list_file, sequences
 from deux.io.locking import locked
 from deux.io.progress import Progress, ignore_progress
@@ -103,21 +103,25 @@ def read_manifest(dataset: Path) -> dict[str, Any]:
         DeuxError: there is none.
     """
     try:
-        manifest: dict[str, Any] = json.loads((dataset / MANIFEST).read_bytes())
-    except (OSError, ValueError) as error:
-        raise DeuxError(f"{dataset} holds no readable {MANIFEST}, so it is no dataset that deux collected.") from error
-    return manifest
+        return read_json_object(dataset / MANIFEST)
+    except DeuxError as error:
+        raise DeuxError(
+            f"{dataset} holds no readable {MANIFEST}, so it is no dataset that deux collected: {error}"
+        ) from error
 
 
 def frame_count(dataset: Path, choice: SourceChoice) -> int:
     """How many frames of a dataset that was made here can be trained on with source frames chosen so.
 
     Raises:
-        DeuxError: there is no manifest.
+        DeuxError: there is no manifest, or it does not say so.
     """
     manifest = read_manifest(dataset)
     counted = manifest if choice == "recent" else manifest.get("baseline", manifest)  # absent before version 6
-    return int(counted["triplets"])
+    count = counted.get("triplets") if isinstance(counted, dict) else None
+    if type(count) is not int or count < 0:
+        raise DeuxError(f"{dataset / MANIFEST} is damaged: it does not say how many triplets there are.")
+    return count
 
 
 def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progress) -> None:

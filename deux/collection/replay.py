@@ -1,6 +1,5 @@
 """A stored episode step by step, as its explorer went through it: for whoever wants to see why it went there."""
 
-import json
 from collections.abc import Iterator
 
 import numpy as np
@@ -12,6 +11,7 @@ from deux.contracts import Frame, Need, SceneReference
 from deux.errors import DeuxError
 from deux.inference.threads import one_thread
 from deux.io.frames import read_frame
+from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths
 
 
@@ -40,9 +40,9 @@ def replay(
         DeuxError: the episode is not finished, or is not what these make.
     """
     try:
-        record = json.loads((sequence.folder / "episode.json").read_bytes())
+        record = read_json_object(sequence.folder / "episode.json")
         seed, floor = int(record["seed"]), int(record["floor"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (DeuxError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise DeuxError(f"{sequence.folder} holds no finished episode that could be watched.") from error
     explorer = make_explorer()
     labels = Need.LABELS in explorer.needs

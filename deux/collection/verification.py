@@ -1,11 +1,11 @@
 """Stage 3: frames that a depth model cannot learn from, or be judged by, are rejected and the reason is kept."""
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +14,14 @@ from deux.collection.sparse import SparseSettings, point_count
 from deux.errors import DeuxError, check_range
 from deux.geometry.poses import motion
 from deux.geometry.source_frames import SourceRule, SourceView, choose_sources, has_parallax
+from deux.io.arrays import said
 from deux.io.atomic import write_json
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import read_depth, read_image
+from deux.io.json_files import checked_record, read_json_object
 from deux.io.layout import SequencePaths, SourceChoice, neighbours
 from deux.io.progress import Progress, ignore_progress
+from deux.options import converted
 
 
 class Rejection(StrEnum):
@@ -130,9 +133,9 @@ def _verify_sequence(
     record, rule = paths.folder / "verification.json", SourceRule()
     made_by = {"settings": asdict(settings), "sparse": asdict(sparse), "offsets": list(offsets), "rule": asdict(rule)}
     if record.exists():
-        earlier = json.loads(record.read_text())
-        if earlier["made_by"] == made_by:
-            return _read_verdicts(earlier["frames"])
+        earlier = read_json_object(record)
+        if earlier.get("made_by") == made_by:
+            return _read_verdicts(earlier.get("frames"), record)
     frames = paths.frames()
     try:
         intrinsics = read_intrinsics(paths.intrinsics)
@@ -152,12 +155,18 @@ def _verify_sequence(
     return verdicts
 
 
-def _read_verdicts(stored: Mapping[SourceChoice, Mapping[str, Mapping[str, Any]]]) -> Verdicts:
+def _read_verdicts(stored: Any, record: Path) -> Verdicts:
+    """Verdicts as `verification.json` holds them."""
+    kept = checked_record(stored, dict[str, dict[str, dict[str, Any]]], record)
+
     def judged(one: Mapping[str, Any]) -> Judged:
         rejection = Rejection(one["rejection"]) if one["rejection"] else None
-        return Judged(tuple(one["sources"]), rejection, one["parallax"])
+        return Judged(converted(one["sources"], tuple[str, ...], "sources"), rejection, bool(one["parallax"]))
 
-    return {choice: {name: judged(one) for name, one in targets.items()} for choice, targets in stored.items()}
+    try:
+        return {choice: {name: judged(one) for name, one in kept[choice].items()} for choice in ("recent", "baseline")}
+    except (DeuxError, KeyError, ValueError, TypeError) as error:
+        raise DeuxError(f"{record} is damaged, it holds no verdicts ({said(error)}): delete it.") from error
 
 
 def _choose(

@@ -2,25 +2,19 @@
 
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
 import torch
 
 from deux.contracts import DepthModel
 from deux.errors import DeuxError, near_matches
+from deux.memory_budget import free_memory
 
 CacheChoice = Literal["auto", "device", "memory", "none"]
 """`data.cache`: keep the frames on the device that trains, in memory, or read them each time; "auto" goes by size."""
 
 SHARE = 0.5
 """Part of what is free, on the card or in memory, that frames may take; the rest is the model's and the system's."""
-
-UNKNOWN_MEMORY = 4 * 1024**3
-"""Bytes that are taken to be available where the system does not say."""
-
-_CONTROL_GROUP = Path("/sys/fs/cgroup")
-_MEMORY = Path("/proc/meminfo")
 
 
 def cache_choice(value: object) -> CacheChoice:
@@ -95,19 +89,3 @@ def free_on_device(device: torch.device) -> int:
         return free_memory()
     unused = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)
     return torch.cuda.mem_get_info(device)[0] + unused
-
-
-def free_memory() -> int:
-    """Bytes that programs can still take, as Linux says it, within the limit of the container if there is one."""
-    found = []
-    try:
-        fields = dict(line.split(":") for line in _MEMORY.read_text().splitlines())
-        found.append(int(fields["MemAvailable"].split()[0]) * 1024)
-        limit, used = ((_CONTROL_GROUP / name).read_text().strip() for name in ("memory.max", "memory.current"))
-        if limit != "max":
-            # What the group's files occupy in memory is given up when programs need it.
-            pages = dict(line.split() for line in (_CONTROL_GROUP / "memory.stat").read_text().splitlines())
-            found.append(max(0, int(limit) - int(used) + int(pages["inactive_file"])))
-    except (OSError, KeyError, ValueError):  # another system, or no container
-        pass
-    return min(found, default=UNKNOWN_MEMORY)

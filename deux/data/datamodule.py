@@ -13,7 +13,6 @@ from deux.data.cache_choice import (
     SHARE,
     CacheChoice,
     Placement,
-    free_memory,
     free_on_device,
     place,
     prepares_on_host,
@@ -23,6 +22,7 @@ from deux.data.frame_cache import FrameCache, Kind, MemoryCache, stored_bytes
 from deux.data.triplets import SampleSettings, ShuffledDraws, SourceFrames, TripletDataset, collate
 from deux.errors import DeuxError
 from deux.io.layout import SourceChoice
+from deux.memory_budget import free_memory
 
 log = logging.getLogger(__name__)
 

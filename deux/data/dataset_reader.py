@@ -13,6 +13,7 @@ from deux.errors import DeuxError, check_range, counted, near_matches, plural
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.camera_files import read_any_image
+from deux.io.file_names import is_file_name
 from deux.io.images import DEPTH_SCALE, read_depth
 from deux.io.layout import TRIPLET_LISTS, SequencePaths, list_file, neighbours, sequences, without_suffix
 
@@ -159,6 +160,8 @@ class DatasetReader(Reader):
             raise DeuxError(
                 f"{self.folder} lists {line}, where a path like data/<sequence>/image/<frame>.png is expected."
             )
+        if not all(map(is_file_name, (parts[1], parts[3]))):
+            raise DeuxError(f"{self.folder} lists {line}, which can be the name of no file.")
         return FrameReference(parts[1], without_suffix(parts[3]))
 
     def _listed_triplets(self, lines: Sequence[str]) -> list[Triplet]:

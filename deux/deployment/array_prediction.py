@@ -112,7 +112,21 @@ def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
             torch.from_numpy(frames.sparse_depth)[:, None],
             torch.from_numpy(frames.intrinsics),
         )
-    return depth[:, 0].cpu().numpy()
+    return check_prediction(depth[:, 0].cpu().numpy())
+
+
+def check_prediction(depths: np.ndarray) -> np.ndarray:
+    """The predicted depths that are given, N x H x W metres.
+
+    Raises:
+        DeuxError: one is NaN or infinite.
+    """
+    if not (finite := np.isfinite(depths)).all():
+        raise DeuxError(
+            f"the model predicts NaN or infinity at {np.count_nonzero(~finite):,} of {depths.size:,} pixels: its "
+            "weights, its options or the frame are beyond what it can compute."
+        )
+    return depths
 
 
 def _is_stream(value: object) -> bool:

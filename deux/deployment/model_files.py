@@ -1,6 +1,7 @@
 """Trained models as single files: weights in safetensors, with the model's name and options beside them."""
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -8,13 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import safetensors.torch
+import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
 from deux import __version__
 from deux.contracts import DepthModel
-from deux.errors import DeuxError, counted
+from deux.errors import DeuxError, counted, shown
+from deux.inference.weightless import without_weights
+from deux.io.arrays import said
 from deux.io.atomic import write_atomically
+from deux.io.json_files import checked_record, decode_json
+from deux.memory_budget import check_memory
 from deux.options import full_settings
 from deux.registry import registry
 
@@ -23,6 +29,7 @@ MODEL_FILE = "model.safetensors"
 
 METADATA_KEY = "deux"
 SHOWN_NAMES = 3
+_LONGEST_CONFIG = 100_000  # characters
 
 
 @dataclass(frozen=True)
@@ -79,16 +86,17 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     """
     file = weights_file(path)
     config = _read_config(file)
-    try:
-        model: DepthModel = registry().create("depth_models", config.name, config.settings)
-    except DeuxError as error:
-        raise DeuxError(f"{file} holds a {config.name} that cannot be made here: {error}") from error
-    problem = load_weights(model, safetensors.torch.load_file(file))
+    weights = _read_weights(file)
+    with without_weights():  # settings of absurd size are found out before memory is taken for them
+        problem = misfit(_make(config, file), weights)
+    model = None if problem else _make(config, file)
+    problem = problem or load_weights(model, weights)
     if problem:
         raise DeuxError(
             f"{file} does not fit the {config.name} that is installed: it {problem}; "
             f"it was written by deux {config.version}."
         )
+    assert model is not None
     return model.eval()
 
 
@@ -98,11 +106,20 @@ def model_name(path: str | PathLike[str]) -> str:
 
 
 def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
-    """Load weights into a module if they fit it exactly.
+    """Load weights into a module if they fit it exactly and are finite numbers.
 
     Returns:
-        "" if they were loaded; otherwise what is missing, unexpected or of another shape, as the rest of a sentence.
+        "" if they were loaded; otherwise what is missing, unexpected, of another shape or type, or no number, as the
+        rest of a sentence.
     """
+    problem = misfit(module, weights)
+    if not problem:
+        module.load_state_dict(weights)
+    return problem
+
+
+def misfit(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
+    """Why weights cannot be loaded into a module, which may be without memory for its own; as `load_weights` says."""
     expected = module.state_dict()
     missing = [key for key in expected if key not in weights]
     unexpected = [key for key in weights if key not in expected]
@@ -111,12 +128,15 @@ def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
         for key in expected
         if key in weights and weights[key].shape != expected[key].shape
     ]
-    if not (missing or unexpected or reshaped):
-        module.load_state_dict(weights)
+    common = [key for key in expected if key in weights]
     found = {
         "lacks {}": missing,
         "has {} unexpected": unexpected,
         "has {} of another shape": reshaped,
+        "has {} of another type": [
+            f"{key}: {weights[key].dtype}" for key in common if _kind(weights[key]) != _kind(expected[key])
+        ],
+        "has {} with NaN or infinity": [key for key in common if not torch.isfinite(weights[key]).all()],
     }
     problems = [f"{text.format(_count(names))} ({_first(names)})" for text, names in found.items() if names]
     return ", ".join(problems)
@@ -129,9 +149,9 @@ def weights_file(path: str | PathLike[str]) -> Path:
         DeuxError: there is none.
     """
     file = Path(path)
-    if file.is_dir():
+    if os.path.isdir(file):
         file = file / MODEL_FILE
-    if not file.is_file():
+    if not os.path.isfile(file):
         raise DeuxError(f"there is no model {file}: name a file of weights or a run folder with a {MODEL_FILE}.")
     return file
 
@@ -141,14 +161,42 @@ def _read_config(file: Path) -> ModelConfig:
         with safe_open(file, framework="pt") as stream:
             metadata = stream.metadata() or {}
     except (SafetensorError, OSError) as error:
-        raise DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {error}.") from error
+        raise _damaged(file, error) from error
     try:
-        return ModelConfig(**json.loads(metadata[METADATA_KEY]))
-    except (KeyError, TypeError, ValueError) as error:
+        if len(metadata[METADATA_KEY]) > _LONGEST_CONFIG:
+            raise KeyError(METADATA_KEY)
+        return checked_record(decode_json(metadata[METADATA_KEY].encode(), file), ModelConfig, file)
+    except (KeyError, DeuxError) as error:
         raise DeuxError(
             f"{file} does not say which model it holds: it was not written by deux; "
             "published checkpoints are read by deux.load_published(name, path)."
         ) from error
+
+
+def _read_weights(file: Path) -> dict[str, Tensor]:
+    check_memory(2 * file.stat().st_size, str(file), "it is larger than any model")
+    try:
+        return safetensors.torch.load_file(file)
+    except (SafetensorError, OSError, ValueError) as error:
+        raise _damaged(file, error) from error
+
+
+def _damaged(file: Path, error: Exception) -> DeuxError:
+    return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {said(error)}.")
+
+
+def _make(config: ModelConfig, file: Path) -> DepthModel:
+    """The model that a file says it holds, newly made."""
+    try:
+        model: DepthModel = registry().create("depth_models", config.name, config.settings)
+        return model
+    except Exception as error:  # the settings are anybody's, and a constructor may meet anything in them
+        raise DeuxError(f"{file} holds a {shown(config.name)} that cannot be made here: {said(error)}.") from error
+
+
+def _kind(tensor: Tensor) -> str:
+    """What a number of one kind stands for is lost in another; the precision may differ."""
+    return "complex" if tensor.is_complex() else "floating point" if tensor.is_floating_point() else "whole"
 
 
 def _count(names: list[str]) -> str:

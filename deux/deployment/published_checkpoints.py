@@ -2,6 +2,7 @@
 
 import copy
 import io
+import os
 from collections.abc import Mapping
 from functools import partial
 from os import PathLike
@@ -16,6 +17,7 @@ from deux.deployment.model_files import load_weights
 from deux.errors import DeuxError
 from deux.inference.weightless import without_weights
 from deux.io.atomic import write_atomically
+from deux.io.torch_files import read_torch
 from deux.registry import registry
 
 PREFIX = "module."
@@ -119,15 +121,9 @@ def _load(target: Published, path: Path, label: str) -> None:
 
 def _read(path: Path) -> Mapping[str, Any]:
     """Read a file of torch.save, without executing what it may contain."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise DeuxError(f"there is no checkpoint {path}.")
-    try:
-        checkpoint = torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # a damaged or foreign file fails in many ways, depending on where
-        raise DeuxError(
-            f"{path} cannot be read as a checkpoint of tensors: it is damaged, something else, or holds code, which is "
-            "never run."
-        ) from error
+    checkpoint = read_torch(path)
     if not isinstance(checkpoint, Mapping):
         raise DeuxError(f"{path} holds a {type(checkpoint).__name__} and not a checkpoint's dictionary.")
     return checkpoint

@@ -13,9 +13,9 @@ from omegaconf import DictConfig
 from deux.bench.machine import cores, processor
 from deux.compilation import kept_folders
 from deux.configuration import user_path
-from deux.data.cache_choice import free_memory
 from deux.doctor.checkup import Checkup
 from deux.inference.precision import default_precision
+from deux.memory_budget import free_memory
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
 """What decides how many threads compute, where it is set."""

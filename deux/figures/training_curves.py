@@ -1,13 +1,15 @@
 """Curves against training steps: a depth model's losses and errors, its rounds, and a learned explorer's reward."""
 
-import csv
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from deux.errors import DeuxError
 from deux.figures.drawing import new_figure
+from deux.io.csv_files import number, read_table
 from deux.metrics.depth_errors import METRICS
 from deux.training.rounds import Round
 
@@ -27,18 +29,21 @@ def read_log(folder: Path) -> dict[str, tuple[list[int], list[float]]]:
         folder: holds `version_<n>/metrics.csv`, one for each start of the training. What a killed start logged
             beyond the checkpoint from which the next one went on is left out.
     """
-    logs = sorted(folder.glob("version_*/metrics.csv"), key=lambda path: int(path.parent.name.split("_")[1]))
+    logs = [path for path in folder.glob("version_*/metrics.csv") if path.parent.name[len("version_") :].isdecimal()]
+    logs.sort(key=lambda path: int(path.parent.name[len("version_") :]))
     series: dict[str, dict[int, float]] = {}
     for log in logs:
-        with log.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        first = min((int(row["step"]) for row in rows), default=0)
+        rows = read_table(log)
+        if rows and "step" not in rows[0]:
+            raise DeuxError(f"{log} is damaged: it has no column step.")
+        steps = [number(row, "step", log) for row in rows]
+        first = min(steps, default=0)
         for name, known in series.items():
             series[name] = {step: value for step, value in known.items() if step < first}
-        for row in rows:
+        for step, row in zip(steps, rows, strict=True):
             for name, value in row.items():
-                if value and name not in ("step", "epoch"):
-                    series.setdefault(name, {})[int(row["step"])] = float(value)
+                if value and name not in ("", "step", "epoch") and math.isfinite(step):
+                    series.setdefault(name, {})[int(step)] = number(row, name, log)
     return {name: (list(known), list(known.values())) for name, known in series.items()}
 
 

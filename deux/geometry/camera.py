@@ -7,6 +7,14 @@ import numpy as np
 
 from deux.errors import check_range
 
+FOCAL_LENGTHS = (1e-3, 1e7)
+"""Pixels between which focal lengths lie; with others, points and their images are lost to rounding."""
+
+
+def is_focal_length(value: float) -> bool:
+    """Whether a number of pixels can be a focal length."""
+    return FOCAL_LENGTHS[0] <= value <= FOCAL_LENGTHS[1]
+
 
 @dataclass(frozen=True)
 class Camera:

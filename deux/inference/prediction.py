@@ -11,7 +11,15 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from deux.errors import DeuxError
+from deux.geometry.camera import FOCAL_LENGTHS, is_focal_length
 from deux.geometry.sparse_outliers import remove_outliers
+from deux.memory_budget import check_memory
+
+PIXEL_BYTES = 1000
+"""Memory for each pixel of a prediction: a network's features have some hundred channels of 4 bytes at full size."""
+
+LARGE = 4_000_000
+"""Pixels up to which the memory for a prediction is not looked at."""
 
 TOLERANCE = 1e-3
 """How far image values may lie outside [0, 1]: resampling overshoots a little."""
@@ -80,6 +88,7 @@ def predict(
         torch.as_tensor(x).to(device, torch.float32) for x in (image, sparse_depth, intrinsics)
     )
     _check(image, sparse_depth, intrinsics)
+    _check_size(image)
     prepared = prepared_inputs(model, sparse_depth)
     with eval_mode(model):
         return complete(model, image, sparse_depth, intrinsics, prepared)
@@ -150,9 +159,22 @@ def _check(image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> None:
         _check_camera(f"intrinsics[{i}]", cameras[9 * i : 9 * i + 9])
 
 
+def _check_size(image: Tensor) -> None:
+    """Raise DeuxError if images are too large for the memory there is; small ones are not looked at."""
+    count, _, height, width = image.shape
+    if count * height * width > LARGE and image.device.type == "cpu":
+        what = f"the prediction of {count} x {width:,} x {height:,} pixels"
+        check_memory(PIXEL_BYTES * count * height * width, what, "make the images smaller or predict fewer at once")
+
+
 def _check_camera(name: str, numbers: list[float]) -> None:
     """Raise DeuxError unless nine numbers are a camera matrix, row by row, that can be inverted."""
     fx, _, _, shear, fy, _, *last = numbers
+    if fx > 0 and fy > 0 and not (is_focal_length(fx) and is_focal_length(fy)):
+        raise DeuxError(
+            f"{name} has the focal lengths {fx:g} and {fy:g}: they are in pixels, from {FOCAL_LENGTHS[0]:g} to "
+            f"{FOCAL_LENGTHS[1]:g}."
+        )
     if not (all(map(math.isfinite, numbers)) and fx > 0 and fy > 0 and shear == 0 and last == [0, 0, 1]):
         raise DeuxError(
             f"{name} = {[numbers[:3], numbers[3:6], numbers[6:]]} is singular or no camera matrix: it is [[fx, s, cx], "

@@ -1,14 +1,16 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and files that are read whole."""
 
 import errno
 import json
 import math
 import os
 import shutil
+import stat
 from pathlib import Path
 from typing import Any
 
 from deux.errors import DeuxError
+from deux.memory_budget import check_memory
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -49,15 +51,25 @@ def write_json(path: Path, value: Any) -> None:
 def read_bytes(path: Path) -> bytes:
     """Read a whole file.
 
+    A pipe or a device is refused: it may never end, or wait for a writer that never comes.
+
     Raises:
-        DeuxError: the file is missing or cannot be read.
+        DeuxError: the file is missing, cannot be read, is none, or is larger than memory has room for.
     """
     try:
-        return path.read_bytes()
+        # Without O_NONBLOCK a pipe would be waited for before it can be told from a file.
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+            state = os.fstat(file.fileno())
+            if not stat.S_ISREG(state.st_mode):
+                raise DeuxError(f"{path} cannot be read: it is a folder, a pipe or a device where a file is expected.")
+            check_memory(2 * state.st_size, f"{path}, of {state.st_size / 2**30:,.1f} GiB,", "make it smaller")
+            return file.read()
     except FileNotFoundError as error:
         raise DeuxError(f"{path} is missing.") from error
     except OSError as error:
         raise DeuxError(f"{path} cannot be read: {error.strerror}.") from error
+    except ValueError as error:  # a zero byte in a name
+        raise DeuxError(f"{path} cannot be read: there can be no file of that name.") from error
 
 
 def write_failure(path: Path, error: OSError, size: int | None = None) -> str:

@@ -6,10 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from deux.errors import DeuxError
+from deux.geometry.camera import FOCAL_LENGTHS, is_focal_length
 from deux.io.atomic import read_bytes, write_atomically
 
 SHORTEST_FOCUS = 0.05
 """Focal length as a part of the image's side: with a shorter one a pinhole camera would see more than 168 degrees."""
+
+FARTHEST = 1e8
+"""Metres from the origin within which positions of cameras lie; those of map projections do."""
 
 OFF_CENTRE = 0.2
 """Part of the image's side by which a principal point may lie off the middle without a word."""
@@ -28,13 +32,23 @@ def read_pose(path: Path) -> np.ndarray:
     Raises:
         DeuxError: the file is missing or does not hold a finite rigid pose.
     """
-    numbers = _read_numbers(path)
+    return checked_pose(_read_numbers(path), path)
+
+
+def checked_pose(numbers: np.ndarray, path: Path) -> np.ndarray:
+    """Numbers as a camera-to-world matrix, 4 x 4 float64; `path` is where they were read. Raises as `read_pose`."""
     if numbers.size not in (12, 16) or not np.isfinite(numbers).all():
         raise DeuxError(f"{path} does not hold a pose: 3 or 4 rows of 4 finite numbers are expected.")
     pose = np.eye(4)
-    pose[:3] = numbers[:12].reshape(3, 4)
+    pose[:3] = numbers.ravel()[:12].reshape(3, 4)
+    if not np.allclose(numbers.ravel()[12:], pose[3, : numbers.size - 12], atol=1e-6):
+        raise DeuxError(f"{path} does not hold a pose: its fourth row is not 0 0 0 1, so it may be transposed.")
     if not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-3):
         raise DeuxError(f"{path} does not hold a pose: its first 3 x 3 numbers are not a rotation.")
+    if np.linalg.det(pose[:3, :3]) < 0:
+        raise DeuxError(f"{path} does not hold a pose: its first 3 x 3 numbers mirror, with a determinant of -1.")
+    if np.abs(pose[:3, 3]).max() > FARTHEST:
+        raise DeuxError(f"{path} holds a position of {np.abs(pose[:3, 3]).max():.3g} m, farther than {FARTHEST:.0g} m.")
     return pose
 
 
@@ -53,6 +67,11 @@ def checked_intrinsics(numbers: np.ndarray, path: Path) -> np.ndarray:
         raise DeuxError(f"{path} does not hold intrinsics: 3 rows of 3 finite numbers are expected.")
     intrinsics = numbers.reshape(3, 3)
     focal_lengths = intrinsics[[0, 1], [0, 1]]
+    if (focal_lengths > 0).all() and not all(map(is_focal_length, focal_lengths)):
+        raise DeuxError(
+            f"{path} holds the focal lengths {focal_lengths[0]:g} and {focal_lengths[1]:g}: they are in pixels, from "
+            f"{FOCAL_LENGTHS[0]:g} to {FOCAL_LENGTHS[1]:g}."
+        )
     if (focal_lengths <= 0).any() or intrinsics[1, 0] != 0 or not np.array_equal(intrinsics[2], [0.0, 0.0, 1.0]):
         raise DeuxError(
             f"{path} does not hold the intrinsics of a pinhole camera: fx s cx, 0 fy cy and 0 0 1 are expected, with "
@@ -95,5 +114,5 @@ def camera_warning(intrinsics: np.ndarray, height: int, width: int, where: str) 
 def _read_numbers(path: Path) -> np.ndarray:
     try:
         return np.array(read_bytes(path).split(), dtype=np.float64)
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise DeuxError(f"{path} is not a text file of numbers.") from error

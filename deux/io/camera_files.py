@@ -7,8 +7,10 @@ import numpy as np
 from PIL import Image
 
 from deux.errors import DeuxError
+from deux.io.arrays import read_array, said
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_intrinsics, read_intrinsics
+from deux.io.image_opening import FRAME_BYTES, open_image
 from deux.io.images import DEPTH_SCALE, check_png, read_depth
 
 ARRAY_SUFFIX = ".npy"
@@ -30,12 +32,14 @@ def read_any_image(path: Path) -> np.ndarray:
     content = read_bytes(path)
     check_png(content, path)
     try:
-        with Image.open(io.BytesIO(content)) as image:
+        with open_image(io.BytesIO(content), str(path), FRAME_BYTES) as image:
             image.load()
             mode = image.mode
             if mode in _8_BIT_MODES:
                 # A palette's transparency would be warned about, though the colours stay the same.
                 return np.array((image.convert("RGBA") if mode in ("P", "PA") else image).convert("RGB"))
+    except DeuxError:
+        raise
     except Exception as error:  # a damaged file fails in many ways, depending on its format and where it is damaged
         raise DeuxError(
             f"{path} cannot be read as an image, it is damaged or something else: {_said(error)}."
@@ -63,7 +67,7 @@ def read_any_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
         )
     if path.suffix != ARRAY_SUFFIX:
         return read_depth(path, scale)
-    depth = _read_array(path)
+    depth = read_array(path)
     if depth.ndim != 2 or depth.size == 0:
         raise DeuxError(f"{path} has the shape {' x '.join(map(str, depth.shape))}: a depth map is H x W.")
     if depth.dtype.kind != "f":
@@ -83,23 +87,14 @@ def read_any_intrinsics(path: Path) -> np.ndarray:
     """
     if path.suffix != ARRAY_SUFFIX:
         return read_intrinsics(path)
-    numbers = _read_array(path)
+    numbers = read_array(path)
     if numbers.dtype.kind not in "iuf":
         raise DeuxError(f"{path} holds values of the type {numbers.dtype}, which are no intrinsics: 3 x 3 numbers are.")
     return checked_intrinsics(numbers.astype(np.float64), path)
-
-
-def _read_array(path: Path) -> np.ndarray:
-    """Read a .npy file, without executing what it may contain."""
-    content = io.BytesIO(read_bytes(path))
-    try:
-        return np.lib.format.read_array(content, allow_pickle=False)
-    except (ValueError, EOFError, MemoryError) as error:
-        raise DeuxError(f"{path} is damaged or no {ARRAY_SUFFIX} file of numbers: {_said(error)}.") from error
 
 
 def _said(error: Exception) -> str:
     """An error's message on one line, without the object in memory that Pillow names."""
     if isinstance(error, Image.UnidentifiedImageError):
         return "it has no format that Pillow knows"
-    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    return said(error)

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from deux.errors import DeuxError
 from deux.io.atomic import read_bytes, write_atomically
+from deux.io.image_opening import FRAME_BYTES, open_image
 
 DEPTH_SCALE = 256.0
 """Stored depth values per metre."""
@@ -166,10 +166,12 @@ def _decode_png(content: bytes, path: Path, modes: tuple[str, ...], expected: st
         raise DeuxError(f"{path} is {kind} ({len(content)} bytes): {expected} in PNG format is expected.")
     check_png(content, path)
     try:
-        with Image.open(io.BytesIO(content)) as image:
+        with open_image(io.BytesIO(content), str(path), FRAME_BYTES) as image:
             if image.mode in modes:
                 return np.array(image)
             found = f"an image of mode {image.mode}"
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except DeuxError:
+        raise
+    except Exception as error:  # a damaged file fails in many ways, depending on where
         raise DeuxError(f"{path} is damaged ({len(content)} bytes): {error}.") from error
     raise DeuxError(f"{path} is {found} where {expected} is expected.")

@@ -6,7 +6,7 @@ Specification: Khronos Group, glTF 2.0 (ISO/IEC 12113:2022), chapters 2 to 4 and
 import base64
 import contextlib
 import importlib
-import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +16,10 @@ from urllib.parse import unquote, unquote_to_bytes
 import numpy as np
 
 from deux.errors import DeuxError
+from deux.io.file_names import is_within
+from deux.io.json_files import decode_json
+from deux.memory_budget import check_memory
+from deux.mesh_files.gltf_schema import check_header
 
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 TEXTURE_FORMATS = ("EXT_texture_webp", "EXT_texture_avif", "KHR_texture_basisu")
@@ -74,14 +78,10 @@ class GltfDocument:
         self._buffers: dict[int, np.ndarray] = {}
         self._views: dict[int, np.ndarray] = {}
         with self.reading("its header"):
-            text = self._split_chunks()
-            header = json.loads(text.tobytes())
-            if not isinstance(header, dict):
-                raise ValueError("its JSON is no object")
-            self.header: dict[str, Any] = header
-            version = str(header["asset"].get("minVersion", header["asset"]["version"]))
-            required = _names(header, "extensionsRequired")
-            _names(header, "extensionsUsed")
+            self.header: dict[str, Any] = decode_json(self._split_chunks().tobytes(), path)
+            check_header(self.header)
+            version = self.header["asset"].get("minVersion", self.header["asset"]["version"])
+            required = set(self.header.get("extensionsRequired", ()))
         if not version.startswith("2."):
             raise DeuxError(f"{path} is written in version {version} of glTF: only version 2 is read, convert it.")
         unknown = sorted(required - _READ - _LIGHT)
@@ -94,11 +94,11 @@ class GltfDocument:
     @property
     def unread_extensions(self) -> list[str]:
         """Names of the optional extensions that change more than light and are not read."""
-        return sorted(_names(self.header, "extensionsUsed") - _READ - _LIGHT)
+        return sorted(set(self.header.get("extensionsUsed", ())) - _READ - _LIGHT)
 
     def requires(self, extension: str) -> bool:
         """Whether the file says that it cannot be read without an extension."""
-        return extension in _names(self.header, "extensionsRequired")
+        return extension in self.header.get("extensionsRequired", ())
 
     @contextlib.contextmanager
     def reading(self, place: str) -> Iterator[None]:
@@ -122,7 +122,7 @@ class GltfDocument:
             kind = self.path.suffix or "glTF"
             raise DeuxError(f"{self.path} cannot be read as a {kind} file, {place} is damaged: {fault}.") from error
 
-    def element(self, kind: str, index: Any) -> dict[str, Any]:
+    def element(self, kind: str, index: int) -> dict[str, Any]:
         """An object of one of the top-level lists.
 
         Args:
@@ -133,10 +133,8 @@ class GltfDocument:
             ValueError: there is no such element.
         """
         elements = self.header.get(kind, [])
-        if not isinstance(index, int) or not 0 <= index < len(elements):
+        if not 0 <= index < len(elements):
             raise ValueError(f"it refers to {kind}[{index}], but there are {len(elements)} {kind}")
-        if not isinstance(elements[index], dict):
-            raise ValueError(f"{kind}[{index}] is no object")
         return elements[index]
 
     def view(self, index: int) -> np.ndarray:
@@ -175,7 +173,7 @@ class GltfDocument:
         where there is none of the decoded one; backslashes are slashes.
 
         Raises:
-            DeuxError: it refers to a server.
+            DeuxError: it refers to a server, or to a file that is not in this one's folder.
         """
         if uri.startswith("data:"):
             return None
@@ -183,7 +181,13 @@ class GltfDocument:
             raise DeuxError(f"{self.path} refers to the address {uri}: only files beside it are read, store it there.")
         literal, decoded = (name.replace("\\", "/") for name in (uri, unquote(uri)))
         folder = self.path.parent
-        return literal if not (folder / decoded).is_file() and (folder / literal).is_file() else decoded
+        name = literal if not os.path.isfile(folder / decoded) and os.path.isfile(folder / literal) else decoded
+        if not is_within(name):
+            raise DeuxError(
+                f"{self.path} refers to {name}, which lies outside its folder: only files in {folder} are read, store "
+                "it there."
+            )
+        return name
 
     def optional_package(self, name: str, what: str, otherwise: str = "") -> ModuleType:
         """A package of the extra `compressed`.
@@ -235,7 +239,7 @@ class GltfDocument:
         name = self.file_name(uri)
         if name is None:
             return np.frombuffer(_data_uri_bytes(uri), np.uint8)
-        if not (self.path.parent / name).is_file():
+        if not os.path.isfile(self.path.parent / name):
             folder = self.path.parent
             raise DeuxError(f"{self.path} needs {name}, which is not in {folder}: the two must be kept together.")
         return _file_bytes(self.path.parent / name)
@@ -277,6 +281,7 @@ class GltfDocument:
         meshopt = self.optional_package("meshopt", "meshopt-compressed geometry")
         data = self._bytes(compression, f"the compressed content of {place}").tobytes()
         count, stride = whole_number(compression, "count"), whole_number(compression, "byteStride")
+        check_memory(2 * count * stride, f"{self.path}: {place}, decompressed,", "split the scene")
         mode, encoding = compression["mode"], compression.get("filter", "NONE")
         try:
             decoded = meshopt.decode_gltf_buffer(data, count, stride, mode, encoding)
@@ -302,15 +307,10 @@ def whole_number(entry: dict[str, Any], key: str, default: int | None = None) ->
     return int(value)
 
 
-def _names(header: dict[str, Any], key: str) -> set[str]:
-    names = header.get(key, [])
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise ValueError(f"its {key} is no list of names")
-    return set(names)
-
-
 def _file_bytes(path: Path) -> np.ndarray:
     """The content of a file, N uint8, read when it is looked at."""
+    if os.path.exists(path) and not os.path.isfile(path):
+        raise DeuxError(f"{path} cannot be read: it is a folder, a pipe or a device where a file is expected.")
     if path.stat().st_size == 0:
         raise ValueError(f"{path.name} is empty")
     return np.asarray(np.memmap(path, np.uint8, "r"))

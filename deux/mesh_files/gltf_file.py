@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from deux.contracts import Material
+from deux.memory_budget import check_memory
 from deux.mesh_files.gltf_document import GltfDocument
 from deux.mesh_files.gltf_materials import (
     BaseTexture,
@@ -31,6 +32,8 @@ from deux.mesh_files.mesh_parts import MeshPart
 log = logging.getLogger(__name__)
 
 _INSTANCES = "EXT_mesh_gpu_instancing"
+_UNMOVED = {"TRANSLATION": (0, 0, 0), "ROTATION": (0, 0, 0, 1), "SCALE": (1, 1, 1)}
+_PART_BYTES, _VERTEX_BYTES, _FACE_BYTES = 2000, 150, 250  # of memory for what is drawn, while a scene is joined
 
 
 def read_gltf(path: Path) -> list[MeshPart]:
@@ -58,6 +61,7 @@ def read_gltf(path: Path) -> list[MeshPart]:
     for node in nodes.values():
         if node.visible and "mesh" in node.entry:
             drawn.append((node, reader.surfaces(node.entry)))
+    _check_amount(document, drawn)
     appearances = _Appearances(document, (surface for _, surfaces in drawn for surface in surfaces))
     parts = []
     for node, surfaces in drawn:
@@ -208,6 +212,20 @@ class _Appearances:
         )
 
 
+def _check_amount(document: GltfDocument, drawn: Sequence[tuple[_Placed, Sequence[_Surface]]]) -> None:
+    """Refuse a scene whose triangles, each as often as it is placed, take more memory than there is for them."""
+    surfaces = vertices = faces = 0
+    for node, placed in drawn:
+        with document.reading(f"nodes[{node.index}]"):
+            stored = _instance_attributes(node.entry)
+            times = min((document.element("accessors", index)["count"] for index in stored.values()), default=1)
+        surfaces += times * len(placed)
+        vertices += times * sum(len(surface.geometry.attributes["POSITION"]) for surface in placed)
+        faces += times * sum(len(surface.geometry.faces) for surface in placed)
+    size = _PART_BYTES * surfaces + _VERTEX_BYTES * vertices + _FACE_BYTES * faces
+    check_memory(size, f"{document.path} with {faces:,} triangles in {surfaces:,} placed surfaces", "split the scene")
+
+
 def _place_nodes(document: GltfDocument) -> dict[int, _Placed]:
     """The nodes of the default scene by index, with their transforms to the world."""
     with document.reading("its scene"):
@@ -264,15 +282,22 @@ def _place_vertices(
 
 def _instances(document: GltfDocument, node: dict[str, Any]) -> np.ndarray:
     """Transforms of a node's instances to the node, N x 4 x 4 (EXT_mesh_gpu_instancing)."""
-    stored = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes")
+    stored = _instance_attributes(node)
     if not stored:
         return np.eye(4)[None]
-    names = {"TRANSLATION": (0, 0, 0), "ROTATION": (0, 0, 0, 1), "SCALE": (1, 1, 1)}
-    read = {name: read_accessor(document, stored[name]) for name in names if name in stored}
-    count = len(next(iter(read.values()))) if read else 0
+    read = {name: read_accessor(document, index) for name, index in stored.items()}
+    count = len(next(iter(read.values())))
+    if any(values.shape != (count, len(_UNMOVED[name])) for name, values in read.items()):
+        raise ValueError("the attributes of its instances have other numbers of values or components")
     return _transforms(
-        *(read.get(name, np.tile(np.array(value, np.float64), (count, 1))) for name, value in names.items())
+        *(read.get(name, np.tile(np.array(value, np.float64), (count, 1))) for name, value in _UNMOVED.items())
     )
+
+
+def _instance_attributes(node: dict[str, Any]) -> dict[str, int]:
+    """The accessors of the transforms of a node's instances; none where it stands for itself."""
+    stored = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes", {})
+    return {name: stored[name] for name in _UNMOVED if name in stored}
 
 
 def _skinned(

@@ -8,6 +8,7 @@ import io
 import logging
 import math
 import os
+import struct
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -15,12 +16,11 @@ from typing import Any
 
 import numpy as np
 from PIL import Image, UnidentifiedImageError
-from PIL.ImageFile import ImageFile
-from PIL.JpegImagePlugin import JpegImageFile
-from PIL.PngImagePlugin import PngImageFile
 
 from deux.contracts import Material
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted
+from deux.io.image_opening import TEXTURE_BYTES, open_image
+from deux.memory_budget import check_memory
 from deux.mesh_files.gltf_document import TEXTURE_FORMATS, GltfDocument, whole_number
 from deux.mesh_files.mesh_parts import GREY
 
@@ -129,6 +129,7 @@ def decode_images(document: GltfDocument, indices: Iterable[int]) -> dict[int, n
             return _decode_image(document, index)
 
     chosen = sorted(set(indices))
+    _check_sizes(document, chosen)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return dict(zip(chosen, pool.map(decode, chosen), strict=True))
 
@@ -208,9 +209,7 @@ def _transform_matrix(transform: dict[str, Any]) -> np.ndarray:
 
 def _decode_image(document: GltfDocument, index: int) -> np.ndarray:
     content = document.image_bytes(index)
-    entry = document.element("images", index)
-    named_ktx2 = entry.get("mimeType") == "image/ktx2" or entry.get("uri", "").lower().endswith(".ktx2")
-    if content.startswith(_KTX2) or (named_ktx2 and not _is_common(content)):
+    if _is_ktx2(document, index, content):
         return _decode_ktx2(document, index, content)
     with _open(content) as image:
         if image.mode.startswith("I"):
@@ -222,18 +221,32 @@ def _decode_image(document: GltfDocument, index: int) -> np.ndarray:
         return np.asarray(through if through.mode == "RGB" else through.convert("RGB"))
 
 
-def _is_common(content: bytes) -> bool:
-    return content.startswith((b"\x89PNG", b"\xff\xd8", b"RIFF"))
+def _check_sizes(document: GltfDocument, indices: Sequence[int]) -> None:
+    """Refuse images that together take more memory than there is for them, by what their headers say."""
+    pixels = 0
+    for index in indices:
+        with document.reading(f"images[{index}]"):
+            content = document.image_bytes(index)
+            if _is_ktx2(document, index, content):
+                width, height = struct.unpack("<2I", content[20:28].ljust(8, b"\0"))
+            else:
+                with _open(content) as image:
+                    width, height = image.size
+            pixels += width * max(height, 1)
+    what = f"{document.path} with its {counted(len(indices), 'image')} of {pixels:,} pixels in all"
+    check_memory(TEXTURE_BYTES * pixels, what, "make them smaller")
 
 
-def _open(content: bytes) -> ImageFile | Image.Image:
-    """An image of any format; PNG and JPEG, the formats of the specification, without Pillow's limit of their size."""
-    if content.startswith(b"\x89PNG"):
-        return PngImageFile(io.BytesIO(content))
-    if content.startswith(b"\xff\xd8"):
-        return JpegImageFile(io.BytesIO(content))
+def _is_ktx2(document: GltfDocument, index: int, content: bytes) -> bool:
+    entry = document.element("images", index)
+    named = entry.get("mimeType") == "image/ktx2" or entry.get("uri", "").lower().endswith(".ktx2")
+    return content.startswith(_KTX2) or (named and not content.startswith((b"\x89PNG", b"\xff\xd8", b"RIFF")))
+
+
+def _open(content: bytes) -> Image.Image:
+    """An image of any format."""
     try:
-        return Image.open(io.BytesIO(content))
+        return open_image(io.BytesIO(content), "an image", TEXTURE_BYTES)
     except UnidentifiedImageError as error:
         raise ValueError("it is no PNG, JPEG, WebP or other image that Pillow reads") from error
 

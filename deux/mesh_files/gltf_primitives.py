@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from deux.memory_budget import check_memory
 from deux.mesh_files.gltf_document import GltfDocument, whole_number
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
@@ -89,6 +90,8 @@ def read_accessor(document: GltfDocument, index: int, normalise: bool = False) -
     if "bufferView" in accessor:
         values = _strided(document, accessor, dtype, (count, columns, rows), place)
     else:
+        size = count * columns * rows * 8
+        check_memory(3 * size, f"{document.path}: accessors[{index}], of {count:,} elements,", "split the scene")
         values = np.zeros((count, columns, rows), dtype)
     if "sparse" in accessor:
         values = _with_sparse(document, accessor["sparse"], values, place)

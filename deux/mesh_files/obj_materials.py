@@ -10,6 +10,7 @@ import numpy as np
 
 from deux.errors import DeuxError
 from deux.io.atomic import read_bytes
+from deux.io.file_names import is_within
 from deux.mesh_files.part_files import find_part
 
 _COUNTS = {
@@ -48,7 +49,7 @@ def material_libraries(path: Path) -> list[Path]:
     state = path.stat()
     found: list[Path] = []
     for name in _library_names(path, state.st_size, state.st_mtime_ns):
-        if (path.parent / name).is_file():
+        if is_within(name) and os.path.isfile(path.parent / name):
             found.append(path.parent / name)
         else:
             # Several names on one line; a blank within a name does not follow its suffix.

@@ -1,9 +1,9 @@
 """The files that a mesh file refers to: where they are on disk, and the images among them."""
 
+import io
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path, PureWindowsPath
 from urllib.parse import unquote
 
@@ -12,6 +12,11 @@ import numpy as np
 from PIL import Image
 
 from deux.errors import DeuxError
+from deux.io.arrays import said
+from deux.io.atomic import read_bytes
+from deux.io.file_names import is_within
+from deux.io.image_opening import TEXTURE_BYTES, check_pixels, open_image
+from deux.memory_budget import check_memory
 
 _JPEG_END = b"\xff\xd9"
 _16_BIT_MODES = ("I;16", "I;16B", "I;16L")
@@ -39,8 +44,13 @@ def find_part(name: str, owner: Path, *folders: Path) -> Path:
         candidates += [slashed.rsplit("/", 1)[-1], unquote(slashed.rsplit("/", 1)[-1])]
     for candidate in candidates:
         for folder in within:
-            if candidate and (folder / candidate).is_file():
+            if candidate and is_within(candidate) and os.path.isfile(folder / candidate):
                 return folder / candidate
+    if not is_within(candidates[-1]):
+        raise DeuxError(
+            f"{owner} refers to {name}, which lies outside its folder: only files in {within[0]} are read, store it "
+            "there."
+        )
     raise DeuxError(f"{owner} needs {name}, which is not in {within[0]}: the two must be kept together.")
 
 
@@ -55,12 +65,14 @@ def read_texture(path: Path, longest: int | None = None) -> np.ndarray:
         DeuxError: it cannot be read as an image.
     """
     try:
-        with _images_of_any_size(), Image.open(path) as image:
+        content = read_bytes(path)
+        with open_image(io.BytesIO(content), str(path), 0) as image:
             factor = reduction(image.size, longest)
-            if factor == 1 and image.format == "JPEG" and image.mode == "RGB":
-                content = path.read_bytes()
-                if _JPEG_END in content[-1024:]:  # OpenCV takes a truncated file for a grey one, Pillow does not
-                    return _decoded_jpeg(content)
+            check_pixels(image.size, str(path), _decoded_bytes(image, factor))
+            # OpenCV takes a truncated file for a grey one, Pillow does not.
+            whole = _JPEG_END in content[-1024:]
+            if factor == 1 and image.format == "JPEG" and image.mode == "RGB" and whole:
+                return _decoded_jpeg(content)
             width, height = (max(1, side // factor) for side in image.size)
             if factor > 1 and image.format == "JPEG":
                 image.draft("RGB", (width, height))  # decoded at a half, a quarter or an eighth of its size
@@ -70,8 +82,10 @@ def read_texture(path: Path, longest: int | None = None) -> np.ndarray:
             if pixels.size != (width, height):
                 pixels = pixels.resize((width, height), Image.Resampling.BOX)
             return np.asarray(pixels)
-    except (OSError, ValueError, SyntaxError, cv2.error) as error:
-        raise DeuxError(f"{path} cannot be read as an image: {error}.") from error
+    except DeuxError:
+        raise
+    except Exception as error:  # a damaged file fails in many ways, depending on its format and where it is damaged
+        raise DeuxError(f"{path} cannot be read as an image: {said(error)}.") from error
 
 
 def _decoded_jpeg(content: bytes) -> np.ndarray:
@@ -86,6 +100,7 @@ def _decoded_jpeg(content: bytes) -> np.ndarray:
 def read_textures(paths: Iterable[Path], longest: int | None = None) -> dict[Path, np.ndarray]:
     """Read several images, each once, as `read_texture` does; on all processors."""
     distinct = list(dict.fromkeys(paths))
+    _check_all(distinct, longest)
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the interpreter's lock
         read = pool.map(lambda path: read_texture(path, longest), distinct)
         return dict(zip(distinct, read, strict=True))
@@ -108,11 +123,27 @@ def reduction(size: tuple[int, ...], longest: int | None) -> int:
     return factor
 
 
-@contextmanager
-def _images_of_any_size() -> Iterator[None]:
-    """Let Pillow read the atlases of scans, which have more pixels than it takes for harmless."""
-    most, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
-    try:
-        yield
-    finally:
-        Image.MAX_IMAGE_PIXELS = most
+def _decoded_bytes(image: Image.Image, factor: int) -> float:
+    """Memory for each pixel of a texture's file, whose sides are divided by a factor once it is decoded."""
+    if factor == 1:
+        return TEXTURE_BYTES
+    reduced = TEXTURE_BYTES / factor**2
+    # A JPEG file is decoded at a half, a quarter or an eighth of its size, all others at their own.
+    return reduced if image.format == "JPEG" and factor <= 8 else reduced + 4
+
+
+def _check_all(paths: Sequence[Path], longest: int | None) -> None:
+    """Refuse textures that together take more memory than there is for them, by what their headers say."""
+    size = 0
+    for path in paths:
+        try:
+            with path.open("rb") as file, open_image(file, str(path), 0) as image:
+                width, height = image.size
+                size += int(width * height * TEXTURE_BYTES / reduction(image.size, longest) ** 2)
+        except DeuxError:
+            raise
+        except Exception:  # what is no image is named where it is read
+            continue
+    if paths:
+        what = f"{paths[0]} and the other textures beside it, {len(paths)} in all,"
+        check_memory(size, what, "set scenes.max_texture, such as 1024, or make them smaller")

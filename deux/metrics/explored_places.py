@@ -4,7 +4,6 @@ A place is one floor of a scene. All episodes of a place are drawn into one map,
 rejected ones included: cells of 0.1 m, seen from 3 m at most, as in `deux.studies.exploration_meter`.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -22,6 +21,7 @@ from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.io.calibration import read_pose
 from deux.io.images import read_depth
+from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths, sequences
 
 _CUT_SHORT = 1e-5
@@ -119,8 +119,8 @@ def _actions(sequence: SequencePaths) -> list[Action]:
     if not record.exists():
         return []
     try:
-        return [Action(number) for number in json.loads(record.read_bytes())["actions"]]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+        return [Action(number) for number in read_json_object(record)["actions"]]
+    except (DeuxError, ValueError, TypeError, KeyError) as error:
         raise DeuxError(f"{record} is damaged, it holds no episode ({error}): collect the dataset again.") from None
 
 

@@ -4,7 +4,6 @@ Everything follows from the true depth, the poses and the intrinsics of the fram
 the dataset's folder is changed.
 """
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -20,6 +19,7 @@ from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target, yaw_of
 from deux.geometry.source_frames import SourceRule
 from deux.io.atomic import write_json
+from deux.io.json_files import read_record
 from deux.io.layout import SourceChoice
 from deux.metrics.explored_places import measure_explored_places
 from deux.metrics.intervals import Estimate
@@ -117,12 +117,12 @@ class Scorecard:
         """
         path = folder / SCORECARD_FILE
         try:
-            card = cls(**json.loads(path.read_text()))
+            card = read_record(path, cls)
             for name, value in card.entries().items():
                 if type(value) not in (int, float) and (value is not None or name not in _OPTIONAL):
                     raise ValueError(f"{name} is {value!r}")
             return card
-        except (OSError, ValueError, TypeError) as error:
+        except (DeuxError, ValueError) as error:
             raise DeuxError(f"{path} is no scorecard of deux ({error}); collect or run it again.") from None
 
     def table(self, caption: str) -> ResultTable:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 from rich.markup import escape
 from rich.table import Table
 
+from deux.errors import printable
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate
 
@@ -34,6 +35,8 @@ _RICH: dict[Mark | None, str] = {
     "second": "[underline]{}[/]",
     None: "{}",
 }
+
+_NUMBER = re.compile(r"[+-]?[\d.]+(e[+-]?\d+)?")
 
 _LATEX_CHARACTERS = {
     "\\": r"\textbackslash{}",
@@ -176,14 +179,14 @@ class ResultTable:
 
     def rich(self) -> Table:
         """For the console."""
-        table = Table(title=escape(self.caption), caption=escape("\n".join(self.notes)) or None)
+        table = Table(title=_console_text(self.caption), caption="\n".join(map(_console_text, self.notes)) or None)
         for label in self.label_columns:
-            table.add_column(escape(label), no_wrap=True)
+            table.add_column(_console_text(label), no_wrap=True)
         for heading in self._full_headings():
-            table.add_column(escape(heading), justify="right")
+            table.add_column(_console_text(heading), justify="right")
         for part in self.parts:
             for row in part:
-                table.add_row(*map(escape, row.labels), *self._cells(row, _RICH, escape))
+                table.add_row(*map(_console_text, row.labels), *self._cells(row, _RICH, escape))
             table.add_section()
         return table
 
@@ -192,12 +195,12 @@ class ResultTable:
 
     def markdown(self) -> str:
         """The caption in bold, the table, and the notes."""
-        headings = [*map(_markdown, self.label_columns), *map(_markdown, self._full_headings())]
+        headings = [*map(markdown_text, self.label_columns), *map(markdown_text, self._full_headings())]
         rule = [":--"] * len(self.label_columns) + ["--:"] * (len(self.columns) * len(self.groups))
-        rows = [[*map(_markdown, row.labels), *self._cells(row, _MARKDOWN, _markdown)] for row in self.rows]
+        rows = [[*map(markdown_text, row.labels), *self._cells(row, _MARKDOWN, markdown_text)] for row in self.rows]
         lines = [f"| {' | '.join(cells)} |" for cells in (headings, rule, *rows)]
-        notes = ["", *(f"{_markdown(note)}  " for note in self.notes)]
-        return "\n".join([f"**{_markdown(self.caption)}**", "", *lines, *notes]).rstrip() + "\n"
+        notes = ["", *(f"{markdown_text(note)}  " for note in self.notes)]
+        return "\n".join([f"**{markdown_text(self.caption)}**", "", *lines, *notes]).rstrip() + "\n"
 
     def latex(self) -> str:
         """A table environment; it needs the packages booktabs and graphicx."""
@@ -298,14 +301,15 @@ def error_columns() -> tuple[Column, ...]:
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Values as CSV; None becomes an empty field.
 
+    Text that a spreadsheet would take for a formula, such as a name that begins with "=", gets an apostrophe in front.
+
     Example:
-        >>> csv_text(["scene", "area"], [["a", 1.5], ["b", None]])
-        'scene,area\\na,1.5\\nb,\\n'
+        >>> csv_text(["scene", "area"], [["a", 1.5], ["=b", None]])
+        "scene,area\\na,1.5\\n'=b,\\n"
     """
     content = io.StringIO()
     writer = csv.writer(content, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
+    writer.writerows([_no_formula(value) for value in row] for row in (header, *rows))
     return content.getvalue()
 
 
@@ -316,7 +320,7 @@ def latex_text(text: str) -> str:
         >>> latex_text("sem_rec 100%")
         'sem\\\\_rec 100\\\\%'
     """
-    return "".join(_LATEX_CHARACTERS.get(character, character) for character in text)
+    return "".join(_LATEX_CHARACTERS.get(character, character) for character in printable(text))
 
 
 def _scaled(estimate: Estimate | None, factor: float) -> tuple[float | None, float | None]:
@@ -326,6 +330,22 @@ def _scaled(estimate: Estimate | None, factor: float) -> tuple[float | None, flo
     return estimate.mean * factor, None if math.isnan(estimate.half_width) else estimate.half_width * factor
 
 
-def _markdown(text: str) -> str:
-    """Text that ends no cell of a Markdown table and begins no emphasis."""
-    return re.sub(r"[|*]|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", text)
+def markdown_text(text: str) -> str:
+    """Text as Markdown shows it: it begins no emphasis, code, HTML or link, and ends no cell of a table.
+
+    Example:
+        >>> markdown_text("sem_rec *"), markdown_text("<b>"), markdown_text("[a](b)")
+        ('sem_rec \\\\*', '&lt;b>', '[a\\\\](b)')
+    """
+    text = re.sub(r"&(?=#|\w)", "&amp;", printable(text)).replace("<", "&lt;")
+    return re.sub(r"[|*`\\]|~(?=~)|\](?=[(\[:])|(?<![^\W_])_|_(?![^\W_])", r"\\\g<0>", text)
+
+
+def _no_formula(value: Any) -> Any:
+    """The value as a spreadsheet shows it, whatever it begins with."""
+    begins = isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r"))
+    return f"'{value}" if begins and not _NUMBER.fullmatch(value) else value
+
+
+def _console_text(text: str) -> str:
+    return escape(printable(text))

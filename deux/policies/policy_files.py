@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -9,12 +10,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.numpy import save
 
+from deux.deployment.model_files import misfit
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError, check_range
+from deux.inference.weightless import without_weights
 from deux.io.atomic import write_atomically
+from deux.io.json_files import checked_object, checked_record, decode_json
+from deux.memory_budget import check_memory
+from deux.options import converted
 from deux.policies.network import PolicyNetwork
 
 POLICY_FILE = "policy.safetensors"
@@ -63,17 +69,23 @@ def load_policy(path: Path) -> TrainedPolicy:
     """
     _check_present(path)
     try:
+        check_memory(4 * path.stat().st_size, str(path), "it is larger than any policy")
         with safe_open(path, "np") as file:
-            header = json.loads((file.metadata() or {})["deux_policy"])
+            header = checked_object(decode_json((file.metadata() or {})["deux_policy"].encode(), path), path)
             tensors = {name: file.get_tensor(name).astype(np.float32) for name in file.keys()}  # noqa: SIM118
-        check_range("resolution", header["resolution"], 0.0, ends=False)
-        crops = Crops(**header["crops"])
+        resolution = converted(header["resolution"], float, "resolution")
+        check_range("resolution", resolution, 0.0, ends=False)
+        crops = checked_record(header["crops"], Crops, "crops")
+        if broken := [name for name, value in tensors.items() if not np.isfinite(value).all()]:
+            raise ValueError(f"{broken[0]} holds NaN or infinity")
+        weights = {name: torch.from_numpy(value) for name, value in _under(_POLICY, tensors).items()}
+        with without_weights():  # an absurd number of pixels is found out before memory is taken for it
+            if problem := misfit(PolicyNetwork(crops.pixels), weights):
+                raise ValueError(f"it {problem}")
         network = PolicyNetwork(crops.pixels)
-        network.load_state_dict({name: torch.from_numpy(value) for name, value in _under(_POLICY, tensors).items()})
-        return TrainedPolicy(
-            network.eval(), crops, float(header["resolution"]), _under(_REWARD, tensors), header["made_by"]
-        )
-    except (SafetensorError, DeuxError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        network.load_state_dict(weights)
+        return TrainedPolicy(network.eval(), crops, resolution, _under(_REWARD, tensors), header["made_by"])
+    except Exception as error:  # a file of anybody's, whose values may be of any type
         cause = " ".join(str(error).split()).rstrip(".")
         raise DeuxError(f"{path} is no policy file as task=train_explorer writes it ({cause}).") from error
 
@@ -89,7 +101,7 @@ def policy_identity(path: Path) -> str:
 
 
 def _check_present(path: Path) -> None:
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise DeuxError(
             f"there is no policy file {path}: task=train_explorer makes one, {POLICY_FILE} in its run folder."
         )

@@ -146,7 +146,7 @@ def _resume(checkpoint: Path, learner: PPO, normalised: VecNormalize, curve: Lea
         learner.policy.optimizer.load_state_dict(dict(state.optimiser))
         for index, reward in zip(range(normalised.num_envs), state.rewards, strict=True):
             normalised.env_method("load_reward_state", reward, indices=index)
-    except (RuntimeError, ValueError, KeyError) as error:
+    except (RuntimeError, ValueError, TypeError, AttributeError, LookupError) as error:
         cause = " ".join(str(error).split())
         raise DeuxError(f"{checkpoint} is of another training ({cause}): delete it to train from zero.") from error
     learner.num_timesteps = state.steps

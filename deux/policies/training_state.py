@@ -4,14 +4,14 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
 import torch
 
 from deux.errors import DeuxError
-from deux.io.atomic import read_bytes, write_atomically
+from deux.io.atomic import write_atomically
+from deux.io.torch_files import read_torch
 
 CHECKPOINT_FILE = "checkpoint.pt"
 """Its name in a run folder."""
@@ -54,9 +54,14 @@ def load_training_state(path: Path) -> TrainingState:
         DeuxError: it is damaged.
     """
     try:
-        content = torch.load(io.BytesIO(read_bytes(path)), map_location="cpu", weights_only=True)
+        content = read_torch(path)
         content["rewards"] = [{name: value.numpy() for name, value in reward.items()} for reward in content["rewards"]]
-        return TrainingState(**content)
-    except (RuntimeError, UnpicklingError, EOFError, AttributeError, LookupError, TypeError, ValueError) as error:
+        state = TrainingState(**content)
+        if type(state.steps) is not int or not isinstance(state.policy, Mapping):
+            raise ValueError("its steps are no number, or its policy is no dictionary")
+        if not isinstance(state.optimiser, Mapping) or len(state.returns) != 3 or len(state.curve) != 3:
+            raise ValueError("its optimiser is no dictionary, or its returns or its curve are no three values")
+        return state
+    except Exception as error:  # values of any type in the place of those that are expected
         cause = " ".join(str(error).split()[:20]) or type(error).__name__
         raise DeuxError(f"{path} is damaged ({cause}): delete it to train from zero.") from error

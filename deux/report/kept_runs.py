@@ -9,6 +9,7 @@ import yaml
 
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, read_bytes, write_atomically
+from deux.io.json_files import checked_object, read_json
 from deux.metrics.scorecard import SCORECARD_FILE
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE
 from deux.report.runs import OVERRIDES_FILE, find_runs, read_identity
@@ -48,7 +49,7 @@ def keep_runs(source: Path, folder: Path) -> tuple[int, int]:
     grids = {sweep.folder: sweep_file(sweep.folder) for sweep in find_sweeps(source)}
     for path, grid in grids.items():
         kept = folder / path.relative_to(source)
-        if (kept / SWEEP_FILE).exists() and sweep_file(kept) != grid:
+        if (kept / SWEEP_FILE).exists() and _kept_grid(kept) != grid:
             raise DeuxError(
                 f"{kept} is kept already and is another sweep than {path}: choose another folder with report.keep=..."
             )
@@ -61,13 +62,20 @@ def keep_runs(source: Path, folder: Path) -> tuple[int, int]:
     return len(found.finished), max(sum(map(len, copies[run.path].values())) for run in found.finished)
 
 
+def _kept_grid(folder: Path) -> dict[str, Any]:
+    try:
+        return sweep_file(folder)
+    except (TypeError, KeyError, AttributeError) as error:
+        raise DeuxError(f"{folder / SWEEP_FILE} is damaged, it holds no sweep: delete it.") from error
+
+
 def _files(path: Path) -> dict[str, bytes]:
     """The small files of a finished run by name, JSON without line breaks."""
-    files = {RESULTS_FILE: _compact(json.loads(read_bytes(path / RESULTS_FILE)))}
+    files = {RESULTS_FILE: _compact(read_json(path / RESULTS_FILE))}
     if (identity := read_identity(path)) is not None:
         files[IDENTITY_FILE] = _compact(identity)
     if (path / SCORECARD_FILE).exists():
-        files[SCORECARD_FILE] = _compact(json.loads(read_bytes(path / SCORECARD_FILE)))
+        files[SCORECARD_FILE] = _compact(read_json(path / SCORECARD_FILE))
     if (path / OVERRIDES_FILE).exists():
         files[str(OVERRIDES_FILE)] = read_bytes(path / OVERRIDES_FILE)
     return files
@@ -79,7 +87,7 @@ def _compact(content: Any) -> bytes:
 
 def _told(files: Mapping[str, bytes]) -> list[Any]:
     """What must be equal for two folders to hold the same run."""
-    results = json.loads(files[RESULTS_FILE])
+    results = checked_object(json.loads(files[RESULTS_FILE]), RESULTS_FILE)
     return [
         {name: value for name, value in results.items() if name not in _UNTOLD},
         json.loads(files[IDENTITY_FILE]) if IDENTITY_FILE in files else None,

@@ -1,6 +1,5 @@
 """`results.json`: the errors of a finished run."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any
 
 from deux.errors import DeuxError, counted, plural
 from deux.io.atomic import write_json
+from deux.io.json_files import read_record
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate
 from deux.metrics.tables import Cell, ResultTable, Row, error_columns
@@ -73,16 +73,16 @@ class Results:
             DeuxError: it is missing or not what `save` writes.
         """
         path = folder / RESULTS_FILE
+        if not path.exists():
+            raise DeuxError(f"{path} does not exist: {folder} holds no finished run.")
         try:
-            results = cls(**json.loads(path.read_text()))
+            results = read_record(path, cls)
             for errors in (results.metrics, results.baseline, results.constant):
                 _check_errors(errors)
             for scene in results.scenes:
                 _check_scene(scene)
             return results
-        except FileNotFoundError:
-            raise DeuxError(f"{path} does not exist: {folder} holds no finished run.") from None
-        except (OSError, ValueError, TypeError, KeyError) as error:
+        except (DeuxError, ValueError, TypeError, KeyError) as error:
             raise DeuxError(f"{path} is no results file of deux ({error}); run it again.") from None
 
     def table(self) -> ResultTable:

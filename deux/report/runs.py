@@ -1,17 +1,16 @@
 """The runs below a folder: their results, and what made them."""
 
-import json
-import os
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-
 from deux.errors import DeuxError
+from deux.io.arrays import said
+from deux.io.folder_walk import walk
+from deux.io.json_files import read_json
+from deux.io.yaml_files import read_yaml
 from deux.metrics.scorecard import SCORECARD_FILE, Scorecard
 from deux.report.conditions import Conditions, FlatOptions, conditions
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
@@ -19,6 +18,9 @@ from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
 _CONFIG_FILE = Path(".hydra", "config.yaml")
 OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
 """The overrides of a run's command, in its folder."""
+
+_REFERENCE = re.compile(r"\$\{(?P<option>[\w.]+)\}")
+"""A whole value that is that of another option, as `${seed}`."""
 
 _TASKS = ("experiment", "evaluate")
 """The tasks whose results belong in the tables."""
@@ -104,11 +106,10 @@ def find_runs(folder: Path) -> FoundRuns:
 
 def run_folders(folder: Path) -> Iterator[Path]:
     """Folders of runs at or below a folder, by name; datasets and hidden folders are not looked into."""
-    for found, below, files in os.walk(folder, followlinks=True):
-        below[:] = sorted(name for name in below if not name.startswith("."))
+    for found, below, files in walk(folder):
         if RESULTS_FILE in files or IDENTITY_FILE in files:
             below.clear()
-            yield Path(found)
+            yield found
         elif "manifest.json" in files:
             below.clear()
 
@@ -139,23 +140,45 @@ def read_identity(path: Path) -> dict[str, Any] | None:
     """
     try:
         if (path / IDENTITY_FILE).exists():
-            found = json.loads((path / IDENTITY_FILE).read_text())
+            found = read_json(path / IDENTITY_FILE)
         elif (path / _CONFIG_FILE).exists():
-            found = OmegaConf.to_container(OmegaConf.load(path / _CONFIG_FILE), resolve=True)
+            found = _with_own_references(read_yaml(path / _CONFIG_FILE))
         else:
             return None
         if not isinstance(found, dict):
             raise TypeError("it holds no options")
         conditions(found)
         return found
-    except (OSError, ValueError, TypeError, AttributeError, yaml.YAMLError, OmegaConfBaseException) as error:
-        raise DeuxError(f"the configuration of the run {path} is damaged ({error}): delete the folder.") from error
+    except Exception as error:  # options of any type, which `conditions` takes apart
+        problem = said(error)
+        raise DeuxError(f"the configuration of the run {path} is damaged ({problem}): delete the folder.") from error
+
+
+def _with_own_references(content: Any) -> Any:
+    """A composed configuration with the values of options that are those of other options, as `draw: ${seed}`.
+
+    Any other reference stays the text that it is. Somebody else's configuration is data: `${oc.env:NAME}` would put a
+    variable of this machine into a report, and references to texts of references grow without an end.
+    """
+
+    def followed(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: followed(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [followed(item) for item in value]
+        found = _REFERENCE.fullmatch(value) if isinstance(value, str) else None
+        target = content
+        for name in found["option"].split(".") if found else ():
+            target = target.get(name, {}) if isinstance(target, dict) else {}
+        return target if found and not (isinstance(target, dict | list) or "${" in str(target)) else value
+
+    return followed(content)
 
 
 def _overrides(path: Path) -> tuple[str, ...]:
     """The overrides of the run's command; none where they are not known."""
     try:
-        overrides = yaml.safe_load((path / OVERRIDES_FILE).read_text())
-    except (OSError, ValueError, yaml.YAMLError):
+        overrides = read_yaml(path / OVERRIDES_FILE)
+    except DeuxError:
         return ()
     return tuple(map(str, overrides)) if isinstance(overrides, list) else ()

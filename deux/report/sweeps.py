@@ -1,21 +1,25 @@
 """The grid of explorers, models and seeds that a sweep's `multirun.yaml` asks for."""
 
 import itertools
-import os
+import math
 import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
+from hydra.core.override_parser.types import Override, RangeSweep
 
+from deux.io.folder_walk import walk
+from deux.io.yaml_files import read_yaml
 from deux.report.older_configurations import RENAMED_OPTIONS, current_keys
 
 SWEEP_FILE = "multirun.yaml"
 """What Hydra keeps of a sweep, in its folder."""
+
+MOST_RUNS = 10_000
+"""Runs of a sweep that a report can show."""
 
 GRID = ("explore", "model", "seed")
 """The options that span a table: its rows, its columns, and what its intervals are over."""
@@ -58,7 +62,7 @@ def find_sweeps(folder: Path) -> list[Sweep]:
     for path in _sweep_folders(folder):
         try:
             sweep = _read(path)
-        except (OSError, ValueError, TypeError, KeyError, AttributeError, yaml.YAMLError, HydraException):
+        except Exception:  # values of any type, which are taken for what Hydra writes
             continue
         if sweep is not None:
             sweeps.append(sweep)
@@ -67,7 +71,7 @@ def find_sweeps(folder: Path) -> list[Sweep]:
 
 def sweep_file(folder: Path) -> dict[str, Any]:
     """The part of a sweep's `multirun.yaml` that says what it asked for, which is all that `find_sweeps` reads."""
-    content = yaml.safe_load((folder / SWEEP_FILE).read_text())
+    content = read_yaml(folder / SWEEP_FILE)
     hydra, chosen = content["hydra"], current_keys(content)
     asked = {name: hydra["overrides"][name] for name in ("task", "hydra")}
     return {
@@ -80,17 +84,16 @@ def sweep_file(folder: Path) -> dict[str, Any]:
 
 
 def _sweep_folders(folder: Path) -> Iterator[Path]:
-    for found, below, files in os.walk(folder, followlinks=True):
-        below[:] = sorted(name for name in below if not name.startswith("."))
+    for found, below, files in walk(folder):
         if SWEEP_FILE in files:
             below.clear()
-            yield Path(found)
+            yield found
         elif "manifest.json" in files:
             below.clear()
 
 
 def _read(folder: Path) -> Sweep | None:
-    content = yaml.safe_load((folder / SWEEP_FILE).read_text())
+    content = read_yaml(folder / SWEEP_FILE)
     if content["task"] not in ("experiment", "evaluate"):
         return None
     hydra = content["hydra"]
@@ -100,7 +103,7 @@ def _read(folder: Path) -> Sweep | None:
     swept = {}
     for override in OverridesParser.create().parse_overrides([*preset, *overrides]):  # later ones win, as in Hydra
         option = override.get_key_element()
-        values = tuple(override.sweep_string_iterator()) if override.is_sweep_override() else (_value(override),)
+        values = _swept_values(override) if override.is_sweep_override() else (_value(override),)
         swept[RENAMED_OPTIONS.get(option, option)] = values
     chosen = current_keys(content)
     fixed = {"explore": chosen["explore"]["name"], "model": chosen["model"]["name"], "seed": chosen["seed"]}
@@ -110,8 +113,18 @@ def _read(folder: Path) -> Sweep | None:
         swept={option: swept[option] for option in GRID if option in swept},
         fixed={option: str(value) for option, value in fixed.items()},
     )
+    if math.prod(map(len, sweep.swept.values())) > MOST_RUNS:
+        raise ValueError(f"it asks for more than {MOST_RUNS} runs")
     sweep.grid  # noqa: B018 - seeds that are no numbers raise here, and the sweep is left out
     return sweep
+
+
+def _swept_values(override: Override) -> tuple[str, ...]:
+    """The values of an option that is swept over; ValueError where they are more than a table can have."""
+    asked = override.value()
+    if isinstance(asked, RangeSweep) and len(range(*map(int, (asked.start, asked.stop, asked.step)))) > MOST_RUNS:
+        raise ValueError(f"it asks for more than {MOST_RUNS} values")
+    return tuple(override.sweep_string_iterator())
 
 
 def _value(override: Any) -> str:

@@ -1,6 +1,5 @@
 """The final training with its callbacks, and what active collection explores meanwhile."""
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -16,6 +15,7 @@ from deux.deployment.model_files import MODEL_FILE, load_model, save_model
 from deux.errors import check_range, counted
 from deux.inference.precision import FastPredictor
 from deux.io.atomic import make_folder, write_json
+from deux.io.json_files import read_record
 from deux.io.layout import sequences
 from deux.io.locking import locked
 from deux.options import construct
@@ -210,7 +210,7 @@ class RoundCollector:
 def read_rounds(run: RunFolder) -> list[Round]:
     """The rounds of a run; none if it has none."""
     file = run.path / ROUNDS / _ROUNDS_FILE
-    return [Round(**one) for one in json.loads(file.read_text())] if file.exists() else []
+    return list(read_record(file, list[Round])) if file.exists() else []
 
 
 def _show_rounds(run: RunFolder, active: ActiveCollectionSettings) -> None:

@@ -9,6 +9,7 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from deux.configuration import in_sweep
+from deux.errors import printable
 from deux.io.progress import Progress as Report
 from deux.io.progress import ignore_progress
 from deux.training.ranks import leads
@@ -18,9 +19,13 @@ _console = Console()
 
 def say(message: RenderableType) -> None:
     """Print a line, however long, or a table. Of several processes that train together the leading one does."""
-    text = isinstance(message, str)
-    if leads():
-        _console.print(message, highlight=False, markup=not text, soft_wrap=text)
+    if not leads():
+        return
+    if isinstance(message, str):
+        text = "\n".join(printable(line) for line in message.split("\n"))
+        _console.print(text, highlight=False, markup=False, soft_wrap=True)
+    else:
+        _console.print(message, highlight=False)
 
 
 def quieten_libraries() -> None:

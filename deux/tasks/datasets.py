@@ -1,6 +1,5 @@
 """The datasets of a run: explored frames to train on, free viewpoints to validate and test on."""
 
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from deux.compilation import nothing_compiled
 from deux.contracts import NO_ROBOT, DepthPredictor, FreeViewpoints, Robot, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths
 from deux.registry import PluginChoice, registry
 from deux.scenes.splits import check_not_empty
@@ -166,7 +166,7 @@ class Datasets:
         Raises:
             DeuxError: the episode is not one of this experiment's scenes, or not what the explorer does now.
         """
-        place = json.loads((sequence.folder / "episode.json").read_text())["scene"]
+        place = read_json_object(sequence.folder / "episode.json").get("scene")
         scene = next((scene for scene in self.scenes.train if scene.name == place), None)
         if scene is None:
             raise DeuxError(f"{sequence.folder} was collected in {place}, which is none of the training scenes.")

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from deux.contracts import DepthModel, FrameReference, Uncertainty
 from deux.data.frame_stream import RecordedFrame
-from deux.deployment.array_prediction import predict_arrays
+from deux.deployment.array_prediction import check_prediction, predict_arrays
 from deux.errors import DeuxError
 from deux.frame_uncertainty import make_view
 from deux.inference.precision import default_device, tf32_convolutions
@@ -72,10 +72,8 @@ class DepthCompletion:
             self._model.predict,
         )
         confidence = torch.exp(-measure(view)).nan_to_num(nan=0.0)
-        return [
-            CompletedDepth(depth, known)
-            for depth, known in zip(view.depth[:, 0].cpu().numpy(), confidence.cpu().numpy(), strict=True)
-        ]
+        depths = check_prediction(view.depth[:, 0].cpu().numpy())
+        return [CompletedDepth(depth, known) for depth, known in zip(depths, confidence.cpu().numpy(), strict=True)]
 
     def _without_value(self, depth: np.ndarray) -> CompletedDepth:
         return CompletedDepth(depth, None if self._measure is None else np.zeros_like(depth))

@@ -1,6 +1,5 @@
 """The results of many frames: a depth file for each, and a journal that tells which of them are done."""
 
-import csv
 import io
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -13,8 +12,11 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_failure
 from deux.io.camera_files import read_any_depth
+from deux.io.file_names import is_file_name, is_within
 from deux.io.images import encode_depth, encode_fraction, read_fraction
+from deux.io.json_files import checked_record, decode_json
 from deux.metrics.depth_errors import METRICS
+from deux.metrics.tables import csv_text
 from deux.tasks.depth_completion import CompletedDepth
 from deux.tasks.predict_settings import DepthFormat
 from deux.tasks.run_folder import JOURNAL
@@ -98,25 +100,26 @@ class PredictionFolder:
         rows = [record for frame in frames if (record := self.records[frame]).errors]
         if not rows:
             return None
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["sequence", "frame", "pixels", *METRICS, *(f"interpolated_{name}" for name in METRICS)])
+        header = ["sequence", "frame", "pixels", *METRICS, *(f"interpolated_{name}" for name in METRICS)]
+        lines = []
         for row in rows:
-            values = [*(row.errors[name] for name in METRICS), *(row.interpolated.get(name, "") for name in METRICS)]
-            table.writerow([row.sequence, row.name, row.pixels, *values])
+            values = [*(row.errors[name] for name in METRICS), *(row.interpolated.get(name) for name in METRICS)]
+            lines.append([row.sequence, row.name, row.pixels, *values])
         path = self.folder / ERRORS_FILE
-        write_atomically(path, text.getvalue().encode())
+        write_atomically(path, csv_text(header, lines).encode())
         return path
 
     def _journal(self) -> Iterable[FrameRecord]:
         try:
-            lines = (self.folder / JOURNAL).read_text().splitlines()
+            lines = (self.folder / JOURNAL).read_bytes().splitlines()
         except FileNotFoundError:
             return
         for line in lines:
             try:
-                record = FrameRecord(**json.loads(line))
-            except (ValueError, TypeError):  # the line that was being written when the command was killed
+                record = checked_record(decode_json(line, self.folder / JOURNAL), FrameRecord, JOURNAL)
+            except DeuxError:  # the line that was being written when the command was killed
+                continue
+            if not is_within(record.sequence) or not is_file_name(record.name):
                 continue
             if self.file("depth", FrameReference(record.sequence, record.name)).exists():
                 yield record

@@ -7,9 +7,10 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from deux.configuration import compose, group_files, run_folder, sections_of, user_path
-from deux.errors import DeuxError, counted, plural
+from deux.errors import DeuxError, counted, plural, printable
 from deux.figures.drawing import save_figure
 from deux.io.atomic import make_folder, write_atomically
+from deux.metrics.tables import markdown_text
 from deux.registry import registry
 from deux.report.conditions import FlatOptions, conditions
 from deux.report.contents import Contents, read_contents
@@ -122,16 +123,16 @@ def write(contents: Contents, figures: dict[str, list[CaptionedFigure]], folder:
 def _markdown_report(contents: Contents, figures: dict[str, list[CaptionedFigure]]) -> str:
     lines = ["# Report", "", f"{contents.state}.", *_list(contents.notes)]
     for section in contents.sections:
-        lines += ["", f"## {section.title}", "", section.table.markdown()]
+        lines += ["", f"## {markdown_text(section.title)}", "", section.table.markdown()]
         if section.missing:
             lines += [f"Missing: {counted(len(section.runs.missing), 'run')}.", *_list(section.missing)]
         for figure in figures.get(section.table.name, ()):
-            lines += ["", f"![{figure.caption}](figures/{figure.file.name})"]
-        lines += ["", "Commands:", "", *(f"    {command}" for command in section.commands)]
+            lines += ["", f"![{markdown_text(figure.caption)}](figures/{figure.file.name})"]
+        lines += ["", "Commands:", "", *(f"    {printable(command)}" for command in section.commands)]
     if contents.scorecards:
         lines += ["", "## Scorecards", *(f"\n{table.markdown()}" for table in contents.scorecards)]
     return "\n".join(lines) + "\n"
 
 
 def _list(sentences: Sequence[str]) -> list[str]:
-    return ["", *(f"- {sentence}" for sentence in sentences)] if sentences else []
+    return ["", *(f"- {markdown_text(sentence)}" for sentence in sentences)] if sentences else []

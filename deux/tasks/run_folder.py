@@ -11,6 +11,7 @@ from typing import Any
 from deux.deployment.model_files import MODEL_FILE
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_json
+from deux.io.json_files import read_json, read_record
 from deux.io.locking import locked_at_once
 from deux.policies.policy_files import POLICY_FILE
 from deux.policies.training_state import CHECKPOINT_FILE
@@ -60,7 +61,7 @@ class RunFolder:
     def seconds(self) -> dict[str, float]:
         """Seconds spent in each stage so far, over all starts of this run."""
         path = self.path / _SECONDS_FILE
-        return json.loads(path.read_text()) if path.exists() else {}
+        return read_record(path, dict[str, float]) if path.exists() else {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -115,7 +116,7 @@ def _claim(path: Path, mine: Any) -> None:
     if not (record.exists() and any((path / work).exists() for work in _WORK)):
         write_json(record, mine)
         return
-    theirs = json.loads(record.read_text())
+    theirs = read_json(record)
     if theirs != mine:
         different = ", ".join(sorted(_differences(theirs, mine))[:4])
         raise DeuxError(

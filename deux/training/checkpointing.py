@@ -1,6 +1,8 @@
 """Checkpoints from which a killed training run goes on."""
 
 import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,8 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.utilities import rank_zero_warn
 
+from deux.errors import DeuxError
+from deux.io.arrays import said
 from deux.io.atomic import make_folder, write_atomically
 
 
@@ -108,11 +112,48 @@ def resume_point(folder: Path) -> Path | None:
 
     A file that does not load, such as one that a failing disk damaged, is passed over with a warning.
     """
-    for path in sorted(folder.glob("*.ckpt"), key=lambda path: path.stat().st_mtime, reverse=True):
+    files = [path for path in folder.glob("*.ckpt") if path.is_file()]
+    for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
         try:
-            torch.load(path, map_location="meta", weights_only=True, mmap=True)
+            content = torch.load(path, map_location="meta", weights_only=True, mmap=True)
+            if not isinstance(content, dict) or not isinstance(content.get("state_dict"), dict):
+                raise ValueError("it holds no state_dict")
         except Exception as error:  # a damaged file fails in many ways, depending on where it was cut
-            rank_zero_warn(f"The checkpoint {path} cannot be read and is passed over: {error}")
+            rank_zero_warn(f"The checkpoint {path} cannot be read and is passed over: {said(error)}")
         else:
             return path
     return None
+
+
+class ResumedFrom(Callback):
+    """Says of which file a training could not take its state, where Lightning fails before the first step.
+
+    Args:
+        point: the checkpoint; None for a training that begins.
+    """
+
+    def __init__(self, point: Path | None) -> None:
+        self.point = point
+        self._begun = False
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """What fails from here on is not the checkpoint's."""
+        self._begun = True
+
+    @contextmanager
+    def restoring(self) -> Iterator[None]:
+        """Turn what a checkpoint of another training, or a damaged one, leads to into one sentence.
+
+        Raises:
+            DeuxError: the state could not be taken.
+        """
+        try:
+            yield
+        except (LookupError, TypeError, AttributeError, ValueError, RuntimeError) as error:
+            if self._begun or self.point is None or isinstance(error, torch.OutOfMemoryError):
+                raise
+            cause = " ".join(said(error).split()[:40])
+            raise DeuxError(
+                f"{self.point} is damaged or of another training ({cause}): delete it to go on from the one before, or "
+                "to train from the beginning."
+            ) from error

@@ -16,7 +16,7 @@ from deux.contracts import DepthModel, Reader
 from deux.data.cache_choice import CacheChoice
 from deux.data.datamodule import TripletDataModule
 from deux.inference.precision import default_precision, tf32_convolutions
-from deux.training.checkpointing import AtomicCheckpoints, resume_checkpoints, resume_point
+from deux.training.checkpointing import AtomicCheckpoints, ResumedFrom, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.network_compilation import compiled
@@ -82,11 +82,12 @@ def fit(
     module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics)
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}
     kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
+    resumed = ResumedFrom(resume_point(checkpoints))
     averaging = [TailAveraging(settings.averaging)] if settings.averaging else []
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
-            "callbacks": [*kept, HealthCheck(), EndTogether(), *averaging, *callbacks],
+            "callbacks": [*kept, resumed, HealthCheck(), EndTogether(), *averaging, *callbacks],
             **_budget(settings),
             **own,
         }
@@ -97,8 +98,9 @@ def fit(
             tf32_convolutions(settings.tf32),
             compiled(module.model, settings.compile),
             compiled(module.pose_source, settings.compile if pose == "learned" else False),
+            resumed.restoring(),
         ):
-            trainer.fit(module, datamodule=data, ckpt_path=resume_point(checkpoints), weights_only=True)
+            trainer.fit(module, datamodule=data, ckpt_path=resumed.point, weights_only=True)
     except SystemExit as ended:  # Lightning's answer to Ctrl-C, from which it is deaf to that key
         signal.signal(signal.SIGINT, signal.default_int_handler)
         raise KeyboardInterrupt from ended

@@ -74,7 +74,7 @@ def make_pose_source(kind: PoseKind, model: DepthModel) -> PoseSource:
     if kind == "simulator":
         return PoseSource()
     if kind != "learned":
-        raise DeuxError(f"pose={kind} is no source of poses: {near_matches(kind, ['simulator', 'learned'])}")
+        raise DeuxError(f"pose={kind} is no source of poses: {near_matches(str(kind), ['simulator', 'learned'])}")
     network = model.pose_network()
     if network is None:
         raise DeuxError(f"pose=learned needs a pose network, and {type(model).__name__} has none: use pose=simulator.")

@@ -1,6 +1,5 @@
 """`data=triplets`: datasets as the training scripts of the KBNet family read them."""
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,9 @@ from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.triplet_export import INTRINSICS, LISTED, source_name
 from deux.errors import DeuxError
 from deux.io.atomic import read_bytes
-from deux.io.calibration import checked_intrinsics, read_pose
+from deux.io.calibration import read_pose
+from deux.io.camera_files import read_any_intrinsics
+from deux.io.file_names import is_file_name
 from deux.io.images import read_depth, read_image
 from deux.io.layout import SUFFIXES, list_file
 
@@ -62,11 +63,7 @@ class TripletImages(Reader):
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
         """The sequence's K.npy, 3 x 3 float64."""
         path = self.folder / "data" / frame.sequence / INTRINSICS
-        try:
-            numbers = np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
-        except (ValueError, EOFError) as error:
-            raise DeuxError(f"{path} is damaged or no .npy file of numbers: {error}.") from error
-        return checked_intrinsics(numbers.astype(np.float64), path)
+        return read_any_intrinsics(path)
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
         """H x W float32 metres, 0 = none; of targets only."""
@@ -93,7 +90,7 @@ class TripletImages(Reader):
 
     def _triplet(self, line: str, listed: Path) -> Triplet:
         parts = Path(line).parts
-        if len(parts) < 4 or parts[-2] != LISTED[0]:
+        if len(parts) < 4 or parts[-2] != LISTED[0] or not (is_file_name(parts[-3]) and is_file_name(parts[-1])):
             raise DeuxError(
                 f"{listed} names {line!r}, where a path like data/<sequence>/image/<frame>.png is expected."
             )

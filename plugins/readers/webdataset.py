@@ -1,6 +1,5 @@
 """`data=webdataset`: tar shards of samples, read in any order."""
 
-import json
 import re
 import tarfile
 from dataclasses import dataclass
@@ -11,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.errors import DeuxError
-from deux.io.calibration import checked_intrinsics
+from deux.errors import DeuxError, shown
+from deux.io.calibration import checked_intrinsics, checked_pose
 from deux.io.images import decode_depth, decode_image
+from deux.io.json_files import checked_object, decode_json
 
 
 class _Member(NamedTuple):
@@ -55,7 +55,7 @@ class Shards(Reader):
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
         """3 x 3 float64."""
         camera, path = self._camera(_key(frame)[0])
-        return checked_intrinsics(np.array(camera.get("intrinsics"), np.float64), path)
+        return checked_intrinsics(_numbers(camera.get("intrinsics"), "intrinsics", path), path)
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
         """H x W float32 metres, 0 = none; of targets only."""
@@ -69,17 +69,18 @@ class Shards(Reader):
     def pose(self, frame: FrameReference) -> np.ndarray | None:
         """4 x 4 float64; None for a sample without poses."""
         key, kind = _key(frame)
-        poses = self._camera(key)[0].get("poses")
+        camera, path = self._camera(key)
+        poses = camera.get("poses")
         number = 0 if kind == "image" else int(kind.removeprefix("source"))
-        return None if poses is None else np.array(poses[number], np.float64)
+        if poses is None:
+            return None
+        if not isinstance(poses, list) or number >= len(poses):
+            raise DeuxError(f"{path} is damaged: its poses are no list with one of image {number}.")
+        return checked_pose(_numbers(poses[number], f"poses[{number}]", path), path)
 
     def _camera(self, key: str) -> tuple[dict[str, Any], Path]:
         content, path = self._read(key, "camera.json")
-        try:
-            camera: dict[str, Any] = json.loads(content)
-        except ValueError as error:
-            raise DeuxError(f"{path} is damaged: it is no JSON.") from error
-        return camera, path
+        return checked_object(decode_json(content, path), path), path
 
     def _read(self, key: str, kind: str) -> tuple[bytes, Path]:
         """A file's content, and where it was read, for messages."""
@@ -123,6 +124,14 @@ class Shards(Reader):
         return Triplet(
             FrameReference(sequence, name), tuple(FrameReference(sequence, f"{name}.{kind}") for kind in sources)
         )
+
+
+def _numbers(value: Any, name: str, path: Path) -> np.ndarray:
+    """A value of the JSON as float64."""
+    try:
+        return np.array(value, np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DeuxError(f"{path} is damaged: {name} is {shown(value)} where rows of numbers are expected.") from error
 
 
 def _key(frame: FrameReference) -> tuple[str, str]:

@@ -1,13 +1,12 @@
 """Where frames are kept, by what is asked for, how many they are and what is free."""
 
 import os
-from pathlib import Path
 
 import pytest
 import torch
 
 from deux.data import cache_choice as choices
-from deux.data.cache_choice import Placement, cache_choice, free_memory, place
+from deux.data.cache_choice import Placement, cache_choice, place
 from deux.errors import DeuxError
 
 CARD, CPU = torch.device("cuda", 0), torch.device("cpu")
@@ -67,17 +66,3 @@ def test_another_choice_is_one_sentence(wrong: object, hint: str) -> None:
         cache_choice(wrong)
     assert hint in str(caught.value)
     assert cache_choice("memory") == "memory"
-
-
-def test_free_memory_is_that_of_the_container(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choices, "_MEMORY", tmp_path / "meminfo")
-    monkeypatch.setattr(choices, "_CONTROL_GROUP", tmp_path)
-    assert free_memory() == choices.UNKNOWN_MEMORY
-    (tmp_path / "meminfo").write_text("MemTotal:  16000 kB\nMemAvailable:   9000 kB\nHugePages_Total:  0\n")
-    assert free_memory() == 9000 * 1024
-    for name, value in (("memory.max", "max"), ("memory.current", "3000000"), ("memory.stat", "anon 1\nfile 2\n")):
-        (tmp_path / name).write_text(f"{value}\n")
-    assert free_memory() == 9000 * 1024
-    (tmp_path / "memory.max").write_text("5000000\n")
-    (tmp_path / "memory.stat").write_text("anon 1000\ninactive_file 500000\n")
-    assert free_memory() == 2_500_000

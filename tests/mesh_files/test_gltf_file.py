@@ -201,7 +201,7 @@ def test_a_wrong_node_is_named(box):
     with pytest.raises(DeuxError, match=r"meshes\[4\] is damaged: it refers to meshes\[4\], but there are 1 meshes"):
         read_gltf(box.save())
     box.header["nodes"][0] = {"mesh": 0, "matrix": [1, 2, 3]}
-    with pytest.raises(DeuxError, match=r"the matrix of nodes\[0\] has no 16 numbers"):
+    with pytest.raises(DeuxError, match=r"nodes\[0\].matrix is \[1, 2, 3\], but must be a list of 16 values"):
         read_gltf(box.save())
 
 

@@ -4,6 +4,7 @@ import math
 import re
 
 import pytest
+from markdown_it import MarkdownIt
 from rich.console import Console
 
 from deux.metrics.intervals import Estimate
@@ -211,3 +212,59 @@ def test_csv_of_a_table_without_groups_and_seeds_has_neither_column():
     assert header == ["who", *numbers]
     assert line == ["a, b", "1.5", "0.5", "highlighted", "", "", ""]
     assert csv_text(["a"], [[None], [0.5]]) == 'a\n""\n0.5\n'
+
+
+HOSTILE = [
+    "<script>alert(1)</script>",
+    "<img src=x onerror=alert(1)>",
+    "[a](javascript:alert(1))",
+    "![a](https://example.org/a.png)",
+    "[a][b] and [a]: https://example.org",
+    "`code` ~~gone~~ **bold** _emphasis_ &lt;b&gt; &#60;b>",
+    "a | b \\| c",
+    "ends with \\",
+]
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_markdown_shows_text_from_outside_as_it_is(text):
+    row = Row((text,), (Cell(Estimate(1.0, 0.5)),))
+    table = ResultTable("Areas", ("who",), (Column("area", "m²"),), ((row,),), notes=(text,))
+    parser = MarkdownIt("gfm-like", {"linkify": False})
+    tokens = parser.parse(table.markdown())
+    inline = [child for token in tokens for child in token.children or () if token.type == "inline"]
+    assert (
+        not {token.type for token in inline}
+        - {"text", "text_special", "softbreak", "hardbreak"}
+        - {
+            "strong_open",
+            "strong_close",
+        }
+    )
+    cells = [token.content for token in tokens if token.type == "inline" and token.map]
+    shown = ["".join(child.content for child in token.children) for token in tokens if token.type == "inline"]
+    assert len(cells) == 6  # caption, two headings, two cells, note
+    assert shown[3].replace("\\", "") == text.replace("\\", "")
+    assert shown[5].replace("\\", "") == text.replace("\\", "")
+
+
+def test_control_characters_reach_neither_console_nor_markdown():
+    row = Row(("a\x1b[31m\nb",), (Cell(Estimate(1.0, 0.5)),))
+    table = ResultTable("Areas\x07", ("who",), (Column("area", "m²"),), ((row,),), notes=("n\x1b]0;title\x07",))
+    console = Console(width=200, file=io.StringIO(), force_terminal=False)
+    console.print(table)
+    for text in (console.file.getvalue(), table.markdown(), table.latex()):
+        assert not set(text) & {"\x1b", "\x07"}
+    assert "a\\x1b[31m b" in console.file.getvalue()
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "\r=1"])
+def test_csv_has_no_formulas(text):
+    (_, line) = csv.reader(io.StringIO(csv_text(["a", "b"], [[text, 1]]), newline=""))
+    assert line == [f"'{text}", "1"]
+
+
+@pytest.mark.parametrize("value", [-1.5, "-1.5", "+2e-3", "a=b", None, ""])
+def test_csv_keeps_numbers_and_other_text(value):
+    (_, line) = csv.reader(io.StringIO(csv_text(["a", "b"], [[value, 1]])))
+    assert line[0] == ("" if value is None else str(value))

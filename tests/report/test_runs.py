@@ -90,3 +90,23 @@ def test_folders_without_runs(tmp_path, write_run, outputs):
     write_run("deux", "kbnet", 0, None)
     with pytest.raises(DeuxError, match=r"1 begun and not finished"):
         find_runs(outputs)
+
+
+def test_what_somebody_elses_configuration_refers_to_stays_text(write_run, outputs, monkeypatch):
+    monkeypatch.setenv("DEUX_SECRET", "the secret")
+    path = write_run("deux", "kbnet", 3, 10.0)
+    (path / "run.json").unlink()
+    (path / ".hydra" / "config.yaml").write_text(
+        """
+        task: experiment
+        seed: 3
+        kind: oc.env
+        explore: {name: "${oc.env:DEUX_SECRET}", hidden: "${${kind}:DEUX_SECRET}", joined: "${oc.env:DEUX_SECRET}/a"}
+        model: {name: "${explore.name}", min_depth: "${model.min_depth}"}
+        scenes: {draw: "${seed}"}
+        """
+    )
+    (run,) = find_runs(outputs).finished
+    assert run.conditions.explorer == "${oc.env:DEUX_SECRET}"
+    assert "secret" not in str(run).replace("DEUX_SECRET", "").lower()
+    assert ("scenes.draw", '"seed"') in run.conditions.training  # a reference to another option is followed

@@ -407,8 +407,11 @@ def test_a_model_that_cannot_be_saved_leaves_the_one_before(trained, small_disk)
     assert next(load_model(file).parameters()).count_nonzero() == 0
 
 
-def interrupt(command: list[str], reached, patience: float = 120.0) -> tuple[int, str]:
-    """Press Ctrl-C, which goes to all processes of the command, as soon as `reached()`; its exit code and stderr."""
+def interrupt(command: list[str], reached, patience: float = 120.0, how=signal.SIGINT) -> tuple[int, str]:
+    """Press Ctrl-C, which goes to all processes of the command, as soon as `reached()`; its exit code and stderr.
+
+    SIGTERM in its place is sent to the command alone, as batch systems and containers do.
+    """
     process = subprocess.Popen(
         command,
         stdout=subprocess.DEVNULL,
@@ -422,12 +425,13 @@ def interrupt(command: list[str], reached, patience: float = 120.0) -> tuple[int
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline, "the run never came to where it was to be interrupted"
         time.sleep(0.002)
-    os.killpg(process.pid, signal.SIGINT)
+    os.killpg(process.pid, how) if how == signal.SIGINT else process.send_signal(how)
     _, err = process.communicate(timeout=patience)
     return process.returncode, err
 
 
 INTERRUPTED = (130, "deux: interrupted; the same command goes on from here.\n")
+TERMINATED = (143, "deux: ended by SIGTERM; the same command goes on from here.\n")
 
 
 def test_an_interrupted_training_goes_on(tiny, tiny_arguments, collected, tmp_path):
@@ -454,6 +458,63 @@ def test_interrupted_collectors_are_silent(tiny_arguments, tmp_path):
     command = [sys.executable, "-m", "deux", *tiny_arguments(tmp_path, *options)]
     poses = "datasets/.random-*.partial/data/*/absolute_pose/0*.txt"
     assert interrupt(command, lambda: len(list(tmp_path.glob(poses))) > 5) == INTERRUPTED
+
+
+@pytest.mark.slow
+def test_a_training_ended_by_sigterm_goes_on(tiny, tiny_arguments, collected, tmp_path):
+    dataset, run = next(collected.glob("datasets/random-*")), tmp_path / "run"
+    options = ["task=train", f"training_data={dataset}", "training.steps=100", f"hydra.run.dir={run}"]
+    command = [sys.executable, "-m", "deux", *tiny_arguments(tmp_path, *options)]
+    ended = interrupt(command, lambda: list(run.glob("checkpoints/*.ckpt")), 250.0, signal.SIGTERM)
+    assert ended == TERMINATED
+    assert not (run / "model.safetensors").exists()
+    outcome = tiny(tmp_path, *options)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+@pytest.mark.slow
+def test_collectors_end_with_a_command_that_is_ended_by_sigterm(tiny_arguments, tmp_path):
+    options = ["task=collect", "explore=random", "scenes.train=2", "collect.steps=5000", "collect.processes=2"]
+    command = [sys.executable, "-m", "deux", *tiny_arguments(tmp_path, *options)]
+    poses = "datasets/.random-*.partial/data/*/absolute_pose/0*.txt"
+    ended = interrupt(command, lambda: len(list(tmp_path.glob(poses))) > 5, 250.0, signal.SIGTERM)
+    assert ended == TERMINATED
+    written = len(list(tmp_path.glob(poses)))
+    time.sleep(2)
+    assert len(list(tmp_path.glob(poses))) == written
+
+
+@pytest.mark.slow
+def test_the_episode_of_a_killed_collector_is_done_again(tiny_arguments, tmp_path):
+    """A child that dies of SIGKILL, as by the kernel's out-of-memory killer: one sentence, and no frame is lost."""
+    options = ["task=collect", "explore=random", "scenes.train=2", "collect.steps=60", "collect.processes=2"]
+    command = [sys.executable, "-m", "deux", *tiny_arguments(tmp_path / "killed", *options)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    poses = "datasets/.random-*.partial/data/*/absolute_pose/0*.txt"
+    while len(list((tmp_path / "killed").glob(poses))) < 10:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.01)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    workers = [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    os.kill(workers[0], signal.SIGKILL)
+    _, err = process.communicate(timeout=250)
+    assert process.returncode == 1
+    assert err.count("\n") == 1
+    assert "was killed by SIGKILL, which is what the system does when memory runs out" in err
+
+    for folder in ("killed", "whole"):
+        again = subprocess.run(
+            [sys.executable, "-m", "deux", *tiny_arguments(tmp_path / folder, *options)],
+            capture_output=True,
+            check=True,
+        )
+        assert again.stderr == b""
+    killed, whole = (
+        {path.relative_to(tmp_path / folder): path.read_bytes() for path in (tmp_path / folder).rglob("data/*/*/*.*")}
+        for folder in ("killed", "whole")
+    )
+    assert killed == whole
+    assert len(whole) > 100
 
 
 def test_a_run_folder_of_other_settings(tiny, trained):

@@ -61,10 +61,10 @@ class SeededScenes(SceneSource):
 
     def _split_seeds(self, split: str, asked: int | Sequence[int]) -> tuple[int, ...]:
         if isinstance(asked, int):
+            if asked > MOST_SCENES:
+                raise DeuxError(f"scenes.{split} is {asked}, but a draw has no more than {MOST_SCENES} {self.noun}.")
             first = self._first_seed + FIRST_SEEDS[split]
             asked = range(first, first + asked) if asked >= 0 else (asked,)
-        if isinstance(asked, range) and len(asked) > MOST_SCENES and split == SPLITS[-1]:
-            raise DeuxError(f"scenes.{split} is {len(asked)}, but a draw has no more than {MOST_SCENES} {self.noun}.")
         if any(seed < 0 for seed in asked):
             raise DeuxError(
                 f"scenes.{split} is {list(asked)}, but it must be a number of {self.noun} or a list of seeds >= 0."

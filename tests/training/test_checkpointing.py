@@ -235,7 +235,7 @@ def test_only_the_newest_checkpoint_stays_and_it_loads_without_code(train, tmp_p
 
 
 def test_a_damaged_checkpoint_is_passed_over(tmp_path):
-    torch.save({"global_step": 1}, tmp_path / "old.ckpt")
+    torch.save({"global_step": 1, "state_dict": {}}, tmp_path / "old.ckpt")
     whole = (tmp_path / "old.ckpt").read_bytes()
     (tmp_path / "new.ckpt").write_bytes(whole[: len(whole) // 2])
     os.utime(tmp_path / "old.ckpt", (1, 1))

@@ -66,8 +66,8 @@ def stored_grid(arrays: Mapping[str, np.ndarray], cells: np.ndarray) -> GridFram
         raise ValueError("its arrays have other shapes or types than those of a grid")
     if not (np.isfinite(origin).all() and np.isfinite(resolution) and resolution > 0):
         raise ValueError("its origin and resolution are no places and sizes")
-    x, z = origin
-    return GridFrame(float(x), float(z), *cells.shape, float(resolution))
+    (x, z), (rows, columns) = origin, cells.shape
+    return GridFrame(float(x), float(z), rows, columns, float(resolution))
 
 
 def known_free_cells(known: OccupancyMap, frame: GridFrame, free: np.ndarray) -> int:

@@ -6,9 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from deux.errors import check_range
+from deux.memory_budget import check_memory
 
 FOCAL_LENGTHS = (1e-3, 1e7)
 """Pixels between which focal lengths lie; with others, points and their images are lost to rounding."""
+
+_LARGE = 4_000_000  # pixels up to which the memory for a frame is not looked at
+_PIXEL_BYTES = 100  # of memory for each pixel of a frame, while it is rendered and looked at
 
 
 def is_focal_length(value: float) -> bool:
@@ -28,7 +32,7 @@ class Camera:
         max_depth: farthest depth in metres that the sensor reports; anything beyond is 0, "none".
 
     Raises:
-        DeuxError: a value is out of its range.
+        DeuxError: a value is out of its range, or there is no memory for frames of so many pixels.
 
     Example:
         >>> Camera(width=4, height=2, hfov=90.0).intrinsics.round(6).tolist()
@@ -44,6 +48,9 @@ class Camera:
     def __post_init__(self) -> None:
         check_range("camera.width", self.width, 1)
         check_range("camera.height", self.height, 1)
+        if (pixels := self.width * self.height) > _LARGE:
+            what = f"a camera of {self.width:,} x {self.height:,} pixels"
+            check_memory(_PIXEL_BYTES * pixels, what, "make camera.width and camera.height smaller")
         check_range("camera.hfov", self.hfov, 0, 180, ends=False)
         check_range("camera.min_depth", self.min_depth, 0)
         check_range("camera.max_depth", self.max_depth, self.min_depth, ends=False)

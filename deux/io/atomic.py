@@ -57,11 +57,10 @@ def read_bytes(path: Path) -> bytes:
         DeuxError: the file is missing, cannot be read, is none, or is larger than memory has room for.
     """
     try:
-        # Without O_NONBLOCK a pipe would be waited for before it can be told from a file.
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+        with open(path, "rb", opener=_open_at_once) as file:
             state = os.fstat(file.fileno())
             if not stat.S_ISREG(state.st_mode):
-                raise DeuxError(f"{path} cannot be read: it is a folder, a pipe or a device where a file is expected.")
+                raise DeuxError(f"{path} cannot be read: it is a pipe or a device where a file is expected.")
             check_memory(2 * state.st_size, f"{path}, of {state.st_size / 2**30:,.1f} GiB,", "make it smaller")
             return file.read()
     except FileNotFoundError as error:
@@ -70,6 +69,11 @@ def read_bytes(path: Path) -> bytes:
         raise DeuxError(f"{path} cannot be read: {error.strerror}.") from error
     except ValueError as error:  # a zero byte in a name
         raise DeuxError(f"{path} cannot be read: there can be no file of that name.") from error
+
+
+def _open_at_once(path: str, flags: int) -> int:
+    """A pipe would be waited for before it can be told from a file."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def write_failure(path: Path, error: OSError, size: int | None = None) -> str:

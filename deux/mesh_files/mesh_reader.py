@@ -26,6 +26,9 @@ SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
 FAR = 1000.0
 """Metres from the file's origin beyond which vertices get an origin of their own: float32 is 0.06 mm coarse there."""
 
+LARGEST_COORDINATE = 1e12
+"""Of a vertex, in the file's units; what is beyond counts as infinite."""
+
 Up = Literal["y", "z"]
 """The axis of a file that points up."""
 
@@ -55,8 +58,11 @@ def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | N
         raise DeuxError(f"{path} holds no triangles: there is nothing to see in it.")
     vertices, colors = _joined_vertices(parts)
     faces = _joined_faces(parts, path)
-    if not (finite := np.isfinite(vertices).all(axis=1)).all() and not (whole := finite[faces].all(axis=1)).all():
-        raise DeuxError(f"{path} is damaged: {(~whole).sum()} of its faces have a vertex at NaN or infinity.")
+    finite = (np.abs(vertices) <= LARGEST_COORDINATE).all(axis=1)
+    if not finite.all():
+        if not (whole := finite[faces].all(axis=1)).all():
+            raise DeuxError(f"{path} is damaged: {(~whole).sum()} of its faces have a vertex at NaN or infinity.")
+        vertices[~finite] = np.nan
     material_of_part, materials = _joined_materials(parts)
     vertices *= scale
     if up == "z":

@@ -21,6 +21,9 @@ from deux.mesh_files.obj_materials import ObjMaterial, material_libraries, read_
 from deux.mesh_files.part_files import read_textures
 from deux.mesh_files.polygons import triangulate
 
+LARGEST_REPETITION = 1e6
+"""Times that a texture may be repeated; beyond, float32 cannot tell its pixels apart."""
+
 log = logging.getLogger(__name__)
 
 _REFUSED = {b"curv", b"curv2", b"surf", b"call", b"csh"}
@@ -45,6 +48,8 @@ def read_obj(path: Path, max_texture: int | None = None) -> list[MeshPart]:
         statements.read(_joined_lines(read_bytes(path)))
         positions = _columns(statements.positions, 3, 7)
         coordinates = _columns(statements.coordinates, 1, 3)
+        if (beyond := np.abs(coordinates[:, :2]) > LARGEST_REPETITION).any():
+            raise ValueError(f"a texture coordinate is {coordinates[:, :2][beyond][0]:g}")
         corners, lengths = _faces(statements, len(positions), len(coordinates))
     except ValueError as error:
         raise DeuxError(f"{path} cannot be read as a .obj file, it is damaged or something else: {error}.") from error

@@ -19,6 +19,7 @@ _COUNTS = {
     "-colorspace": 1,
 }
 """How many words follow an option of a texture."""
+_LARGEST = 1e6  # of a texture's scale and offset
 _VECTORS = ("-o", "-s", "-t")
 """Options that one to three numbers follow."""
 
@@ -108,6 +109,8 @@ def _texture(value: str, library: Path, owner: Path) -> dict:
             if not following:
                 break  # the last word is the file's name, whatever it looks like
             numbers += [float(word)] if option in _VECTORS else []
+            if numbers and not abs(numbers[-1]) <= _LARGEST:
+                raise ValueError(f"the option {option} of a texture is {word}")
             rest = following[0]
         if numbers:
             default = 0.0 if option == "-o" else 1.0

@@ -190,7 +190,13 @@ def _read_table(stream: np.ndarray, start: int, element: _Element, order: str) -
 
 def _numbers(values: np.ndarray, kind: str) -> np.ndarray:
     """The float64 numbers of a text file in the type of their property."""
-    return values.astype(kind) if kind[0] == "f" else np.rint(values).astype(kind)
+    if kind[0] == "f":
+        with np.errstate(over="ignore"):  # what is beyond float32 is infinite, which the mesh's reader refuses
+            return values.astype(kind)
+    limits = np.iinfo(kind)
+    if not (right := (values >= limits.min) & (values <= limits.max)).all():
+        raise ValueError(f"it has the number {values[~right][0]:g} where one of the type {kind} is expected")
+    return np.rint(values).astype(kind)
 
 
 def _gather(stream: np.ndarray, places: np.ndarray, lengths: np.ndarray, kind: str, order: str) -> np.ndarray:

@@ -40,7 +40,12 @@ def triangulate(points: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np
 
 def _newell(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The Newell normal of P x n x 3 polygons (P x 3, as long as twice the area), and which of them are convex."""
-    polygons = polygons - polygons[:, :1]
+    with np.errstate(all="ignore"):  # of vertices at infinity, which the mesh's reader refuses
+        return _newell_of(polygons - polygons[:, :1])
+
+
+def _newell_of(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `_newell`, of polygons whose first corner is the origin."""
     following = np.roll(polygons, -1, axis=1)
     normals = np.cross(polygons, following).sum(axis=1)
     edges = following - polygons

@@ -122,8 +122,10 @@ def _read(folder: Path) -> Sweep | None:
 def _swept_values(override: Override) -> tuple[str, ...]:
     """The values of an option that is swept over; ValueError where they are more than a table can have."""
     asked = override.value()
-    if isinstance(asked, RangeSweep) and len(range(*map(int, (asked.start, asked.stop, asked.step)))) > MOST_RUNS:
-        raise ValueError(f"it asks for more than {MOST_RUNS} values")
+    if isinstance(asked, RangeSweep):
+        distance = (asked.stop or 0) - (asked.start or 0)
+        if abs(distance) > MOST_RUNS * abs(asked.step):
+            raise ValueError(f"it asks for more than {MOST_RUNS} values")
     return tuple(override.sweep_string_iterator())
 
 

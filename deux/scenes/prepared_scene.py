@@ -9,13 +9,15 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from deux.contracts import Floor, Material, Scene, SceneMesh
+from deux.errors import DeuxError
 from deux.geometry.texture_pyramids import TexturePyramids
+from deux.io.arrays import said
 from deux.io.atomic import write_failure
+from deux.io.json_files import read_json_object
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +42,7 @@ def prepared_scene(folder: Path | None, identity: str, make: Callable[[], Scene]
         make: loads the scene.
 
     Raises:
-        DeuxError: the scene cannot be loaded.
+        DeuxError: the scene cannot be loaded, or what was prepared of it is damaged.
     """
     if folder is None:
         return make()
@@ -55,7 +57,10 @@ def prepared_scene(folder: Path | None, identity: str, make: Callable[[], Scene]
         size = sum(file.stat().st_size for file in place.iterdir())
         log.info("The scene %s is prepared in %s, which takes %d MB.", scene.name, place, size // 1_000_000)
         del scene  # its memory is given back before the prepared one takes its place
-    return _open(place)
+    try:
+        return _open(place)
+    except Exception as error:  # a damaged array or description, of any kind
+        raise DeuxError(f"the prepared scene {place} is damaged ({said(error)}): delete the folder.") from error
 
 
 def _write(scene: Scene, place: Path) -> None:
@@ -89,7 +94,7 @@ def _write(scene: Scene, place: Path) -> None:
 
 
 def _open(place: Path) -> Scene:
-    description: dict[str, Any] = json.loads((place / _DESCRIPTION).read_text())
+    description = read_json_object(place / _DESCRIPTION)
     pyramids = None
     if (place / "pyramids_texels.npy").is_file():
         pyramids = TexturePyramids(*(_mapped(place / f"pyramids_{name}.npy") for name in TexturePyramids._fields))

@@ -163,9 +163,9 @@ def check_scene_file(path: str | Path) -> Path:
     path = Path(os.path.abspath(Path(path).expanduser()))
     if path.suffix.lower() not in SUFFIXES:
         raise DeuxError(f"{path} is no scene file: it must end in one of {', '.join(SUFFIXES)}.")
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise DeuxError(f"there is no scene file {path}: there is no folder {path.parent}.")
-    if not path.is_file():
+    if not os.path.isfile(path):
         beside = near_matches(path.name, (p.name for p in path.parent.glob("*") if p.suffix.lower() in SUFFIXES))
         raise DeuxError(f"there is no scene file {path}: {beside}")
     return path

@@ -1,12 +1,12 @@
 """The scene source `replica`: the Replica dataset, 18 scanned rooms and flats, with the label of each instance."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from deux.errors import DeuxError
+from deux.io.json_files import read_json_object
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReference
 from deux_plugins.scenes.surface_labels import LabelledSurface, labelled_surface, look_up, read_annotated_ply
 
@@ -90,6 +90,6 @@ def read_objects(path: Path) -> dict[int, str]:
         DeuxError: the file is no such list.
     """
     try:
-        return {int(entry["id"]): str(entry["class_name"]) for entry in json.loads(path.read_bytes())["objects"]}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return {int(entry["id"]): str(entry["class_name"]) for entry in read_json_object(path)["objects"]}
+    except (DeuxError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise DeuxError(f"{path} does not list objects with their id and class_name: {error}.") from error

@@ -6,9 +6,11 @@ import torch
 from PIL import Image
 
 import deux
+from deux import memory_budget
 from deux.contracts import DepthModel, Prediction
 from deux.deployment.model_files import save_model
 from deux.errors import DeuxError
+from deux.inference import prediction
 from deux.registry import registry
 
 SMALL = {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4, 4, 4, 4, 4), "decoder_filters": (8, 8, 8, 8, 4)}
@@ -113,6 +115,33 @@ def test_a_path_is_a_model(model, tmp_path):
     expected = deux.predict(**frame(), model=model)
     for path in (tmp_path, str(tmp_path), tmp_path / "model.safetensors"):
         np.testing.assert_array_equal(deux.predict(**frame(), model=path), expected)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_prediction_that_is_no_number_is_an_error(value):
+    class Broken(Doubling):
+        def forward(self, *inputs, **prepared):
+            depth = super().forward(*inputs, **prepared).depth.clone()
+            depth[0, 0, 3, 4] = value
+            return Prediction(depth)
+
+    with pytest.raises(DeuxError, match="predicts NaN or infinity at 1 of 1,850 pixels"):
+        deux.predict(**frame(), model=Broken())
+
+
+@pytest.mark.parametrize("focus", [1e-30, 1e20])
+def test_focal_lengths_of_no_camera_are_an_error(model, focus):
+    given = frame()
+    given["intrinsics"][0, 0] = focus
+    with pytest.raises(DeuxError, match=r"intrinsics\[0\] has the focal lengths 1e[+-][0-9]+ and 25"):
+        deux.predict(**given, model=model)
+
+
+def test_an_image_for_which_there_is_no_memory_is_refused(monkeypatch):
+    monkeypatch.setattr(prediction, "LARGE", 10)
+    monkeypatch.setattr(memory_budget, "free_memory", lambda: 1000)
+    with pytest.raises(DeuxError, match="the prediction of 1 x 50 x 37 pixels would take"):
+        deux.predict(**frame(), model=Doubling())
 
 
 def test_no_model(tmp_path):

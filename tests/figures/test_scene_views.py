@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from deux.contracts import Floor, Material, Robot, Scene, SceneMesh
+from deux.figures import scene_views
 from deux.figures.scene_views import draw_scene, plainest_and_richest, plan_from_above, texture_contrast
 from deux.geometry.camera import Camera
 from deux.simulator.mesh_simulator import MeshSimulator
@@ -59,6 +60,13 @@ def test_the_plan_shows_furniture_where_it_stands_and_no_ceiling(scene: Scene):
     assert at(1.5, 2.0) == at(1.1, 2.9) == [200, 0, 0]
     assert at(0.5, 2.0) == at(1.5, 3.5) == at(3.5, 5.5) == [0, 150, 0]
     assert at(-0.2, 3.0) == at(2.0, 6.2) != [0, 150, 0]
+
+
+def test_a_large_scene_is_drawn_smaller(scene: Scene, monkeypatch):
+    monkeypatch.setattr(scene_views, "MOST_PIXELS", 2000)
+    plan = plan_from_above(scene, pixels_per_metre=20.0)
+    assert 1800 < plan.shape[0] * plan.shape[1] < 2200
+    assert plan.shape[0] / plan.shape[1] == pytest.approx(132 / 92, rel=0.1)
 
 
 def test_a_lower_cut_cuts_the_table_off(scene: Scene):

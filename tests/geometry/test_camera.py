@@ -32,6 +32,7 @@ def test_rays_invert_the_intrinsics():
     [
         ({"width": 0}, r"camera\.width is 0: it must be at least 1\."),
         ({"hfov": 180.0}, r"camera\.hfov is 180\.0: it must be above 0 and below 180\."),
+        ({"width": 10**6, "height": 10**6}, r"a camera of 1,000,000 x 1,000,000 pixels would take .* GiB of memory"),
         ({"min_depth": math.nan}, r"camera\.min_depth is nan: it must be at least 0\."),
         ({"min_depth": 2.0, "max_depth": 2.0}, r"camera\.max_depth is 2\.0: it must be above 2\.0\."),
     ],

@@ -122,7 +122,7 @@ class Campaign:
         """Judge one call."""
         self.count += 1
         before = self._files()
-        problem = _judged(read)
+        problem = judged(read)
         if left := self._files() - before:
             problem = f"left behind: {sorted(map(str, left))[:3]}"
         if problem:
@@ -165,7 +165,7 @@ def _replaced(document: Any, place: tuple[Any, ...], value: Any) -> Any:
     return changed
 
 
-def _judged(read: Callable[[], Any]) -> str | None:
+def judged(read: Callable[[], Any]) -> str | None:
     """What is wrong with what a call does; None if nothing is."""
     started = time.process_time()
     limits = resource.getrlimit(resource.RLIMIT_AS)

@@ -32,6 +32,27 @@ def test_what_is_no_pose_is_refused_by_name(tmp_path: Path, text: str) -> None:
         read_pose(tmp_path / "p.txt")
 
 
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda pose: pose @ np.diag([-1.0, 1, 1, 1]), "mirror, with a determinant of -1"),
+        (lambda pose: pose.T, "its fourth row is not 0 0 0 1, so it may be transposed"),
+        (lambda pose: pose + 1e9 * np.eye(4, k=3), "holds a position of 1e\\+09 m"),
+    ],
+)
+def test_poses_that_would_be_silently_wrong_are_refused(tmp_path: Path, change, sentence: str) -> None:
+    np.savetxt(tmp_path / "p.txt", change(camera_pose(1.0, 2.0, 3.0, 0.5)))
+    with pytest.raises(DeuxError, match=rf"p\.txt .*{sentence}"):
+        read_pose(tmp_path / "p.txt")
+
+
+@pytest.mark.parametrize("focus", ["1e-30", "1e30"])
+def test_focal_lengths_of_no_camera_are_refused(tmp_path: Path, focus: str) -> None:
+    (tmp_path / "K.txt").write_text(f"{focus} 0 20 0 30 20 0 0 1")
+    with pytest.raises(DeuxError, match=r"K\.txt holds the focal lengths 1e[+-]30 and 30: they are in pixels"):
+        read_intrinsics(tmp_path / "K.txt")
+
+
 def test_intrinsics_round_trip(tmp_path: Path) -> None:
     write_matrix(tmp_path / "K.txt", Camera(hfov=77.0).intrinsics)
     np.testing.assert_array_equal(read_intrinsics(tmp_path / "K.txt"), Camera(hfov=77.0).intrinsics)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from deux.errors import DeuxError
 from deux.mapping.growing_grid import GrowingGrid
 
 
@@ -40,3 +41,12 @@ def test_the_arrays_are_not_copied_while_the_robot_moves_a_little():
     before = grid["value"]
     grid.cover(1.0, -1.5, 3.0)
     assert grid["value"] is before
+
+
+def test_a_pose_far_away_is_refused_before_the_grid_grows_there():
+    grid = GrowingGrid(0.05, {"cells": np.int8, "views": np.int32})
+    grid.cover(0.0, 0.0, 3.0)
+    before = grid.frame
+    with pytest.raises(DeuxError, match=r"the map of .* m that the pose at x=1e\+07, z=-1e\+07 leads to would take"):
+        grid.cover(1e7, -1e7, 3.0)
+    assert grid.frame == before

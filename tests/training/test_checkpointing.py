@@ -10,9 +10,10 @@ import torch
 from lightning.pytorch import Callback
 
 from deux.callbacks import make_callback
+from deux.errors import DeuxError
 from deux.metrics.mean_errors import DepthErrors
 from deux.testing.losses import perfect_sample
-from deux.training.checkpointing import resume_checkpoints, resume_point
+from deux.training.checkpointing import ResumedFrom, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.objective import make_objective
@@ -234,7 +235,7 @@ def test_only_the_newest_checkpoint_stays_and_it_loads_without_code(train, tmp_p
 
 
 def test_a_damaged_checkpoint_is_passed_over(tmp_path):
-    torch.save({"global_step": 1}, tmp_path / "old.ckpt")
+    torch.save({"global_step": 1, "state_dict": {}}, tmp_path / "old.ckpt")
     whole = (tmp_path / "old.ckpt").read_bytes()
     (tmp_path / "new.ckpt").write_bytes(whole[: len(whole) // 2])
     os.utime(tmp_path / "old.ckpt", (1, 1))
@@ -245,3 +246,42 @@ def test_a_damaged_checkpoint_is_passed_over(tmp_path):
 def test_no_checkpoint(tmp_path):
     assert resume_point(tmp_path) is None
     assert resume_point(tmp_path / "missing") is None
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"state_dict": {}},
+        {"state_dict": {"model.weight": torch.zeros(3, 3)}},
+        {"optimizer_states": [{}]},
+        {"loops": {"fit_loop": 3}},
+        {"callbacks": []},
+    ],
+)
+def test_a_checkpoint_of_another_training_is_named(places, tmp_path, small_model, fit, change):
+    places(max_steps=3)
+    point = resume_point(tmp_path)
+    torch.save(torch.load(point, weights_only=True) | change, point)
+    resumed, model = ResumedFrom(point), small_model()
+    with (
+        pytest.raises(DeuxError, match=r"\.ckpt is damaged or of another training \(.*\): delete it"),
+        resumed.restoring(),
+    ):
+        fit(
+            DepthCompletion(model, make_objective(model)),
+            perfect_sample().batch,
+            copies=3,
+            checkpoint=point,
+            callbacks=[*resume_checkpoints(tmp_path, minutes=10.0), resumed],
+            enable_checkpointing=True,
+            reload_dataloaders_every_n_epochs=1,
+            max_steps=5,
+        )
+
+
+@pytest.mark.parametrize("content", [None, [], {}, {"epoch": 0}, {"state_dict": None}])
+def test_what_is_no_checkpoint_is_passed_over(tmp_path, content):
+    torch.save(content, tmp_path / "a.ckpt")
+    with pytest.warns(UserWarning, match=r"a\.ckpt cannot be read and is passed over: it holds no state_dict"):
+        assert resume_point(tmp_path) is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -62,6 +63,9 @@ class DepthModel(nn.Module, ABC):
 
     max_depth: float
     """Farthest depth in metres that the model predicts."""
+
+    save_pretrained: Callable[..., Path]
+    """Writes the model as a folder to share, see `deux.deployment.model_folders`; a model that was loaded has it."""
 
     @abstractmethod
     def forward(

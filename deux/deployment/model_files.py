@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from deux import __version__
 from deux.contracts import DepthModel
 from deux.errors import DeuxError, counted
+from deux.inference.weightless import without_weights
 from deux.io.atomic import write_atomically
 from deux.options import full_settings
 from deux.registry import registry
@@ -39,6 +40,29 @@ class ModelConfig:
     settings: dict[str, Any]
     version: str
 
+    @classmethod
+    def from_json(cls, text: str | bytes) -> "ModelConfig":
+        """Read what `to_json` wrote.
+
+        Raises:
+            ValueError: it is something else.
+        """
+        try:
+            values = json.loads(text, parse_constant=_no_number)
+        except RecursionError as error:
+            raise ValueError("too many brackets within brackets") from error
+        fields = cls.__dataclass_fields__
+        if not isinstance(values, dict) or values.keys() != fields.keys():
+            raise ValueError(f"its keys are not {', '.join(fields)}")
+        name, settings, version = values["name"], values["settings"], values["version"]
+        if not (isinstance(name, str) and isinstance(settings, dict) and isinstance(version, str)):
+            raise ValueError("the name and version are not text, or the settings not a table")
+        return cls(name, settings, version)
+
+    def to_json(self, indent: int | None = None) -> str:
+        """The configuration as JSON."""
+        return json.dumps(asdict(self), indent=indent)
+
 
 def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings: Mapping[str, Any]) -> None:
     """Write a depth model's weights and configuration to one .safetensors file, whole or not at all.
@@ -55,7 +79,7 @@ def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings
     """
     config = ModelConfig(name, full_settings(type(model), settings), __version__)
     weights = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
-    metadata = {METADATA_KEY: json.dumps(asdict(config))}
+    metadata = {METADATA_KEY: config.to_json()}
     write_atomically(Path(path), safetensors.torch.save(weights, metadata))
 
 
@@ -78,12 +102,35 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
         10.0
     """
     file = weights_file(path)
-    config = _read_config(file)
+    return make_model(_read_config(file), file)
+
+
+def make_model(config: ModelConfig, file: Path) -> DepthModel:
+    """Make a model and fill it with the weights of a .safetensors file.
+
+    The weights are compared with the model before the model is given memory, so that settings from outside cannot ask
+    for more of it than the file is large.
+
+    Returns:
+        The model on the CPU, in eval mode.
+
+    Raises:
+        DeuxError: the file cannot be read, its model is not installed, an option is wrong, or the weights do not fit.
+    """
     try:
-        model: DepthModel = registry().create("depth_models", config.name, config.settings)
-    except DeuxError as error:
-        raise DeuxError(f"{file} holds a {config.name} that cannot be made here: {error}") from error
-    problem = load_weights(model, safetensors.torch.load_file(file))
+        weights = safetensors.torch.load_file(file)
+    except (SafetensorError, OSError) as error:
+        raise _unreadable(file, error) from error
+    try:
+        with without_weights():
+            outline: DepthModel = registry().create("depth_models", config.name, config.settings)
+        problem = misfit(outline, weights)
+        if not problem:
+            model: DepthModel = registry().create("depth_models", config.name, config.settings)
+            problem = load_weights(model, weights)
+    except Exception as error:  # settings of the right types may have values that no network can be made of
+        reason = str(error) if isinstance(error, DeuxError) else f"{' '.join(str(error).split())}."
+        raise DeuxError(f"{file} holds a {config.name} that cannot be made here: {reason}") from error
     if problem:
         raise DeuxError(
             f"{file} does not fit the {config.name} that is installed: it {problem}; "
@@ -93,15 +140,49 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
 
 
 def model_name(path: str | PathLike[str]) -> str:
-    """The registered name of the model in a file or run folder; raises as `load_model` does."""
-    return _read_config(weights_file(path)).name
+    """The registered name of the model that `path` names; raises as `load_model` does."""
+    return model_config(path).name
+
+
+def model_config(path: str | PathLike[str]) -> ModelConfig:
+    """What makes the model that `path` names; raises as `load_model` does."""
+    return _read_config(weights_file(path))
+
+
+def stored_config(file: Path) -> ModelConfig | None:
+    """What the header of a .safetensors file says that its model is made from; None if it says nothing.
+
+    Raises:
+        DeuxError: the file cannot be read.
+    """
+    try:
+        with safe_open(file, framework="pt") as stream:
+            metadata = stream.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise _unreadable(file, error) from error
+    try:
+        return ModelConfig.from_json(metadata[METADATA_KEY])
+    except (KeyError, ValueError):
+        return None
 
 
 def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
     """Load weights into a module if they fit it exactly.
 
     Returns:
-        "" if they were loaded; otherwise what is missing, unexpected or of another shape, as the rest of a sentence.
+        "" if they were loaded; otherwise what `misfit` says.
+    """
+    problem = misfit(module, weights)
+    if not problem:
+        module.load_state_dict(weights)
+    return problem
+
+
+def misfit(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
+    """Why weights do not fit a module, which may be one without memory for its own.
+
+    Returns:
+        "" if they fit exactly; otherwise what is missing, unexpected or of another shape, as the rest of a sentence.
     """
     expected = module.state_dict()
     missing = [key for key in expected if key not in weights]
@@ -111,8 +192,6 @@ def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
         for key in expected
         if key in weights and weights[key].shape != expected[key].shape
     ]
-    if not (missing or unexpected or reshaped):
-        module.load_state_dict(weights)
     found = {
         "lacks {}": missing,
         "has {} unexpected": unexpected,
@@ -137,18 +216,21 @@ def weights_file(path: str | PathLike[str]) -> Path:
 
 
 def _read_config(file: Path) -> ModelConfig:
-    try:
-        with safe_open(file, framework="pt") as stream:
-            metadata = stream.metadata() or {}
-    except (SafetensorError, OSError) as error:
-        raise DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {error}.") from error
-    try:
-        return ModelConfig(**json.loads(metadata[METADATA_KEY]))
-    except (KeyError, TypeError, ValueError) as error:
+    config = stored_config(file)
+    if config is None:
         raise DeuxError(
             f"{file} does not say which model it holds: it was not written by deux; "
             "published checkpoints are read by deux.load_published(name, path)."
-        ) from error
+        )
+    return config
+
+
+def _unreadable(file: Path, error: Exception) -> DeuxError:
+    return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {error}.")
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number of JSON")
 
 
 def _count(names: list[str]) -> str:

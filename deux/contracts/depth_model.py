@@ -55,6 +55,9 @@ class DepthModel(nn.Module, ABC):
     supervised: ClassVar[bool] = False
     """Whether the objective may read ground truth. The data module loads it for supervised models only."""
 
+    pretrained: ClassVar[bool] = False
+    """Whether the constructor loads trained weights: such a model needs no checkpoint and no training."""
+
     objective: ClassVar[LossSettings] = {}
     """The published loss terms and weights."""
 

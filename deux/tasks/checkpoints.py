@@ -1,6 +1,7 @@
 """Trained models that the user names by a path, and where they come from."""
 
 import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
@@ -66,11 +67,9 @@ def is_pretrained(model: PluginChoice) -> bool:
     return cls.pretrained
 
 
-def model_identity(model: DepthModel, path: str | None) -> str:
-    """`weights_identity` of the path that a model was named by, or of its tensors if it was not named by one."""
-    if path:
-        return weights_identity(path)
-    digest = hashlib.sha256()
+def pretrained_identity(choice: PluginChoice, model: DepthModel) -> str:
+    """As `weights_identity`, of a model that was made with its weights: of its name, options and tensors."""
+    digest = hashlib.sha256(json.dumps(choice.description, sort_keys=True).encode())
     for name, value in model.state_dict().items():
         digest.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
         digest.update(value.detach().cpu().contiguous().view(torch.uint8).numpy())

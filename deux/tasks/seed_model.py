@@ -10,7 +10,7 @@ from deux.errors import DeuxError, check_range
 from deux.options import construct, plain
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import is_pretrained, load_named_model, model_identity, weights_identity
+from deux.tasks.checkpoints import is_pretrained, load_named_model, pretrained_identity, weights_identity
 from deux.tasks.console import say
 from deux.tasks.datasets import Datasets, is_ceiling
 from deux.tasks.model_training import Recipe, Training
@@ -126,7 +126,7 @@ class SeedModel:
         checkpoint = self.settings.checkpoint
         if checkpoint is None and is_pretrained(self._recipe.model):
             model: DepthModel = self._recipe.model.create().eval()
-            return TrainedModel(self._recipe.model.name, model, model_identity(model, None))
+            return TrainedModel(self._recipe.model.name, model, pretrained_identity(self._recipe.model, model))
         path = self._trained() if checkpoint is None else checkpoint
         return TrainedModel(*load_named_model(self._recipe.model, path), weights_identity(path))
 

@@ -72,7 +72,7 @@ def pretrained_identity(choice: PluginChoice, model: DepthModel) -> str:
     digest = hashlib.sha256(json.dumps(choice.description, sort_keys=True).encode())
     for name, value in model.state_dict().items():
         digest.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
-        digest.update(value.detach().cpu().contiguous().view(torch.uint8).numpy())
+        digest.update(value.detach().cpu().flatten().view(torch.uint8).numpy())
     return digest.hexdigest()[:16]
 
 

@@ -211,7 +211,7 @@ class Wall(DepthModel):
 
     def __init__(self, distance: float = 2.0) -> None:
         super().__init__()
-        self.register_buffer("distance", torch.tensor(distance))
+        self.distance = torch.nn.Parameter(torch.tensor(distance), requires_grad=False)
 
     def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
         return Prediction(torch.zeros_like(sparse_depth) + self.distance)

@@ -21,7 +21,7 @@ from deux.plugins import explain
 
 ROOT = Path(__file__).resolve().parents[1]
 OF_EXAMPLES = ("plugins.md", "plugin-examples.md")
-"""Pages whose commands need the example packages, which tests/test_{example,foundation}_package.py install."""
+"""Pages whose commands need the example packages, which have tests of their own that install them."""
 
 PAGES = [
     ROOT / "README.md",

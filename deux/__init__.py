@@ -5,14 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from deux.deployment.array_prediction import predict_arrays as predict
-    from deux.deployment.model_files import load_model as load
+    from deux.deployment.model_folders import from_pretrained, load
     from deux.deployment.published_checkpoints import load_published
 
-__all__ = ["__version__", "load", "load_published", "predict"]
+__all__ = ["__version__", "from_pretrained", "load", "load_published", "predict"]
 __version__ = "0.1.0"
 
 LAZY = {
-    "load": ("deux.deployment.model_files", "load_model"),
+    "from_pretrained": ("deux.deployment.model_folders", "from_pretrained"),
+    "load": ("deux.deployment.model_folders", "load"),
     "load_published": ("deux.deployment.published_checkpoints", "load_published"),
     "predict": ("deux.deployment.array_prediction", "predict_arrays"),
 }

@@ -60,6 +60,7 @@ OPEN_NODES = (
     "collect.uncertainty_options",
     "collect.executor_options",
     "predict.uncertainty_options",
+    "seed_model.options",
     "explorer_training",
     "report",
 )

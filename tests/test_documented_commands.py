@@ -20,12 +20,14 @@ from deux.doctor.__main__ import _parser as doctor_parser
 from deux.plugins import explain
 
 ROOT = Path(__file__).resolve().parents[1]
+OF_EXAMPLES = ("plugins.md", "plugin-examples.md")
+"""Pages whose commands need the example packages, which have tests of their own that install them."""
+
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
-    *(page for page in ROOT.glob("docs/**/*.md") if page.name != "plugins.md" and "examples" not in page.parts),
+    *(page for page in ROOT.glob("docs/**/*.md") if page.name not in OF_EXAMPLES and "examples" not in page.parts),
 ]
-"""All but the page whose commands need the example package, which tests/test_example_package.py installs."""
 
 LAUNCHERS = {"joblib": "joblib", "submitit_local": "submitit", "submitit_slurm": "submitit", "ray": "ray"}
 """The package behind each launcher of sweeps; some are installed only with an extra."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -54,6 +55,9 @@ class DepthModel(nn.Module, ABC):
     supervised: ClassVar[bool] = False
     """Whether the objective may read ground truth. The data module loads it for supervised models only."""
 
+    pretrained: ClassVar[bool] = False
+    """Whether the constructor loads trained weights: such a model needs no checkpoint and no training."""
+
     objective: ClassVar[LossSettings] = {}
     """The published loss terms and weights."""
 
@@ -62,6 +66,9 @@ class DepthModel(nn.Module, ABC):
 
     max_depth: float
     """Farthest depth in metres that the model predicts."""
+
+    save_pretrained: Callable[..., Path]
+    """Writes the model as a folder to share, see `deux.deployment.model_folders`; a model that was loaded has it."""
 
     @abstractmethod
     def forward(

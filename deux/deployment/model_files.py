@@ -46,6 +46,19 @@ class ModelConfig:
     settings: dict[str, Any]
     version: str
 
+    @classmethod
+    def from_json(cls, text: str | bytes, path: Path) -> "ModelConfig":
+        """Read what `to_json` wrote; `path` is where it was read.
+
+        Raises:
+            DeuxError: it is something else.
+        """
+        return checked_record(decode_json(text.encode() if isinstance(text, str) else text, path), cls, path)
+
+    def to_json(self, indent: int | None = None) -> str:
+        """The configuration as JSON."""
+        return json.dumps(asdict(self), indent=indent)
+
 
 def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings: Mapping[str, Any]) -> None:
     """Write a depth model's weights and configuration to one .safetensors file, whole or not at all.
@@ -62,7 +75,7 @@ def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings
     """
     config = ModelConfig(name, full_settings(type(model), settings), __version__)
     weights = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
-    metadata = {METADATA_KEY: json.dumps(asdict(config))}
+    metadata = {METADATA_KEY: config.to_json()}
     write_atomically(Path(path), safetensors.torch.save(weights, metadata))
 
 
@@ -85,9 +98,23 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
         10.0
     """
     file = weights_file(path)
-    config = _read_config(file)
+    return make_model(_read_config(file), file)
+
+
+def make_model(config: ModelConfig, file: Path) -> DepthModel:
+    """Make a model and fill it with the weights of a .safetensors file.
+
+    The weights are compared with the model before the model is given memory, so that settings from outside cannot ask
+    for more of it than the file is large.
+
+    Returns:
+        The model on the CPU, in eval mode.
+
+    Raises:
+        DeuxError: the file cannot be read, its model is not installed, an option is wrong, or the weights do not fit.
+    """
     weights = _read_weights(file)
-    with without_weights():  # settings of absurd size are found out before memory is taken for them
+    with without_weights():
         problem = misfit(_make(config, file), weights)
     if problem:
         raise DeuxError(
@@ -100,8 +127,33 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
 
 
 def model_name(path: str | PathLike[str]) -> str:
-    """The registered name of the model in a file or run folder; raises as `load_model` does."""
-    return _read_config(weights_file(path)).name
+    """The registered name of the model that `path` names; raises as `load_model` does."""
+    return model_config(path).name
+
+
+def model_config(path: str | PathLike[str]) -> ModelConfig:
+    """What makes the model that `path` names; raises as `load_model` does."""
+    return _read_config(weights_file(path))
+
+
+def stored_config(file: Path) -> ModelConfig | None:
+    """What the header of a .safetensors file says that its model is made from; None if it says nothing.
+
+    Raises:
+        DeuxError: the file cannot be read.
+    """
+    try:
+        with safe_open(file, framework="pt") as stream:
+            metadata = stream.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise _damaged(file, error) from error
+    text = metadata.get(METADATA_KEY, "")
+    if not 0 < len(text) <= _LONGEST_CONFIG:
+        return None
+    try:
+        return ModelConfig.from_json(text, file)
+    except DeuxError:
+        return None
 
 
 def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
@@ -156,20 +208,13 @@ def weights_file(path: str | PathLike[str]) -> Path:
 
 
 def _read_config(file: Path) -> ModelConfig:
-    try:
-        with safe_open(file, framework="pt") as stream:
-            metadata = stream.metadata() or {}
-    except (SafetensorError, OSError) as error:
-        raise _damaged(file, error) from error
-    try:
-        if len(metadata[METADATA_KEY]) > _LONGEST_CONFIG:
-            raise KeyError(METADATA_KEY)
-        return checked_record(decode_json(metadata[METADATA_KEY].encode(), file), ModelConfig, file)
-    except (KeyError, DeuxError) as error:
+    config = stored_config(file)
+    if config is None:
         raise DeuxError(
             f"{file} does not say which model it holds: it was not written by deux; "
             "published checkpoints are read by deux.load_published(name, path)."
-        ) from error
+        )
+    return config
 
 
 def _read_weights(file: Path) -> dict[str, Tensor]:

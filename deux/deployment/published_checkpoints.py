@@ -12,8 +12,10 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor, nn
 
+from deux import __version__
 from deux.contracts import DepthModel
-from deux.deployment.model_files import load_weights
+from deux.deployment.model_files import ModelConfig, load_weights
+from deux.deployment.model_folders import bind_save_pretrained
 from deux.errors import DeuxError
 from deux.inference.weightless import without_weights
 from deux.io.atomic import write_atomically
@@ -62,7 +64,8 @@ def load_published(
         >>> depth = deux.predict(image, sparse_depth, intrinsics, model=model)
     """
     model_class: type[DepthModel] = registry().get("depth_models", name)
-    model: DepthModel = registry().create("depth_models", name, {**(settings or {}), **model_class.published_options})
+    options = {**(settings or {}), **model_class.published_options}
+    model: DepthModel = registry().create("depth_models", name, options)
     if not model.published_modules():
         raise DeuxError(f"the depth model {name!r} has no published checkpoints: deux.load(path) reads our own.")
     _load(model, Path(path), name)
@@ -73,7 +76,7 @@ def load_published(
         _load(pose, Path(pose_path), f"{name}'s pose network")
         assert isinstance(pose, nn.Module)
         model.pose_network = partial(copy.deepcopy, pose.eval())
-    return model.eval()
+    return bind_save_pretrained(model.eval(), ModelConfig(name, options, __version__))
 
 
 def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> None:

@@ -19,7 +19,7 @@ _CONFIDENCE = 0.05
 """The weight of "no change" beside that of a point at the pixel itself: far from all points the depth stays."""
 
 
-def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float) -> Tensor:
+def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | Tensor) -> Tensor:
     """Multiply a predicted depth by the smooth field that carries it onto the sparse points.
 
     At each sparse point r = log(measured / predicted) is known. Normalised convolution (Knutsson and Westin, 1993) with
@@ -38,7 +38,8 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float) -> Tensor
     Args:
         depth: N x 1 x H x W metres, above 0.
         sparse_depth: N x 1 x H x W metres, 0 = none.
-        spacing: the mean distance of neighbouring points in pixels, 1 / sqrt(points per pixel).
+        spacing: the mean distance of neighbouring points in pixels, 1 / sqrt(points per pixel): a number, or a tensor
+            without dimensions where it is counted on the device.
 
     Returns:
         N x 1 x H x W float32 metres; a frame without any point is unchanged.
@@ -74,7 +75,7 @@ def _interpolate(values: Tensor, weight: Tensor, down: Tensor, across: Tensor) -
     return (down @ (weight * values) @ across) / (down @ weight @ across + _CONFIDENCE)
 
 
-def _gaussian(size: int, deviation: float, device: torch.device) -> Tensor:
+def _gaussian(size: int, deviation: float | Tensor, device: torch.device) -> Tensor:
     """size x size: exp(-(i - j)^2 / (2 deviation^2)), a convolution along one axis as a matrix."""
     place = torch.arange(size, dtype=torch.float32, device=device)
     distance = (place[:, None] - place) / deviation

@@ -1,15 +1,18 @@
 """Trained models that the user names by a path, and where they come from."""
 
 import hashlib
+import json
 from pathlib import Path
 from typing import Any
+
+import torch
 
 from deux.configuration import user_path
 from deux.contracts import DepthModel
 from deux.deployment.model_files import MODEL_FILE, load_model, model_name, weights_file
 from deux.deployment.published_checkpoints import load_published
 from deux.errors import DeuxError
-from deux.registry import PluginChoice
+from deux.registry import PluginChoice, registry
 from deux.report.conditions import Conditions, conditions
 from deux.report.runs import read_identity, run_folders
 from deux.task_sections import Sections
@@ -40,7 +43,12 @@ def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthMode
 
 
 def load_needed_model(published: PluginChoice, path: str | None, option: str) -> tuple[str, DepthModel]:
-    """As `load_named_model`, for a task that cannot do without a model; `option` is the key that names it."""
+    """As `load_named_model`, for a task that cannot do without a model; `option` is the key that names it.
+
+    Without a path it is the configuration's own model if that brings its trained weights.
+    """
+    if not path and is_pretrained(published):
+        return published.name, published.create().eval()
     if not path:
         raise DeuxError(
             f"a trained model is needed: name a run folder, a model file or a published checkpoint by {option}=."
@@ -51,6 +59,21 @@ def load_needed_model(published: PluginChoice, path: str | None, option: str) ->
 def weights_identity(path: str | Path) -> str:
     """Sixteen hexadecimal digits that any change of a model file, or of a run folder's model file, changes."""
     return hashlib.sha256(weights_file(user_path(path)).read_bytes()).hexdigest()[:16]
+
+
+def is_pretrained(model: PluginChoice) -> bool:
+    """Whether a depth model brings its trained weights."""
+    cls: type[DepthModel] = registry().get("depth_models", model.name)
+    return cls.pretrained
+
+
+def pretrained_identity(choice: PluginChoice, model: DepthModel) -> str:
+    """As `weights_identity`, of a model that was made with its weights: of its name, options and tensors."""
+    digest = hashlib.sha256(json.dumps(choice.description, sort_keys=True).encode())
+    for name, value in model.state_dict().items():
+        digest.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
+        digest.update(value.detach().cpu().flatten().view(torch.uint8).numpy())
+    return digest.hexdigest()[:16]
 
 
 def provenance(path: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from deux.geometry.camera import Camera
 from deux.inference.precision import default_device
 from deux.report.results import RESULTS_FILE, Results
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import find_trained_run, load_needed_model, provenance
+from deux.tasks.checkpoints import find_trained_run, load_needed_model, pretrained_identity, provenance
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.recorded_frames import Needs, check_recorded, read_given
@@ -127,13 +127,16 @@ def run(cfg: DictConfig) -> None:
     datasets = None if given else Datasets(sections, ["test"])
     checkpoint = settings.checkpoint and find_trained_run(sections, settings.checkpoint)
     name, model = load_needed_model(sections.plugin("model"), checkpoint, "evaluation.checkpoint")
-    trained = provenance(str(checkpoint))
+    if checkpoint:
+        trained = provenance(checkpoint)
+    else:
+        trained = {"weights": pretrained_identity(sections.plugin("model"), model), "settings": None}
     with open_run_folder(run_folder(), sections.identity) as run:
         if given is None and _finished(run.path, trained):
             say(f"This run is complete: {run.path}")
             say(Results.load(run.path).table())
             return
-        say(f"Evaluate {checkpoint}")
+        say(f"Evaluate {checkpoint or name}")
         with run.stage("evaluate"):
             if given is not None:
                 check_recorded(given, "test", stage.offsets, model, Needs(ground_truth=True))

@@ -1,6 +1,7 @@
 """The seed model: the depth model whose errors tell the explorer where to go."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from deux.configuration import compose
@@ -9,7 +10,7 @@ from deux.errors import DeuxError, check_range
 from deux.options import construct, plain
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import load_named_model, weights_identity
+from deux.tasks.checkpoints import is_pretrained, load_named_model, pretrained_identity, weights_identity
 from deux.tasks.console import say
 from deux.tasks.datasets import Datasets, is_ceiling
 from deux.tasks.model_training import Recipe, Training
@@ -21,13 +22,14 @@ class SeedModelSettings:
     """The model whose errors guide the explorer.
 
     Args:
-        name: any installed depth model, with its default options; None for the final model's kind and options.
-        checkpoint: a trained model to take; None trains one.
+        name: any installed depth model; None for the final model's kind and options.
+        checkpoint: a trained model to take; None trains one, unless the model brings its weights.
         explore: the explorer that collects its frames; no free viewpoints, which no robot could collect.
         steps: optimiser steps of its training.
         source: of the scenes that this explorer is in: a scene source, none of whose scenes are the experiment's, or
             None for the experiment's own training scenes.
         scenes: number of the source's scenes.
+        options: of the constructor of the model that `name` names, where they are not left at their defaults.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -39,10 +41,16 @@ class SeedModelSettings:
     steps: int
     source: str | None = None
     scenes: int = 8
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_range("seed_model.steps", self.steps, 1)
         check_range("seed_model.scenes", self.scenes, 1)
+        if self.options and self.name is None:
+            raise DeuxError(
+                "seed_model.options are of the model that seed_model.name names, and it names none: the seed model has "
+                "the final model's options then, model.<option>=."
+            )
 
 
 class TrainedModel(NamedTuple):
@@ -85,17 +93,23 @@ class SeedModel:
                 "and free viewpoints are a ceiling that none can: choose another explorer."
             )
         final = training.recipe
-        if self.settings.name in (None, final.model.name):
+        if self.settings.name in (None, final.model.name) and not self.settings.options:
             self._recipe = final
         else:
-            self._recipe = _other_recipe(str(self.settings.name), final, sections.plain("training"))
-            self._recipe.check()
+            model = registry().choose(
+                "depth_models", {**self.settings.options, "name": self.settings.name}, "seed_model.options"
+            )
+            self._recipe = _other_recipe(model, final, sections.plain("training"))
+            if not is_pretrained(model):
+                self._recipe.check()
 
     @property
     def description(self) -> str:
         """What it is, for the console."""
         if self.settings.checkpoint is not None:
             return f"Seed model: {self.settings.checkpoint}"
+        if is_pretrained(self._recipe.model):
+            return f"Seed model: {self._recipe.model.name}, which is trained already"
         place = "" if self.settings.source is None else f" of {self.settings.scenes} further {self.settings.source}"
         return f"Seed model: {self._recipe.model.name} on the {self._explorer.name} frames{place}"
 
@@ -103,12 +117,16 @@ class SeedModel:
         """The seed model.
 
         It is `seed_model.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the
-        model published. Otherwise it is trained on the frames of `seed_model.explore` and kept under
-        `outputs/seed_models` for every run that asks for the same. Frames of `seed_model.source` cost the robot no step
-        in the scenes that it explores and are no part of its budget, as those of a foundation are not.
+        model published. A model that brings its weights is taken as it is. Otherwise it is trained on the frames of
+        `seed_model.explore` and kept under `outputs/seed_models` for every run that asks for the same. Frames of
+        `seed_model.source` cost the robot no step in the scenes that it explores and are no part of its budget, as
+        those of a foundation are not.
         """
         say(self.description)
         checkpoint = self.settings.checkpoint
+        if checkpoint is None and is_pretrained(self._recipe.model):
+            model: DepthModel = self._recipe.model.create().eval()
+            return TrainedModel(self._recipe.model.name, model, pretrained_identity(self._recipe.model, model))
         path = self._trained() if checkpoint is None else checkpoint
         return TrainedModel(*load_named_model(self._recipe.model, path), weights_identity(path))
 
@@ -126,12 +144,12 @@ def _named(explorer: str) -> PluginChoice:
     return registry().choose("explorers", {"name": explorer}, "seed_model.explore")
 
 
-def _other_recipe(name: str, final: Recipe, training: dict[str, Any]) -> Recipe:
+def _other_recipe(model: PluginChoice, final: Recipe, training: dict[str, Any]) -> Recipe:
     """The recipe of another depth model: its own objective, and of the training what its configuration changes.
 
     The published learning rates differ between models, and at another one's a network may not learn at all.
     """
-    mine, theirs = (plain(compose([f"model={model}"]).training, "training") for model in (name, final.model.name))
+    names = (model.name, final.model.name)
+    mine, theirs = (plain(compose([f"model={name}"]).training, "training") for name in names)
     changes = {key: value for key, value in mine.items() if theirs.get(key) != value}
-    model = registry().choose("depth_models", {"name": name}, "seed_model")
     return Recipe(model, {}, final.pose, construct(TrainingSettings, {**training, **changes}, "training"))

@@ -18,7 +18,7 @@ from deux.io.images import LARGEST_DEPTH
 from deux.metrics.depth_errors import METRICS
 from deux.report.results import error_table
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import weights_identity
+from deux.tasks.checkpoints import pretrained_identity, weights_identity
 from deux.tasks.console import progress, say
 from deux.tasks.depth_completion import CompletedDepth, DepthCompletion, batches, refuse_measure
 from deux.tasks.predict_settings import PredictSettings
@@ -52,7 +52,9 @@ def predict_sequences(
     camera = sections.read("camera", Camera)
     reader, frames = given_frames(sections, settings)
     posed = _posed(settings, measure, reader, frames)
-    identity = sections.identity | {"weights": weights_identity(str(settings.checkpoint))}
+    chosen, path = sections.plugin("model"), settings.checkpoint
+    weights = weights_identity(path) if path else pretrained_identity(chosen, model)
+    identity = sections.identity | {"weights": weights}
     with open_run_folder(run_folder(), identity) as run:
         results = PredictionFolder(run.path, settings.format)
         todo = [frame for frame in frames if frame not in results.records]

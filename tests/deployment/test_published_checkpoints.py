@@ -108,6 +108,14 @@ def test_options_other_than_the_defaults(path):
         deux.load_published("two", path)
 
 
+def test_a_published_model_becomes_a_folder_to_share(path, tmp_path):
+    torch.save(checkpoint_of(published := Two(width=6)), path)
+    folder = deux.load_published("two", path, settings={"width": 6}).save_pretrained(tmp_path / "shared")
+    shared = deux.from_pretrained(folder)
+    for key, value in published.state_dict().items():
+        assert torch.equal(shared.state_dict()[key], value)
+
+
 def test_names_that_are_missing_or_unexpected(path):
     checkpoint = checkpoint_of(Two())
     checkpoint["far_state_dict"]["scale"] = checkpoint["far_state_dict"].pop("bias")

@@ -4,7 +4,7 @@ import io
 import logging
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +15,7 @@ import torch
 import trimesh
 
 from deux.__main__ import main
+from deux.contracts import DepthModel, Prediction
 from deux.deployment.model_files import save_model
 from deux.registry import registry
 
@@ -200,6 +201,28 @@ def model_file(tmp_path_factory) -> Callable[[str], Path]:
         return path
 
     return write
+
+
+class Wall(DepthModel):
+    """A model that brings its weights, and needs no training as it predicts one distance everywhere."""
+
+    pretrained = True
+    min_depth, max_depth = 0.1, 10.0
+
+    def __init__(self, distance: float = 2.0) -> None:
+        super().__init__()
+        self.distance = torch.nn.Parameter(torch.tensor(distance), requires_grad=False)
+
+    def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+        return Prediction(torch.zeros_like(sparse_depth) + self.distance)
+
+
+@pytest.fixture
+def wall() -> Iterator[str]:
+    """The name of a depth model that brings its weights."""
+    registry().register("depth_models", "wall", Wall)
+    yield "wall"
+    registry().unregister("depth_models", "wall")
 
 
 @pytest.fixture(scope="session")

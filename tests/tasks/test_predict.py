@@ -446,3 +446,10 @@ def spoilt(frame: Frame, kind: str) -> dict[str, str]:
 def test_a_damaged_file_is_named(predict, frame, kind, sentence):
     assert predict(**spoilt(frame, kind)).sentence.startswith(f"{frame.folder}/{sentence}")
     assert written(frame.folder / "run") == set()
+
+
+def test_a_model_that_brings_its_weights_needs_no_checkpoint(predict, frame, wall):
+    outcome = predict(checkpoint=None, model=wall, **{"model.distance": 3.5})
+    assert (outcome.code, outcome.err) == (0, "")
+    assert (np.load(frame.folder / "run" / "depth.npy") == 3.5).all()
+    assert "a trained model is needed" in predict(checkpoint=None, model="kbnet").sentence

@@ -203,3 +203,12 @@ def test_frames_without_points_are_counted_in_the_table(tiny, video, model_file,
     assert found["without_points"] == 1
     assert found["baseline"]["imae"] < 500.0
     assert found["constant"]["imae"] < 500.0
+
+
+def test_a_model_that_brings_its_weights_is_evaluated_without_a_checkpoint(deux, video, tmp_path, wall):
+    given = [f"evaluation.data={video}", f"model={wall}", "model.distance=1.5", "trainer.accelerator=cpu"]
+    outcome = deux("task=evaluate", *given, f"paths.outputs={tmp_path}", f"hydra.run.dir={tmp_path}/run")
+    assert (outcome.code, outcome.err) == (0, "")
+    found = results(tmp_path / "run")
+    assert found["model"] == wall
+    assert len(found["trained"]["weights"]) == 16

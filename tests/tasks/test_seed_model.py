@@ -66,3 +66,28 @@ def test_an_unknown_source_of_its_scenes_is_told_before_any_work(tiny, tmp_path)
 def test_an_unknown_kind_is_told(tiny, tmp_path):
     sentence = tiny(tmp_path, *GUIDED, "seed_model.name=voicd").sentence
     assert sentence.startswith("there is no depth model called 'voicd': did you mean voiced?")
+
+
+def test_a_model_that_brings_its_weights_is_not_trained(tiny, tmp_path, wall):
+    for distance in (1.0, 3.0):
+        outcome = tiny(tmp_path, *GUIDED, f"seed_model.name={wall}", f"seed_model.options.distance={distance}")
+        assert (outcome.code, outcome.err) == (0, "")
+        assert f"Seed model: {wall}, which is trained already\n" in outcome.out
+    assert not list(tmp_path.glob("seed_models/*"))
+    assert len(list(tmp_path.glob("datasets/deux-*"))) == 2  # what guides the robot is part of what makes its frames
+    assert not list(tmp_path.glob("datasets/random-*"))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (
+            ["seed_model.name=wall", "seed_model.options.distnce=1"],
+            "seed_model.options.distnce is not an option of Wall",
+        ),
+        (["seed_model.options.distance=1"], "seed_model.options are of the model that seed_model.name names"),
+    ],
+)
+@pytest.mark.usefixtures("wall")
+def test_wrong_options_of_it_are_told(tiny, tmp_path, options, sentence):
+    assert tiny(tmp_path, *GUIDED, *options).sentence.startswith(sentence)

@@ -263,3 +263,12 @@ def test_one_frame_with_confidence_cloud_and_filter(predict, room_folder, record
     assert sentence.startswith(
         "predict.uncertainty=l1 compares a frame with its neighbours by their poses, and predict"
     )
+
+
+def test_a_model_that_brings_its_weights_resumes_with_the_same_options_only(predict, room_folder, wall):
+    outcome = predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert (np.load(room_folder.parent / "run" / "depth" / "room" / "000.npy") == 1.5).all()
+    assert "7 of them before" in predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy").out
+    sentence = predict(f"model={wall}", "model.distance=2.5", checkpoint=None, format="npy").sentence
+    assert "holds a run with other settings" in sentence

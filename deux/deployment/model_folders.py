@@ -1,0 +1,177 @@
+"""Trained models as folders that the Hugging Face hub knows: config.json, model.safetensors and README.md."""
+
+import importlib
+import json
+import re
+from functools import partial
+from importlib.util import find_spec
+from os import PathLike
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from deux.contracts import DepthModel
+from deux.deployment.model_files import (
+    MODEL_FILE,
+    ModelConfig,
+    load_model,
+    make_model,
+    model_config,
+    save_model,
+    stored_config,
+)
+from deux.errors import DeuxError
+from deux.io.atomic import make_folder, read_bytes, write_atomically
+
+CONFIG_FILE = "config.json"
+"""Name of the file that says which model a folder holds and how it is made."""
+
+CARD_FILE = "README.md"
+"""Name of the model card."""
+
+HUB_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
+"""What names a model on the hub: an owner and a name."""
+
+
+def load(path: str | PathLike[str]) -> DepthModel:
+    """Read a trained model.
+
+    Args:
+        path: a run folder, a model file, or a folder that `save_pretrained` wrote.
+
+    Returns:
+        The model on the CPU, in eval mode; `model.save_pretrained(folder)` writes it as a folder to share.
+
+    Raises:
+        DeuxError: there is no such file, it is damaged or not one of ours, its model is not installed, or its weights
+            do not fit the model.
+
+    Example:
+        >>> model = deux.load("outputs/runs/kbnet-deux-1a2b3c4d")  # a run folder, or a model file
+        >>> model.max_depth
+        10.0
+    """
+    return bind_save_pretrained(load_model(path), model_config(path))
+
+
+def from_pretrained(source: str | PathLike[str], **hub_options: Any) -> DepthModel:
+    """Read a model that `model.save_pretrained` wrote, from a folder or from the Hugging Face hub.
+
+    Nothing in the folder is executed: the weights are safetensors, the rest is JSON, and its settings are checked as
+    those of the command line are.
+
+    Args:
+        source: the folder; what `deux.load` takes; or, if there is nothing of that name, "owner/name" on the hub, for
+            which the package huggingface-hub is needed: pip install "deux[hub]".
+        **hub_options: of a model on the hub: revision, token, cache_dir, local_files_only, force_download.
+
+    Returns:
+        The model on the CPU, in eval mode.
+
+    Raises:
+        DeuxError: there is no such model, the hub cannot be reached, a file is damaged, or the settings or weights are
+            not those of an installed model.
+
+    Example:
+        >>> deux.load("outputs/runs/kbnet-deux-1a2b3c4d").save_pretrained("shared/kbnet")
+        >>> model = deux.from_pretrained("shared/kbnet")
+    """
+    if (Path(source) / CONFIG_FILE).is_file():
+        return read_folder(Path(source))
+    if isinstance(source, str) and HUB_ID.fullmatch(source) and not Path(source).exists():
+        return _hub(f"there is no folder {source}, and models of the hub take").download(source, **hub_options)
+    return load(source)
+
+
+def save_pretrained(
+    model: DepthModel, config: ModelConfig, folder: str | PathLike[str], licence: str = "mit", **hub_options: Any
+) -> Path:
+    """Write a model as a folder that `from_pretrained` reads; a loaded model has this as `model.save_pretrained`.
+
+    Args:
+        model: the depth model.
+        config: what it was made from; a loaded model gives this and itself.
+        folder: where to; it is made if it is not there. Its model is replaced, a README.md that is there is kept.
+        licence: of the weights, by the hub's identifier.
+        **hub_options: of `huggingface_hub.ModelHubMixin.save_pretrained`, to upload the folder, too:
+            push_to_hub=True, repo_id="owner/name", private, token, commit_message, ...
+
+    Returns:
+        The folder.
+
+    Raises:
+        DeuxError: it cannot be written, or the hub cannot be reached.
+    """
+    folder = Path(folder)
+    if hub_options:
+        _hub("uploading a model to the hub takes").upload(model, config, folder, licence, **hub_options)
+    else:
+        write_folder(model, config, folder, licence)
+    return folder
+
+
+def bind_save_pretrained(model: DepthModel, config: ModelConfig) -> DepthModel:
+    """The model itself, which has a `save_pretrained` from now on, as it knows what it was made from."""
+    model.save_pretrained = partial(save_pretrained, model, config)
+    return model
+
+
+def write_folder(model: DepthModel, config: ModelConfig, folder: Path, licence: str) -> None:
+    """Write the three files of a model; see `save_pretrained`.
+
+    config.json comes last. It repeats what the header of the weights says, for the hub and for people.
+    """
+    make_folder(folder)
+    save_model(folder / MODEL_FILE, model, config.name, config.settings)
+    written = model_config(folder / MODEL_FILE)
+    if not (folder / CARD_FILE).exists():
+        write_atomically(folder / CARD_FILE, model_card(written, folder.resolve().name, licence).encode())
+    write_atomically(folder / CONFIG_FILE, (written.to_json(indent=2) + "\n").encode())
+
+
+def read_folder(folder: Path) -> DepthModel:
+    """Read a model from its config.json and model.safetensors; see `from_pretrained`."""
+    file = folder / CONFIG_FILE
+    config = ModelConfig.from_json(read_bytes(file), file)
+    weights = folder / MODEL_FILE
+    if not weights.is_file():
+        raise DeuxError(f"{folder} has a {CONFIG_FILE} and no {MODEL_FILE}, which holds the weights.")
+    stored = stored_config(weights)
+    if stored is not None and (stored.name, stored.settings) != (config.name, config.settings):
+        raise DeuxError(
+            f"{file} and the header of {weights.name} beside it name different models or settings: the folder was "
+            "written by halves or edited, so write it again by save_pretrained."
+        )
+    return bind_save_pretrained(make_model(config, weights), config)
+
+
+def model_card(config: ModelConfig, title: str, licence: str) -> str:
+    """The README.md of a model: the header that the hub reads, what the model is, and how to use it.
+
+    Args:
+        config: what the model is made from.
+        title: of the page.
+        licence: of the weights.
+    """
+    header = {
+        "license": licence,
+        "library_name": "deux",
+        "pipeline_tag": "depth-estimation",
+        "tags": ["depth-completion", config.name],
+    }
+    options = (f"| `{name}` | `{json.dumps(value)}` |" for name, value in config.settings.items())
+    # JSON is YAML: what is quoted cannot be taken for anything but text.
+    lines = ["---", *(f"{key}: {json.dumps(value)}" for key, value in header.items()), "---", ""]
+    lines += [f"# {title}", "", f"Depth completion by `{config.name}`, written by deux {config.version}.", ""]
+    lines += ["```python", "import deux", "", 'model = deux.from_pretrained("THIS_FOLDER")', ""]
+    lines += ["# H x W x 3 colours, H x W metres (0 = none) and a 3 x 3 camera matrix give H x W metres."]
+    lines += ["depth = deux.predict(image, sparse_depth, intrinsics, model=model)", "```", ""]
+    lines += ["| option | value |", "|---|---|", *options, ""]
+    return "\n".join(lines)
+
+
+def _hub(what: str) -> ModuleType:
+    """The module that reaches the hub, which needs a package; `what` asks for it, as the start of a sentence."""
+    if find_spec("huggingface_hub") is None:
+        raise DeuxError(f'{what} the package huggingface-hub: install it with pip install "deux[hub]".')
+    return importlib.import_module("deux.deployment.hub_model")

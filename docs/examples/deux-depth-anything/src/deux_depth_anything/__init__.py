@@ -1,0 +1,1 @@
+"""Depth Anything as a depth model of deux."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,19 +24,24 @@ CLEAR = 1.2  # metres that a view's median depth must have: a picture of one cup
 _MARGIN = 0.3
 
 
+MOST_PIXELS = 4_000_000
+"""Of a plan: 2,500 square metres at the usual scale. A pixel takes 125 bytes while it is drawn."""
+
+
 def plan_from_above(scene: Scene, cut: float = CUT, pixels_per_metre: float = 40.0) -> np.ndarray:
     """Draw a scene's main floor as seen straight from above, without perspective and without what is above the cut.
 
     Args:
         scene: the scene.
         cut: height above the floor where it is cut open, metres.
-        pixels_per_metre: the scale.
+        pixels_per_metre: the scale, at most; a scene that would have more than `MOST_PIXELS` is drawn smaller.
 
     Returns:
         rows x columns x 3 uint8, x to the right and z downward; dark where there is nothing, as inside the walls.
     """
     mesh = scene.mesh
     low, high = mesh.bounds[:, [0, 2]].astype(np.float64) + np.array([[-_MARGIN], [_MARGIN]])
+    pixels_per_metre = min(pixels_per_metre, math.sqrt(MOST_PIXELS / float(np.prod(high - low))))
     columns, rows = np.ceil((high - low) * pixels_per_metre).astype(int)
     pixel = 1.0 / pixels_per_metre
     x, z = np.meshgrid(low[0] + (np.arange(columns) + 0.5) * pixel, low[1] + (np.arange(rows) + 0.5) * pixel)

@@ -12,6 +12,9 @@ from deux.errors import DeuxError, shown
 from deux.io.atomic import read_bytes
 from deux.memory_budget import check_memory
 
+_LONGEST = 300
+"""Characters of a library's message that are shown: some have the stack of their C++ behind them."""
+
 _NUMBERS = "biufc"
 """Kinds of types of which an array may be: no objects, no text, no records."""
 
@@ -75,8 +78,9 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def said(error: Exception) -> str:
-    """What an error of a library says, for a message: on one line and without a full stop."""
-    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    """What an error of a library says, for a message: on one line, cut where it is long, and without a full stop."""
+    text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
 def _unpacked(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:

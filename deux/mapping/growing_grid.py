@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from deux.geometry.grid import GridFrame
+from deux.memory_budget import check_memory
 
 
 class GrowingGrid:
@@ -38,7 +39,11 @@ class GrowingGrid:
         return GridFrame(origin_x, origin_z, rows, columns, self._resolution)
 
     def cover(self, x: float, z: float, reach: float) -> None:
-        """Grow until every cell within `reach` metres of world point (x, z), along either axis, is inside."""
+        """Grow until every cell within `reach` metres of world point (x, z), along either axis, is inside.
+
+        Raises:
+            DeuxError: the point is so far from the others that there is no memory for the grid.
+        """
         needed = [math.floor(value / self._resolution) for value in (z - reach, x - reach, z + reach, x + reach)]
         rows, columns = self.frame.shape
         held = [
@@ -56,6 +61,13 @@ class GrowingGrid:
             if first == held[:2] and last == held[2:]:
                 return
         shape = (last[0] - first[0] + 1, last[1] - first[1] + 1)
+        cell = sum(layer.itemsize for layer in self._layers.values())
+        width, depth = shape[1] * self._resolution, shape[0] * self._resolution
+        check_memory(
+            2 * cell * shape[0] * shape[1],
+            f"the map of {width:,.0f} x {depth:,.0f} m that the pose at x={x:g}, z={z:g} leads to",
+            "poses of one episode lie in one building, so this one is wrong",
+        )
         top, left = self._first_row - first[0], self._first_column - first[1]
         for name, layer in self._layers.items():
             grown = np.zeros(shape, layer.dtype)

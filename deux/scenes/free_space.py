@@ -13,6 +13,7 @@ from scipy import ndimage
 from deux.contracts import SceneMesh
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace, GridFrame
+from deux.memory_budget import check_memory
 from deux.scenes.cover import CEILING, inside_building
 from deux.scenes.heightfield import walkable_surface
 from deux.scenes.ray_caster import RayCaster
@@ -26,6 +27,7 @@ SPLIT = 0.6  # metres from a floor's height within which any part of it must com
 LEAST_LEVEL = 4.0  # square metres; smaller parts that the robot cannot reach, such as table tops, are not told of
 TOLERANCE = 1e-4  # metres: distances on the grid are exact but for rounding
 LARGEST = 40e6  # columns of the fine grid, 11,000 m2: about 2 GB
+_COLUMN_BYTES = 50
 
 Box = tuple[float, float, float, float]
 """x_min, z_min, x_max and z_max in world metres."""
@@ -185,6 +187,11 @@ def _frame(mesh: SceneMesh, resolution: float, region: Box | None, radius: float
             f"the floor of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m is too large for a map: bound it by "
             "scenes.region=[x_min, z_min, x_max, z_max]."
         )
+    check_memory(
+        _COLUMN_BYTES * int(columns) * int(rows) * FINENESS**2,
+        f"the floor of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m",
+        "bound it by scenes.region=[x_min, z_min, x_max, z_max]",
+    )
     return GridFrame(float(low[0]), float(low[1]), int(rows), int(columns), resolution)
 
 

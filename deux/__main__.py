@@ -237,6 +237,11 @@ def _first_failure(error: Exception) -> Exception:
 
 def _mistake(error: Exception) -> DeuxError | None:
     """The sentence for an error that is none of the program's: the user's mistake, or a limit of the machine's."""
+    if isinstance(error, OSError) and _raised_by_locks_of_processes(error):
+        return DeuxError(
+            f"processes cannot share memory in /dev/shm, {error.strerror}: give it room, as by docker run "
+            "--shm-size=1g, or take training.num_workers=0 and collect.processes=1."
+        )
     if isinstance(error, OSError) and error.errno in PLACE_ERRORS:
         place = error.filename or (HydraConfig.initialized() and HydraConfig.get().runtime.output_dir)
         if not place:  # Hydra's own files, before the job begins
@@ -249,6 +254,12 @@ def _mistake(error: Exception) -> DeuxError | None:
     if isinstance(error, MemoryError):
         return DeuxError("there is not enough memory for this: choose smaller frames, batches or scenes.")
     return error if isinstance(error, DeuxError) else None
+
+
+def _raised_by_locks_of_processes(error: OSError) -> bool:
+    """Whether a lock that several processes share cannot be made; the system keeps these in /dev/shm."""
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return bool(frames) and frames[-1].f_globals.get("__name__") == "multiprocessing.synchronize"
 
 
 def _complain(sentence: str, code: int = 1) -> int:

@@ -343,8 +343,10 @@ def markdown_text(text: str) -> str:
 
 def _no_formula(value: Any) -> Any:
     """The value as a spreadsheet shows it, whatever it begins with."""
-    begins = isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r"))
-    return f"'{value}" if begins and not _NUMBER.fullmatch(value) else value
+    if not isinstance(value, str):
+        return value
+    begins = value.startswith(("=", "+", "-", "@", "\t", "\r")) and not _NUMBER.fullmatch(value)
+    return f"'{printable(value)}" if begins else printable(value)  # a carriage return would begin a line of its own
 
 
 def _console_text(text: str) -> str:

@@ -260,8 +260,8 @@ def test_control_characters_reach_neither_console_nor_markdown():
 
 @pytest.mark.parametrize("text", ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "\r=1"])
 def test_csv_has_no_formulas(text):
-    (_, line) = csv.reader(io.StringIO(csv_text(["a", "b"], [[text, 1]]), newline=""))
-    assert line == [f"'{text}", "1"]
+    _, line = csv.reader(io.StringIO(csv_text(["a", "b"], [[text, 1]]), newline=""))
+    assert line == ["'" + text.replace("\t", " ").replace("\r", " "), "1"]
 
 
 @pytest.mark.parametrize("value", [-1.5, "-1.5", "+2e-3", "a=b", None, ""])

@@ -15,8 +15,8 @@ from deux.registry import PluginChoice, registry
 SMALLEST = "experiment=smallest"
 """The preset of all scenarios, conf/experiment/smallest.yaml."""
 
-_TRAINED = "trained"
-"""The run folder that preparation leaves, beside `outputs`."""
+_TRAINED = "outputs/trained"
+"""The run folder that preparation leaves."""
 
 
 @dataclass(frozen=True)
@@ -88,16 +88,16 @@ def _export(folder: Path) -> list[str]:
     return [SMALLEST, "task=export", f"export.checkpoint={_TRAINED}"]
 
 
-def _dataset_export(format: str) -> Callable[[Path], list[str]]:
+def _dataset_export(format: str) -> Scenario:
     def arguments(folder: Path) -> list[str]:
         source = [f"export_dataset.train={_dataset(folder)}", "export_dataset.output=exported"]
         return [SMALLEST, "task=export_dataset", f"export_dataset.format={format}", *source]
 
-    return arguments
+    return Scenario(arguments, varying=("*/exported.json",))  # which names the folder by its inode
 
 
 def _report(folder: Path) -> list[str]:
-    return [SMALLEST, "task=report", "report.runs=.", "report.keep=kept"]
+    return [SMALLEST, "task=report", "report.runs=outputs", "report.keep=kept"]
 
 
 def _together(folder: Path) -> list[str]:
@@ -118,9 +118,9 @@ SCENARIOS = {
     "ray": Scenario(_ray, prepared=False, modules=("ray",)),
     "predict": Scenario(_prediction),
     "export": Scenario(_export, modules=("onnx", "onnxscript", "onnxruntime")),
-    "export_void": Scenario(_dataset_export("void")),
-    "export_triplets": Scenario(_dataset_export("triplets")),
-    "export_webdataset": Scenario(_dataset_export("webdataset")),
+    "export_void": _dataset_export("void"),
+    "export_triplets": _dataset_export("triplets"),
+    "export_webdataset": _dataset_export("webdataset"),
     "report": Scenario(_report),
     "ddp": Scenario(_together, children=True),
 }

@@ -7,8 +7,13 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-TIMED = ("*/logs/*", "*/deux.log", "*/seconds.json", "*/.hydra/*", "/command.*")
-"""Patterns of files that hold times and dates, or one part for each start of the command."""
+from deux.io.locking import SUFFIX
+
+TIMED = ("*/logs/*", "*/deux.log", "*/seconds.json", "*/.hydra/*", "/command.*", f"*{SUFFIX}.*")
+"""Patterns of files that hold times and dates, or one part for each start of the command.
+
+The last one is a lock that a process was killed while it removed it: the next lock in that folder deletes it.
+"""
 
 _TIMED_KEYS = ("seconds",)
 """Entries of JSON files that hold times."""

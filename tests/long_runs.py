@@ -2,11 +2,13 @@
 
     python tests/long_runs.py frames|rounds|jobs NUMBER FOLDER
 
-It prints a line "<done> <MiB>" whenever a further share of the work is done: memory that belongs to the process alone.
+It prints a line "<done> <MiB> <files> <threads>" whenever a further share of the work is done: memory that belongs to
+the process alone, and the files and threads that it has open.
 """
 
 import importlib.util
 import logging
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -18,9 +20,9 @@ from typing import Any
 import numpy as np
 import torch
 from hydra.experimental.callback import Callback
+from lightning.pytorch.loggers import CSVLogger
 
-TESTS = Path(__file__).resolve().parent
-sys.path.append(str(TESTS / "collection"))
+sys.path.append(str(Path(__file__).resolve().parent / "collection"))
 
 from toy_world import CAMERA, SIMULATION, ToySimulator, Wanderer, specification
 
@@ -49,7 +51,8 @@ class Meter:
     def __call__(self, done: int) -> None:
         if done >= self._told + self._every:
             self._told = done
-            print(done, round(own_memory(), 1), flush=True)
+            files, threads = (len(os.listdir(f"/proc/self/{kind}")) for kind in ("fd", "task"))
+            print(done, round(own_memory(), 1), files, threads, flush=True)
 
 
 class Forgetful(Wanderer):
@@ -80,7 +83,7 @@ def frames(number: int, folder: Path) -> None:
 
 def rounds(number: int, folder: Path) -> None:
     """Train with so many rounds of active collection, each of which replaces the frames of the one before."""
-    active_run = _module(TESTS / "training" / "active_run.py")
+    active_run = _module(Path(__file__).resolve().parent / "training" / "active_run.py")
     meter, collect = Meter(number), active_run.collect_in(folder / "rounds", [])
 
     def metered(request: Any) -> Any:
@@ -89,7 +92,8 @@ def rounds(number: int, folder: Path) -> None:
         return found
 
     steps = {"steps": 3 * (number + 1)}
-    active_run.train(folder, steps, {"rounds": number, "mode": "replace"}, {"logger": True}, collect=metered)
+    logger = CSVLogger(folder, "logs", "version_0")
+    active_run.train(folder, steps, {"rounds": number, "mode": "replace"}, {"logger": logger}, collect=metered)
 
 
 class JobMeter(Callback):
@@ -113,7 +117,7 @@ def jobs(number: int, folder: Path) -> None:
     scene = ["scenes.train=1", "scenes.test=0", "collect.steps=4", "verification.min_distance=0.0"]
     settings = ["experiment=smallest", "task=collect", "explore=random", *scene, f"paths.outputs={folder}"]
     sys.argv = ["deux", "-m", *settings, *callback, f"seed=range({number})"]
-    print(f"# exit code {main()}")
+    main()
 
 
 def _module(path: Path) -> ModuleType:

@@ -5,6 +5,7 @@ A process is forked from this one, in which the packages that take seconds to im
 """
 
 import atexit
+import gc
 import importlib
 import os
 import runpy
@@ -89,6 +90,7 @@ def preload(folder: Path, name: str = "command") -> None:
         # A library may be importable only inside what it belongs to; a fork imports it as it needs it.
         with suppress(Exception):
             importlib.import_module(module)
+    gc.freeze()  # or garbage collection in a fork would copy the memory that it shares with this process
 
 
 def run_command(

@@ -21,6 +21,9 @@ _GRID = 8
 _QUALITY = 1e-4
 """A corner is strong from this part of the image's greatest response on; weaker ones come later."""
 
+_SHARE = 256
+"""Frames that a pool of threads is given at once."""
+
 
 @dataclass(frozen=True)
 class SparseSettings:
@@ -99,8 +102,11 @@ def sample_sequences(
         _sample_frame(*task, settings)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding and encoding release the interpreter's lock
-        for done, _ in enumerate(pool.map(sample, tasks), start=1):
-            progress("sparse depth", done, len(tasks))
+        # Not all at once: the pool keeps 2 kB for each frame that it is given.
+        shares = (tasks[first : first + _SHARE] for first in range(0, len(tasks), _SHARE))
+        sampled = (done for share in shares for done in pool.map(sample, share))
+        for number, _ in enumerate(sampled, start=1):
+            progress("sparse depth", number, len(tasks))
 
 
 def _unsampled(paths: SequencePaths) -> list[str]:

@@ -39,6 +39,9 @@ from deux.io.atomic import make_folder, write_failure
 LEASE = 60.0
 """Seconds without a refresh after which a lock of another machine may be taken over."""
 
+SUFFIX = ".lock.json"
+"""How the names of locks end."""
+
 _REFRESHES = 12
 """Number of refreshes in the length of a lease."""
 
@@ -269,6 +272,7 @@ def _try(path: Path, work: str, lease: float) -> Lock | None:
     try:
         os.write(file, json.dumps(asdict(holder)).encode())
         os.close(file)
+        _clear_asides(path.parent)
         return Lock(path, holder)
     except BaseException as error:
         path.unlink(missing_ok=True)
@@ -310,6 +314,18 @@ def _remove(path: Path, holder: Holder | None) -> bool:
             os.link(aside, path)
     aside.unlink(missing_ok=True)
     return moved is not None and moved[0] == holder
+
+
+def _clear_asides(folder: Path) -> None:
+    """Delete what processes of this machine left in a folder that were killed while they removed a lock.
+
+    The file of a holder that lives stays: another process may be about to put it back.
+    """
+    for aside in folder.glob(f"*{SUFFIX}.*"):
+        with suppress(OSError):
+            found = _read(aside)
+            if found and found[0] and found[0].is_gone():
+                aside.unlink(missing_ok=True)
 
 
 @cache

@@ -34,8 +34,14 @@ def keep_runs(source: Path, folder: Path) -> tuple[int, int]:
         Number of runs, and number of bytes of the largest one.
 
     Raises:
-        DeuxError: there is no finished run, a file is damaged, or another run or sweep is kept under the same name.
+        DeuxError: there is no finished run, a file is damaged, another run or sweep is kept under the same name, or the
+            copies would lie below the source.
     """
+    if folder.resolve().is_relative_to(source.resolve()):
+        raise DeuxError(
+            f"report.keep={folder} lies in report.runs={source}, so that the next report would take the copies for "
+            "runs of their own: choose a folder elsewhere."
+        )
     found = find_runs(source)
     if not found.finished:
         raise DeuxError(f"there is no run below {source} that fits into a table, so there is nothing to keep.")
@@ -55,7 +61,8 @@ def keep_runs(source: Path, folder: Path) -> tuple[int, int]:
             )
         copies.setdefault(path, {})[SWEEP_FILE] = yaml.safe_dump(grid, sort_keys=False).encode()
     for path, files in copies.items():
-        for name, content in files.items():
+        # The results come last: a folder without them holds no run yet, and a killed command copies it again.
+        for name, content in sorted(files.items(), key=lambda file: file[0] == RESULTS_FILE):
             target = folder / path.relative_to(source) / name
             make_folder(target.parent)
             write_atomically(target, content)

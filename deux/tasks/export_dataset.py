@@ -1,10 +1,11 @@
 """`task=export_dataset`: datasets in the layouts that foreign code reads."""
 
+import json
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from omegaconf import DictConfig
 
@@ -16,7 +17,7 @@ from deux.data.shard_export import write_shards
 from deux.data.triplet_export import write_triplets
 from deux.data.void_export import MARGIN, SOURCE_DISTANCE, Arrangement, used_by_setup, write_void
 from deux.errors import DeuxError, check_range, counted
-from deux.io.atomic import make_folder
+from deux.io.atomic import make_folder, write_json
 from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
 from deux.tasks.collect import Exploration
@@ -24,8 +25,11 @@ from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, read_given
 from deux.tasks.model_training import Training
-from deux.tasks.run_folder import RunFolder, open_run_folder
+from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
 from deux.training.training_settings import TrainingSettings
+
+_EXPORTED = "exported.json"
+"""The file in the run folder that tells which folder this command has made."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +72,20 @@ class ExportDatasetSettings:
 
 
 def run(cfg: DictConfig) -> None:
-    """Write the folder `export_dataset.output`, which must not be there yet; it appears when it is complete."""
+    """Write the folder `export_dataset.output`, which must not be there yet; it appears when it is complete.
+
+    A command that has made it, and was perhaps killed just then, finds it again.
+    """
     quieten_libraries()
     sections = sections_of(cfg)
     settings = sections.read("export_dataset", ExportDatasetSettings)
     output = _output(settings)
+    record = run_folder() / _EXPORTED
+    if output.exists():
+        if record.exists() and json.loads(record.read_text()) == _made_by(sections, output):
+            say(f"This export is complete: {output}")
+            return
+        raise DeuxError(f"export_dataset.output={settings.output} is there already: remove it or name another folder.")
     training = sections.read("training", TrainingSettings)
     with open_run_folder(run_folder(), sections.identity) as run:
         if settings.folders:
@@ -88,6 +101,7 @@ def run(cfg: DictConfig) -> None:
         with progress() as report:
             for done, _ in enumerate(_write(partial, output, splits, settings), start=1):
                 report("export", done, total)
+        write_json(record, _made_by(sections, partial))
         partial.rename(output)
     say(str(output))
     for split in splits:
@@ -99,10 +113,12 @@ def run(cfg: DictConfig) -> None:
 def _output(settings: ExportDatasetSettings) -> Path:
     if not settings.output:
         raise DeuxError("task=export_dataset needs a folder to make: export_dataset.output=.")
-    output = user_path(settings.output)
-    if output.exists():
-        raise DeuxError(f"export_dataset.output={settings.output} is there already: remove it or name another folder.")
-    return output
+    return user_path(settings.output)
+
+
+def _made_by(sections: Sections, folder: Path) -> dict[str, Any]:
+    """What identifies a folder, before and after it is renamed, and the command that has made it."""
+    return {"settings": short_hash(sections.identity), "inode": folder.stat().st_ino}
 
 
 def _collected(sections: Sections, run: RunFolder) -> dict[str, Reader]:

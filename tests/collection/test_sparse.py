@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from toy_world import ToySimulator
 
+from deux.collection import sparse
 from deux.collection.sparse import SparseSettings, point_count, sample_sequences, sample_sparse
 from deux.io.images import read_depth, write_depth, write_image
 from deux.io.layout import SequencePaths
@@ -97,3 +98,14 @@ def test_stage_two_writes_points_and_validity_and_leaves_finished_frames_alone(t
     sample_sequences([paths], PAPER)
     changed = {path.parent.name + path.stem for path, time in before.items() if path.stat().st_mtime_ns != time}
     assert changed == {"sparse_depth000000", "validity_map000000"}
+
+
+def test_frames_are_handed_to_the_threads_in_shares(tmp_path, monkeypatch):
+    """So that what waits in the pool does not grow with the number of frames."""
+    begun, ahead = [], []
+    monkeypatch.setattr(sparse, "_unsampled", lambda paths: [f"{number:06d}" for number in range(1000)])
+    monkeypatch.setattr(sparse, "_sample_frame", lambda paths, frame, settings: begun.append(frame))
+    report = lambda stage, done, total: ahead.append(len(begun) - done)  # noqa: E731
+    sample_sequences([SequencePaths(tmp_path)], PAPER, report)
+    assert len(begun) == len(set(begun)) == len(ahead) == 1000
+    assert max(ahead) < 256

@@ -231,6 +231,20 @@ def test_a_later_holders_file_is_put_back(path):
     assert Holder(**json.loads(path.read_text())) == alive
 
 
+def test_what_a_kill_left_of_a_removal_goes_with_the_next_lock_of_the_folder(holding, path, tmp_path):
+    """Killed between the two steps of a removal. The file of a live holder stays, as it may be put back."""
+    killed = holding(60.0)
+    dead, live = tmp_path / ".other.lock.json.0123abcd", tmp_path / ".lock.json.4567abcd"
+    os.rename(path, dead)
+    killed.kill()
+    killed.wait()
+    holding(60.0)
+    os.rename(path, live)
+    with locked(path, "is next"):
+        assert not dead.exists()
+    assert live.exists()
+
+
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(DeuxError, match=f"Folder {tmp_path}/file/folder cannot be made: Not a directory"):

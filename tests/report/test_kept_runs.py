@@ -1,4 +1,5 @@
 import json
+import os
 import shutil
 
 import pytest
@@ -91,3 +92,38 @@ def test_a_run_with_16_scenes_is_small(write_run, outputs, tmp_path):
     assert size < 10_000
     files = [file for file in (tmp_path / "kept").rglob("*") if file.is_file()]
     assert size == sum(file.stat().st_size for file in files)
+
+
+def kept_files(folder):
+    return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+
+
+def test_a_copy_that_was_cut_short_by_a_kill_is_made_again(write_run, outputs, tmp_path, monkeypatch):
+    """Killed at each of its moves in turn, and started again."""
+    write_run("random", "kbnet", 0, 20.0)
+    keep_runs(outputs, tmp_path / "unbroken")
+    files = kept_files(tmp_path / "unbroken")
+    replace = os.replace
+    for move in range(len(files)):
+        left = move
+
+        def killed(source, target):
+            nonlocal left
+            if left == 0:
+                raise KeyboardInterrupt
+            left -= 1
+            replace(source, target)
+
+        folder = tmp_path / str(move)
+        with monkeypatch.context() as patch:
+            patch.setattr(os, "replace", killed)
+            with pytest.raises(KeyboardInterrupt):
+                keep_runs(outputs, folder)
+        keep_runs(outputs, folder)
+        assert kept_files(folder) == files
+
+
+def test_copies_among_the_runs_themselves_are_refused(write_run, outputs):
+    write_run("random", "kbnet", 0, 20.0)
+    with pytest.raises(DeuxError, match=r"report\.keep=.*kept lies in report\.runs="):
+        keep_runs(outputs, outputs / "docs" / "kept")

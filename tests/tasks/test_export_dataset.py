@@ -75,6 +75,25 @@ def test_one_split_of_a_folder(deux, tiny_arguments, tmp_path):
     assert (again / "test-000000.tar").read_bytes() == (output / "test-000000.tar").read_bytes()
 
 
+def test_the_command_that_has_made_the_folder_finds_it_and_no_other_command_does(deux, tiny_arguments, tmp_path):
+    """As a kill between the folder's renaming and the command's end leaves it."""
+    output, run = tmp_path / "export", f"hydra.run.dir={tmp_path}/run"
+    options = ("task=export_dataset", "explore=random", "export_dataset.format=webdataset", run)
+
+    def export(*further):
+        return deux(*tiny_arguments(tmp_path / "outputs", *options, f"export_dataset.output={output}", *further))
+
+    assert export().code == 0
+    before = {path: path.stat().st_mtime_ns for path in output.iterdir()}
+    again = export()
+    assert (again.code, again.out.strip()) == (0, f"This export is complete: {output}")
+    assert before == {path: path.stat().st_mtime_ns for path in output.iterdir()}
+    assert "is there already" in export("export_dataset.samples=7").sentence
+    output.rename(tmp_path / "elsewhere")
+    output.mkdir()
+    assert "is there already" in export().sentence
+
+
 @pytest.mark.parametrize(
     ("option", "sentence"),
     [

@@ -1,0 +1,70 @@
+"""What two runs of one command left behind, compared file by file."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatch
+from pathlib import Path
+from typing import Any
+
+from deux.io.locking import SUFFIX
+
+TIMED = ("*/logs/*", "*/deux.log", "*/seconds.json", "*/.hydra/*", "/command.*", f"*{SUFFIX}.*")
+"""Patterns of files that hold times and dates, or one part for each start of the command.
+
+The last one is a lock that a process was killed while it removed it: the next lock in that folder deletes it.
+"""
+
+_TIMED_KEYS = ("seconds",)
+"""Entries of JSON files that hold times."""
+
+
+def digests(folder: Path, varying: Sequence[str] = ()) -> dict[str, str]:
+    """A digest of each file below a folder, by its path there.
+
+    Times in JSON files are left out.
+
+    Args:
+        folder: the folder.
+        varying: patterns of paths (`fnmatch`, with a `/` before the first part) whose content differs from run to run;
+            their digest is empty.
+    """
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_symlink() or not path.is_file() or _matches(name, TIMED):
+            continue
+        found[name] = "" if _matches(name, varying) else hashlib.sha256(_timeless(path)).hexdigest()
+    return found
+
+
+def differences(unbroken: dict[str, str], resumed: dict[str, str]) -> list[str]:
+    """The files in which the resumed run differs from the unbroken one, each with how; arguments as of `digests`."""
+    return list(_differences(unbroken, resumed))
+
+
+def _differences(unbroken: dict[str, str], resumed: dict[str, str]) -> Iterator[str]:
+    for name in sorted(unbroken.keys() | resumed.keys()):
+        if name not in resumed:
+            yield f"{name} is missing"
+        elif name not in unbroken:
+            yield f"{name} is left over"
+        elif unbroken[name] != resumed[name]:
+            yield f"{name} differs"
+
+
+def _matches(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatch(f"/{name}", pattern) for pattern in patterns)
+
+
+def _timeless(path: Path) -> bytes:
+    content = path.read_bytes()
+    if path.suffix != ".json":
+        return content
+    return json.dumps(_without_times(json.loads(content))).encode()
+
+
+def _without_times(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _without_times(entry) for key, entry in value.items() if key not in _TIMED_KEYS}
+    return [_without_times(entry) for entry in value] if isinstance(value, list) else value

@@ -5,6 +5,9 @@ import os
 _LONGEST = 255
 """Bytes of a name that file systems take."""
 
+_LONGEST_PATH = 1000
+"""Characters of a relative path."""
+
 
 def is_file_name(name: str) -> bool:
     """Whether a name can be that of a file or folder within a folder, and leads to no other one.
@@ -24,7 +27,7 @@ def is_within(name: str) -> bool:
         ['a/b.png', './a/../b.png']
     """
     path = os.path.normpath(name)
-    return bool(name) and not os.path.isabs(path) and all(map(is_file_name, path.split(os.sep)))
+    return 0 < len(name) <= _LONGEST_PATH and not os.path.isabs(path) and all(map(is_file_name, path.split(os.sep)))
 
 
 def _length(name: str) -> int:

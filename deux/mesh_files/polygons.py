@@ -4,6 +4,7 @@ import mapbox_earcut
 import numpy as np
 
 
+@np.errstate(all="ignore")  # of vertices at infinity, which the mesh's reader refuses
 def triangulate(points: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cut polygons into triangles: convex ones into a fan, all others by ear clipping in the plane they lie in.
 
@@ -40,12 +41,7 @@ def triangulate(points: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np
 
 def _newell(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The Newell normal of P x n x 3 polygons (P x 3, as long as twice the area), and which of them are convex."""
-    with np.errstate(all="ignore"):  # of vertices at infinity, which the mesh's reader refuses
-        return _newell_of(polygons - polygons[:, :1])
-
-
-def _newell_of(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `_newell`, of polygons whose first corner is the origin."""
+    polygons = polygons - polygons[:, :1]
     following = np.roll(polygons, -1, axis=1)
     normals = np.cross(polygons, following).sum(axis=1)
     edges = following - polygons

@@ -15,7 +15,7 @@ import numpy as np
 from deux.collection.specification import place_of_sequence
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.chosen_sources import PAPER_OFFSETS, list_triplets
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
 from deux.geometry.poses import source_from_target, yaw_of
 from deux.geometry.source_frames import SourceRule
 from deux.io.atomic import write_json
@@ -47,6 +47,7 @@ VIEW_ANGLE = 30.0
 NEAR, FAR = 1.0, 3.0
 """Metres: nearer pixels are near, farther ones far, those between them middle."""
 
+_LARGEST = 1e18  # of an entry
 _OPTIONAL = ("depth_distance", "bumps", "actions", "area", "floor_share", "area_per_action")
 """Entries that not every dataset has."""
 
@@ -120,7 +121,9 @@ class Scorecard:
             card = read_record(path, cls)
             for name, value in card.entries().items():
                 if type(value) not in (int, float) and (value is not None or name not in _OPTIONAL):
-                    raise ValueError(f"{name} is {value!r}")
+                    raise ValueError(f"{name} is {shown(value)}")
+                if value is not None and abs(value) > _LARGEST:
+                    raise ValueError(f"{name} is {shown(value)}")
             return card
         except (DeuxError, ValueError) as error:
             raise DeuxError(f"{path} is no scorecard of deux ({error}); collect or run it again.") from None

@@ -119,7 +119,10 @@ class PredictionFolder:
                 record = checked_record(decode_json(line, self.folder / JOURNAL), FrameRecord, JOURNAL)
             except DeuxError:  # the line that was being written when the command was killed
                 continue
-            if not is_within(record.sequence) or not is_file_name(record.name):
+            whole = all(
+                not errors or METRICS.keys() <= errors.keys() for errors in (record.errors, record.interpolated)
+            )
+            if not (whole and is_within(record.sequence) and is_file_name(record.name)):
                 continue
             if self.file("depth", FrameReference(record.sequence, record.name)).exists():
                 yield record

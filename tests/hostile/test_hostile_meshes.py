@@ -248,7 +248,16 @@ HEADER_LINES = (
 def test_ply(campaign):
     path = campaign.folder / "scene.ply"
     Image.fromarray(PIXELS).save(campaign.folder / "t.png")
+    binary = io.BytesIO()
     lines = PLY.splitlines()
+    kept = [line for line in lines[:14] if "texcoord" not in line and "texnumber" not in line]
+    binary.write("\n".join([*kept, "end_header\n"]).replace("ascii", "binary_little_endian").encode())
+    for corner in CORNERS:
+        binary.write(corner.tobytes() + b"\1\2\3")
+    binary.write(b"".join(struct.pack("<B3i", 3, *face) for face in ((0, 1, 2), (0, 2, 3))))
+    for whole in (PLY.encode(), binary.getvalue()):  # what is compiled is compiled before the clock starts
+        path.write_bytes(whole)
+        read(path)
     others = [
         Case(f"line {k} is {new[:40]!r}", "\n".join([*lines[:k], new, *lines[k + 1 :], ""]).encode())
         for k in range(15)
@@ -256,12 +265,6 @@ def test_ply(campaign):
     ]
     campaign.run(others, path, lambda: read(path))
     campaign.run(other_words(PLY)[-40 * len(TOKENS) :], path, lambda: read(path))
-    binary = io.BytesIO()
-    kept = [line for line in lines[:14] if "texcoord" not in line and "texnumber" not in line]
-    binary.write("\n".join([*kept, "end_header\n"]).replace("ascii", "binary_little_endian").encode())
-    for corner in CORNERS:
-        binary.write(corner.tobytes() + b"\1\2\3")
-    binary.write(b"".join(struct.pack("<B3i", 3, *face) for face in ((0, 1, 2), (0, 2, 3))))
     campaign.run(damaged_bytes(binary.getvalue(), 120), path, lambda: read(path))
     campaign.end()
 

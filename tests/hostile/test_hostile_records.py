@@ -232,9 +232,6 @@ def test_files_of_a_run_that_goes_on(campaign):
     (run / "seconds.json").write_bytes(good)
     campaign.run([*changed_values(IDENTITY, VALUES[:8]), *NO_JSON], run / "run.json", work)
     (run / "run.json").write_text(json.dumps(IDENTITY))
-    holder = {"host": "a", "machine": "b", "process": 1, "start": 2, "work": "c", "lease": 1.0, "token": "d"}
-    campaign.run([*changed_values(holder), *NO_JSON], run / ".lock.json", work)
-    (run / ".lock.json").unlink(missing_ok=True)
     (run / "rounds").mkdir()
     done = [{**RESULTS["rounds"][0], "datasets": ["a"]}]
     campaign.run([*changed_values(done), *NO_JSON], run / "rounds" / "rounds.json", lambda: read_rounds(RunFolder(run)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import importlib
 import logging
 import os
@@ -16,12 +15,12 @@ from pathlib import Path
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from deux.composition_errors import check_names, composition_error, quoted_digits, raised_in_composition
 from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
 from deux.errors import DeuxError, JobFailed, counted, printable
-from deux.io.atomic import write_failure
+from deux.machine_failures import PLACE_ERRORS, ended_by_sigterm, machine_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugin_options, check_plugins
 from deux.thread_waiting import let_waiting_threads_sleep
@@ -29,12 +28,6 @@ from deux.thread_waiting import let_waiting_threads_sleep
 LAUNCHERS = ("joblib", "submitit", "ray")
 """The packages behind `hydra/launcher=...`. They raise errors of their own for jobs that end without a word, such as
 those that the system killed for their memory."""
-
-PLACE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
-"""The system's errors that say that files cannot be written where they are to go."""
-
-NAME_ERRORS = (errno.ENAMETOOLONG, errno.ELOOP, errno.EILSEQ)
-"""The system's errors that say that there can be no file of this name."""
 
 log = logging.getLogger("deux")
 
@@ -66,6 +59,8 @@ class Jobs:
             _stay_until_killed(interrupt)
             raise
         except Exception as error:
+            if ended_by_sigterm(error):
+                raise Terminated from error
             # At level INFO the log file gets the stack trace and the console does not.
             log.info("the run ended with an error", exc_info=True)
             sentence = _report(error)
@@ -237,29 +232,13 @@ def _first_failure(error: Exception) -> Exception:
 
 def _mistake(error: Exception) -> DeuxError | None:
     """The sentence for an error that is none of the program's: the user's mistake, or a limit of the machine's."""
-    if isinstance(error, OSError) and _raised_by_locks_of_processes(error):
-        return DeuxError(
-            f"processes cannot share memory in /dev/shm, {error.strerror}: give it room, as by docker run "
-            "--shm-size=1g, or take training.num_workers=0 and collect.processes=1."
-        )
-    if isinstance(error, OSError) and error.errno in PLACE_ERRORS:
-        place = error.filename or (HydraConfig.initialized() and HydraConfig.get().runtime.output_dir)
-        if not place:  # Hydra's own files, before the job begins
-            return DeuxError(f"the run folder cannot be written: {error.strerror}; make room and start again.")
-        return DeuxError(write_failure(Path(place), error))
-    if isinstance(error, OSError) and error.errno in NAME_ERRORS:
-        return DeuxError(f"{error.filename or 'a name of a file'} cannot be used: {error.strerror}.")
-    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-        return DeuxError(f"{error.strerror}: raise the number of files that a process may open, as by ulimit -n 1024.")
-    if isinstance(error, MemoryError):
-        return DeuxError("there is not enough memory for this: choose smaller frames, batches or scenes.")
-    return error if isinstance(error, DeuxError) else None
-
-
-def _raised_by_locks_of_processes(error: OSError) -> bool:
-    """Whether a lock that several processes share cannot be made; the system keeps these in /dev/shm."""
-    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    return bool(frames) and frames[-1].f_globals.get("__name__") == "multiprocessing.synchronize"
+    if isinstance(error, DeuxError):
+        return error
+    folder = None
+    if HydraConfig.initialized() and not OmegaConf.is_missing(runtime := HydraConfig.get().runtime, "output_dir"):
+        folder = Path(runtime.output_dir)
+    found = machine_failure(error, folder)
+    return None if found is None else DeuxError(found)
 
 
 def _complain(sentence: str, code: int = 1) -> int:

@@ -107,10 +107,10 @@ def full_settings(
     return {name: _json(value) for name, value in full.items()}
 
 
-def unresolved_reference(error: InterpolationKeyError) -> str:
-    """What is wrong with an option that refers to another one that is not there."""
+def unresolved_reference(error: InterpolationKeyError, where: str = "an option") -> str:
+    """What is wrong with an option that refers to another one that is not there, at `where` if the error does not say."""
     return (
-        f"{error.full_key or 'an option'} refers by ${{...}} to an option that is not there: where the text itself is "
+        f"{error.full_key or where} refers by ${{...}} to an option that is not there: where the text itself is "
         "meant, write \\${...}."
     )
 
@@ -125,7 +125,7 @@ def references_resolved(where: str) -> Iterator[None]:
     try:
         yield
     except InterpolationKeyError as error:
-        raise DeuxError(unresolved_reference(error)) from error
+        raise DeuxError(unresolved_reference(error, where)) from error
     except MissingMandatoryValue as error:
         raise DeuxError(f"{error.full_key or where} has no value: give it one.") from error
     except OmegaConfBaseException as error:

@@ -8,15 +8,15 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 
-from deux.bench.__main__ import _parser as bench_parser
 from deux.configuration import compose
-from deux.doctor.__main__ import _parser as doctor_parser
 from deux.plugins import explain
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -86,7 +86,10 @@ def test_the_other_programs_take_their_options(line):
     if name == "deux.plugins":
         assert all(map(explain, words))
     else:
-        {"deux.bench": bench_parser, "deux.doctor": doctor_parser}[name]().parse_args(words)
+        spec = find_spec(name)
+        assert spec is not None
+        program = f"{name}.__main__" if spec.submodule_search_locations else name
+        import_module(program)._parser().parse_args(words)
 
 
 def runnable() -> list[str]:

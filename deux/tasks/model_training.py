@@ -65,7 +65,7 @@ class Recipe:
         """
         with without_weights():
             model = self.model.create()
-            make_objective(model, self.objective)
+            make_objective(model, self.objective, self.supervised)
             make_pose_source(self.pose, model)
 
     def outline(self) -> DepthModel:
@@ -74,15 +74,20 @@ class Recipe:
             model: DepthModel = self.model.create()
         return model
 
+    @property
+    def supervised(self) -> bool:
+        """Whether the objective may read ground truth."""
+        return self.outline().supervised or self.training.supervised
+
     def source_choice(self) -> SourceChoice:
         """How source frames are chosen; "recent" where the objective compares no frames."""
         return self.training.sources if self.needs().sources else "recent"
 
     def needs(self) -> Needs:
         """What the training reads of its frames."""
-        model = self.outline()
-        compares = make_objective(model, self.objective).needs_reconstructions
-        return Needs(sources=compares, poses=compares and self.pose == "simulator", ground_truth=model.supervised)
+        compares = make_objective(self.outline(), self.objective, self.supervised).needs_reconstructions
+        truth = self.supervised or self.training.augmentation.draws_points
+        return Needs(sources=compares, poses=compares and self.pose == "simulator", ground_truth=truth)
 
 
 @dataclass(frozen=True)

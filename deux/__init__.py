@@ -7,11 +7,13 @@ if TYPE_CHECKING:
     from deux.deployment.array_prediction import predict_arrays as predict
     from deux.deployment.model_files import load_model as load
     from deux.deployment.published_checkpoints import load_published
+    from deux.deployment.shipped_models import available
 
-__all__ = ["__version__", "load", "load_published", "predict"]
+__all__ = ["__version__", "available", "load", "load_published", "predict"]
 __version__ = "0.1.0"
 
 LAZY = {
+    "available": ("deux.deployment.shipped_models", "available"),
     "load": ("deux.deployment.model_files", "load_model"),
     "load_published": ("deux.deployment.published_checkpoints", "load_published"),
     "predict": ("deux.deployment.array_prediction", "predict_arrays"),

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import safetensors.torch
+import torch
 from safetensors import SafetensorError, safe_open
 from torch import Tensor, nn
 
 from deux import __version__
 from deux.contracts import DepthModel
+from deux.deployment.shipped_models import file_or_shipped, shipped_files
 from deux.errors import DeuxError, counted
 from deux.io.atomic import write_atomically
 from deux.options import full_settings
@@ -40,7 +42,14 @@ class ModelConfig:
     version: str
 
 
-def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings: Mapping[str, Any]) -> None:
+def save_model(
+    path: str | PathLike[str],
+    model: DepthModel,
+    name: str,
+    settings: Mapping[str, Any],
+    half: bool = False,
+    header: Mapping[str, str] | None = None,
+) -> None:
     """Write a depth model's weights and configuration to one .safetensors file, whole or not at all.
 
     Args:
@@ -48,6 +57,9 @@ def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings
         model: the depth model.
         name: its registered name.
         settings: the options that it was made with; defaults are filled in.
+        half: write float32 weights in half precision, 10 bits of mantissa, for a file of half the size. They are read
+            as float32 again.
+        header: further text by key for the file's header.
 
     Example:
         >>> model = registry().create("depth_models", "kbnet", {"max_depth": 8})
@@ -55,7 +67,9 @@ def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings
     """
     config = ModelConfig(name, full_settings(type(model), settings), __version__)
     weights = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
-    metadata = {METADATA_KEY: json.dumps(asdict(config))}
+    if half:
+        weights = {key: value.half() if value.dtype == torch.float32 else value for key, value in weights.items()}
+    metadata = {**(header or {}), METADATA_KEY: json.dumps(asdict(config))}
     write_atomically(Path(path), safetensors.torch.save(weights, metadata))
 
 
@@ -63,7 +77,7 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     """Read a model that `save_model` wrote.
 
     Args:
-        path: the file, or a run folder that holds `model.safetensors`.
+        path: the file, a run folder that holds `model.safetensors`, or the name of a model that ships (`available`).
 
     Returns:
         The model on the CPU, in eval mode.
@@ -93,8 +107,13 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
 
 
 def model_name(path: str | PathLike[str]) -> str:
-    """The registered name of the model in a file or run folder; raises as `load_model` does."""
-    return _read_config(weights_file(path)).name
+    """The registered name of the model that `path` names; raises as `load_model` does."""
+    return model_config(path).name
+
+
+def model_config(path: str | PathLike[str]) -> ModelConfig:
+    """What makes the model that `path` names; raises as `load_model` does."""
+    return _read_config(weights_file(path))
 
 
 def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
@@ -123,16 +142,17 @@ def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
 
 
 def weights_file(path: str | PathLike[str]) -> Path:
-    """The file of a model that is named by it or by its run folder.
+    """The file of a model that is named by it, by its run folder or, if it ships, by its name.
 
     Raises:
         DeuxError: there is none.
     """
-    file = Path(path)
+    file = file_or_shipped(path, Path(path))
     if file.is_dir():
         file = file / MODEL_FILE
     if not file.is_file():
-        raise DeuxError(f"there is no model {file}: name a file of weights or a run folder with a {MODEL_FILE}.")
+        shipped = f", or a model that ships ({', '.join(sorted(shipped_files()))})" if shipped_files() else ""
+        raise DeuxError(f"there is no model {file}: name a file of weights, a run folder with a {MODEL_FILE}{shipped}.")
     return file
 
 

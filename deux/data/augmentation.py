@@ -95,7 +95,7 @@ class AugmentationSettings:
         if self.colors:
             found.append(v2.ColorJitter(self.colors, self.colors, self.colors))
         if self.density is not None:
-            found.append(DrawPoints(self.density, self.patterns, self.noise, self.outliers))
+            found.append(DrawPoints(self.density, self.patterns, (0.0, self.noise), (0.0, self.outliers)))
         return [*found, *(model if self.own else ())]
 
 
@@ -145,16 +145,16 @@ class DrawPoints:
     Args:
         density: least and greatest number of points as a fraction of the pixels, drawn log-uniformly.
         patterns: where they lie, one of these for each sample.
-        noise: greatest relative standard deviation of their depth, drawn uniformly from 0.
-        outliers: greatest fraction of them that is badly wrong, drawn uniformly from 0.
+        noise: least and greatest relative standard deviation of their depth, drawn uniformly.
+        outliers: least and greatest fraction of them that is badly wrong, drawn uniformly.
     """
 
     def __init__(
         self,
         density: tuple[float, float],
         patterns: Sequence[Pattern] = PATTERNS,
-        noise: float = 0.0,
-        outliers: float = 0.0,
+        noise: tuple[float, float] = (0.0, 0.0),
+        outliers: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.density, self.patterns = density, tuple(patterns)
         self.noise, self.outliers = noise, outliers
@@ -168,7 +168,7 @@ class DrawPoints:
         count = max(1, round(np.exp(rng.uniform(least, most)) * truth.numel()))
         pattern = self.patterns[rng.integers(len(self.patterns))]
         points = draw_points(pattern, image.cpu().numpy(), truth.cpu().numpy(), count, rng)
-        points = disturb(points, self.noise * rng.random(), self.outliers * rng.random(), rng)
+        points = disturb(points, rng.uniform(*self.noise), rng.uniform(*self.outliers), rng)
         drawn = torch.from_numpy(points).to(truth.device)
         return {
             **sample,

@@ -95,9 +95,9 @@ def make_card(run: Path, name: str, summary: str, frames: Sequence[CardFrames], 
         summary=summary,
         data=_data(identity),
         supervised=model.supervised or identity["training"].get("supervised", False),
-        command=_command(run),
+        command=" && ".join(_command(one) for one in _trainings(run)),
         seed=identity["seed"],
-        steps=identity["training"]["steps"],
+        steps=sum(_read(one / IDENTITY_FILE)["training"]["steps"] for one in _trainings(run)),
         version=__version__,
         licence="MIT",
         errors=[one for chosen in frames for one in measure(model, chosen, count)],
@@ -146,6 +146,13 @@ def _data(identity: dict[str, Any]) -> str:
     scenes, collect, explorer = identity["scenes"], identity["collect"], identity["explore"]["name"]
     frames = f"{collect['steps'] * collect['episodes']} steps in each of {scenes['train']} scenes ({scenes['name']})"
     return f"generated scenes, nothing recorded: {explorer}, {frames}, {identity['camera']['width']} pixels wide"
+
+
+def _trainings(run: Path) -> list[Path]:
+    """The run folders of a training and of those that it started from (`training.start`), first to last."""
+    start = _read(run / IDENTITY_FILE)["training"].get("start")
+    before = start and user_path(start)
+    return [*(_trainings(before) if before and (before / IDENTITY_FILE).exists() else []), run]
 
 
 def _command(run: Path) -> str:

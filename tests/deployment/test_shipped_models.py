@@ -46,7 +46,7 @@ def test_a_package_brings_models_by_name(packages, caplog):
     packages(deux_test_models=["small"])
     with caplog.at_level(logging.WARNING):
         assert deux.available() == {"small": "a small one"}
-    assert "no_such_package cannot be imported" in caplog.text
+    assert "the trained models of no_such_package are left out" in caplog.text
     assert model_name("small") == "kbnet"
     assert load_model("small").state_dict().keys() == deux.load(shipped_files()["small"]).state_dict().keys()
 
@@ -60,7 +60,7 @@ def test_two_models_of_one_name_are_told(packages, caplog):
 
 
 def test_what_exists_goes_before_a_name(packages, tmp_path, monkeypatch):
-    packages(deux_test_models=["small"])
+    packages(deux_shadowed_models=["small"])
     monkeypatch.chdir(tmp_path)
     model = registry().create("depth_models", "kbnet", SMALL)
     (tmp_path / "small").mkdir()
@@ -70,7 +70,7 @@ def test_what_exists_goes_before_a_name(packages, tmp_path, monkeypatch):
 
 
 def test_an_unknown_name_lists_those_that_ship(packages):
-    packages(deux_test_models=["small", "large"])
+    packages(deux_models_of_two_sizes=["small", "large"])
     with pytest.raises(DeuxError, match=r"there is no model medium: .* a model that ships \(large, small\)\."):
         deux.load("medium")
 

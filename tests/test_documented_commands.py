@@ -15,6 +15,7 @@ from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 
 from deux.bench.__main__ import _parser as bench_parser
+from deux.bench.shipping import _parser as shipping_parser
 from deux.configuration import compose
 from deux.doctor.__main__ import _parser as doctor_parser
 from deux.plugins import explain
@@ -84,7 +85,8 @@ def test_the_other_programs_take_their_options(line):
     if name == "deux.plugins":
         assert all(map(explain, words))
     else:
-        {"deux.bench": bench_parser, "deux.doctor": doctor_parser}[name]().parse_args(words)
+        parsers = {"deux.bench": bench_parser, "deux.bench.shipping": shipping_parser, "deux.doctor": doctor_parser}
+        parsers[name]().parse_args(words)
 
 
 def runnable() -> list[str]:

@@ -7,11 +7,13 @@ if TYPE_CHECKING:
     from deux.deployment.array_prediction import predict_arrays as predict
     from deux.deployment.model_folders import from_pretrained, load
     from deux.deployment.published_checkpoints import load_published
+    from deux.deployment.shipped_models import available
 
-__all__ = ["__version__", "from_pretrained", "load", "load_published", "predict"]
+__all__ = ["__version__", "available", "from_pretrained", "load", "load_published", "predict"]
 __version__ = "0.1.0"
 
 LAZY = {
+    "available": ("deux.deployment.shipped_models", "available"),
     "from_pretrained": ("deux.deployment.model_folders", "from_pretrained"),
     "load": ("deux.deployment.model_folders", "load"),
     "load_published": ("deux.deployment.published_checkpoints", "load_published"),

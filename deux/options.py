@@ -108,7 +108,7 @@ def full_settings(
 
 
 def unresolved_reference(error: InterpolationKeyError, where: str = "an option") -> str:
-    """What is wrong with an option that refers to another one that is not there, at `where` if the error does not say."""
+    """What is wrong with an option that refers to another one that is not there; `where`, if the error does not say."""
     return (
         f"{error.full_key or where} refers by ${{...}} to an option that is not there: where the text itself is "
         "meant, write \\${...}."

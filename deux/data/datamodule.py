@@ -9,6 +9,7 @@ from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
 from deux.contracts import Batch, DepthModel, Reader
+from deux.data.augmentation import AugmentationSettings
 from deux.data.cache_choice import (
     SHARE,
     CacheChoice,
@@ -69,7 +70,7 @@ class TripletDataModule(LightningDataModule):
     datasets the frames that are cached already. Samples are the same wherever frames are kept, whoever prepares them.
 
     Args:
-        model: says what the training needs: `supervised`, `augmentation`, `prepare`.
+        model: says what the training needs: `augmentation`, `prepare` and, unless `supervised` says it, `supervised`.
         train: readers of the datasets to train on. The list may be changed between epochs, with
             `Trainer(reload_dataloaders_every_n_epochs=1)`; the split of a dataset that is new in it is read then.
         validation: readers of the validation datasets.
@@ -84,6 +85,8 @@ class TripletDataModule(LightningDataModule):
         sources: whether training and validation read the source frames.
         poses: whether they read the frames' poses.
         choice: how their source frames are chosen.
+        supervised: whether training reads the ground truth for the losses; None for what the model says.
+        augmentation: how training samples differ from the frames, beside the model's own augmentation.
     """
 
     def __init__(
@@ -102,6 +105,8 @@ class TripletDataModule(LightningDataModule):
         sources: bool = True,
         poses: bool = True,
         choice: SourceChoice = "recent",
+        supervised: bool | None = None,
+        augmentation: AugmentationSettings | None = None,
     ) -> None:
         super().__init__()
         self.train, self.validation, self.test = list(train), list(validation), list(test)
@@ -111,6 +116,8 @@ class TripletDataModule(LightningDataModule):
         self._sources: SourceFrames = "needed" if sources else "unread"
         self._poses = poses
         self._source_choice = choice
+        self._supervised = model.supervised if supervised is None else supervised
+        self._augmentation = augmentation or AugmentationSettings()
         self._choice, self._cache_bytes = cache, cache_bytes
         self._caches: dict[str, FrameCache] = {}
         self._promised: dict[str, int] = {}
@@ -128,10 +135,10 @@ class TripletDataModule(LightningDataModule):
             settings = SampleSettings(
                 crop=self.crop,
                 training=True,
-                ground_truth=self._model.supervised,
+                ground_truth=self._supervised or self._augmentation.draws_points,
                 sources=self._sources,
                 poses=self._poses,
-                augmentation=self._model.augmentation(),
+                augmentation=self._augmentation.transforms(self._model.augmentation()),
                 prepare=self._model.prepare,
             )
             dataset = TripletDataset(self.train, "train", settings, offsets=self._offsets, choice=self._source_choice)
@@ -207,13 +214,16 @@ class TripletDataModule(LightningDataModule):
 
     def _possible_choice(self, device: torch.device) -> CacheChoice:
         """What the user asks for, but not the device where the model's further inputs are computed on the CPU."""
-        if self._choice in ("memory", "none") or not prepares_on_host(self._model):
+        if self._choice in ("memory", "none"):
+            return self._choice
+        if prepares_on_host(self._model):
+            reason = f"{type(self._model).__name__} computes inputs on the CPU (prepare)"
+        elif self._augmentation.draws_points:
+            reason = "points are drawn on the CPU (training.augmentation.density)"
+        else:
             return self._choice
         if device.type != "cpu" or self._choice == "device":
-            self._say(
-                f"{type(self._model).__name__} computes inputs on the CPU (prepare): its frames are kept in memory and "
-                "not on the device."
-            )
+            self._say(f"{reason}: frames are kept in memory and not on the device.")
         return "memory"
 
     def _room(self, split: str, kind: type[FrameCache], free: int) -> int:

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.utils.data import Dataset, Sampler
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
+from deux.data.augmentation import of_batch
 from deux.data.chosen_sources import list_triplets
 from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, device_batch
 from deux.data.device_cache import DeviceCache
@@ -113,16 +114,13 @@ class TripletDataset(Dataset[Batch]):
         return len(self.triplets)
 
     def __getitem__(self, item: int | tuple[int, int]) -> Batch:
-        index, seed = _index_and_seed(item)
-        sample = self._host_sample(*self._triplet(index), seed, self.settings.poses)
-        if self._augmentation:
-            sample = augment(sample, self._augmentation, seed)
-        return _batch(sample, self.settings.prepare)
+        return self._item(item, self._augmentation(_index_and_seed(item)[1]))
 
     def __getitems__(self, items: Sequence[int | tuple[int, int]]) -> list[Batch] | Batch:
         """The items one by one; with a cache on a device, as one batch that is made there."""
+        augmentation = self._augmentation(_index_and_seed(items[0])[1])
         if not isinstance(self.cache, DeviceCache):
-            return [self[item] for item in items]
+            return [self._item(item, augmentation) for item in items]
         drawn = [(*self._triplet(index), seed) for index, seed in map(_index_and_seed, items)]
         keys = [list(self._keys(reader, triplet)) for reader, triplet, _ in drawn]
         stored = iter(self.cache.load([key for one in keys for key in one]))
@@ -131,7 +129,7 @@ class TripletDataset(Dataset[Batch]):
             frames = _frames(reader, triplet, [(key, next(stored)) for key in its])
             window = self._window(frames.images[0].shape[-2:], reader, triplet, seed, self.settings.poses)
             samples.append(StoredSample(*frames, window, seed))
-        return device_batch(samples, self._augmentation, self.cache.device)
+        return device_batch(samples, augmentation, self.cache.device)
 
     def with_sources(self, index: int) -> Batch:
         """The item of that index with the source frames and poses that there are, also where samples hold none."""
@@ -143,9 +141,15 @@ class TripletDataset(Dataset[Batch]):
         keys = (key for index in range(len(self)) for key in self._keys(*self._triplet(index)))
         return list(dict.fromkeys(keys))
 
-    @property
-    def _augmentation(self) -> Sequence[Augmentation]:
-        return self.settings.augmentation if self.settings.training else ()
+    def _item(self, item: int | tuple[int, int], augmentation: Sequence[Augmentation]) -> Batch:
+        """One item, made on the CPU."""
+        index, seed = _index_and_seed(item)
+        sample = self._host_sample(*self._triplet(index), seed, self.settings.poses)
+        return _batch(augment(sample, augmentation, seed) if augmentation else sample, self.settings.prepare)
+
+    def _augmentation(self, seed: int) -> Sequence[Augmentation]:
+        """That of a batch whose first item has this seed."""
+        return of_batch(self.settings.augmentation, seed) if self.settings.training else ()
 
     def _triplet(self, index: int) -> tuple[Reader, Triplet]:
         """A triplet with the source frames that samples hold."""

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from deux import __version__
 from deux.contracts import DepthModel
+from deux.deployment.shipped_models import file_or_shipped, shipped_files
 from deux.errors import DeuxError, counted, shown
 from deux.inference.weightless import without_weights
 from deux.io.arrays import said
@@ -60,7 +61,14 @@ class ModelConfig:
         return json.dumps(asdict(self), indent=indent)
 
 
-def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings: Mapping[str, Any]) -> None:
+def save_model(
+    path: str | PathLike[str],
+    model: DepthModel,
+    name: str,
+    settings: Mapping[str, Any],
+    half: bool = False,
+    header: Mapping[str, str] | None = None,
+) -> None:
     """Write a depth model's weights and configuration to one .safetensors file, whole or not at all.
 
     Args:
@@ -68,6 +76,9 @@ def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings
         model: the depth model.
         name: its registered name.
         settings: the options that it was made with; defaults are filled in.
+        half: write float32 weights in half precision, 10 bits of mantissa, for a file of half the size. They are read
+            as float32 again.
+        header: further text by key for the file's header.
 
     Example:
         >>> model = registry().create("depth_models", "kbnet", {"max_depth": 8})
@@ -75,7 +86,9 @@ def save_model(path: str | PathLike[str], model: DepthModel, name: str, settings
     """
     config = ModelConfig(name, full_settings(type(model), settings), __version__)
     weights = {key: value.detach().cpu().contiguous() for key, value in model.state_dict().items()}
-    metadata = {METADATA_KEY: config.to_json()}
+    if half:
+        weights = {key: value.half() if value.dtype == torch.float32 else value for key, value in weights.items()}
+    metadata = {**(header or {}), METADATA_KEY: config.to_json()}
     write_atomically(Path(path), safetensors.torch.save(weights, metadata))
 
 
@@ -83,7 +96,7 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     """Read a model that `save_model` wrote.
 
     Args:
-        path: the file, or a run folder that holds `model.safetensors`.
+        path: the file, a run folder that holds `model.safetensors`, or the name of a model that ships (`available`).
 
     Returns:
         The model on the CPU, in eval mode.
@@ -194,16 +207,17 @@ def misfit(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
 
 
 def weights_file(path: str | PathLike[str]) -> Path:
-    """The file of a model that is named by it or by its run folder.
+    """The file of a model that is named by it, by its run folder or, if it ships, by its name.
 
     Raises:
         DeuxError: there is none.
     """
-    file = Path(path)
+    file = file_or_shipped(path, Path(path))
     if os.path.isdir(file):
         file = file / MODEL_FILE
     if not os.path.isfile(file):
-        raise DeuxError(f"there is no model {file}: name a file of weights or a run folder with a {MODEL_FILE}.")
+        shipped = f", or a model that ships ({', '.join(sorted(shipped_files()))})" if shipped_files() else ""
+        raise DeuxError(f"there is no model {file}: name a file of weights, a run folder with a {MODEL_FILE}{shipped}.")
     return file
 
 

@@ -9,8 +9,9 @@ import torch
 
 from deux.configuration import user_path
 from deux.contracts import DepthModel
-from deux.deployment.model_files import MODEL_FILE, load_model, model_name, weights_file
+from deux.deployment.model_files import MODEL_FILE, load_model, model_config, model_name, weights_file
 from deux.deployment.published_checkpoints import load_published
+from deux.deployment.shipped_models import file_or_shipped
 from deux.errors import DeuxError
 from deux.registry import PluginChoice, registry
 from deux.report.conditions import Conditions, conditions
@@ -29,12 +30,13 @@ def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthMode
 
     Args:
         published: the model, with its options, whose authors published the file, if it is such a file.
-        path: a run folder, a model file of ours or a published checkpoint, as the user wrote it.
+        path: a run folder, a model file of ours, the name of a model that ships or a published checkpoint, as the user
+            wrote it.
 
     Raises:
         DeuxError: there is no model there, or none that fits.
     """
-    file = user_path(path)
+    file = named_path(path)
     if file.suffix == PUBLISHED_SUFFIX:
         return published.name, load_published(published.name, file, settings=published.settings)
     if file.suffix == RESUME_SUFFIX:
@@ -51,14 +53,44 @@ def load_needed_model(published: PluginChoice, path: str | None, option: str) ->
         return published.name, published.create().eval()
     if not path:
         raise DeuxError(
-            f"a trained model is needed: name a run folder, a model file or a published checkpoint by {option}=."
+            f"a trained model is needed: name a run folder, a model file, a model that ships or a published checkpoint "
+            f"by {option}=."
         )
     return load_named_model(published, path)
 
 
 def weights_identity(path: str | Path) -> str:
     """Sixteen hexadecimal digits that any change of a model file, or of a run folder's model file, changes."""
-    return hashlib.sha256(weights_file(user_path(path)).read_bytes()).hexdigest()[:16]
+    return hashlib.sha256(weights_file(named_path(path)).read_bytes()).hexdigest()[:16]
+
+
+def named_path(path: str | Path) -> Path:
+    """The file or folder of a model as the user named it: by a path, or by the name of a model that ships."""
+    return file_or_shipped(path, user_path(path))
+
+
+def load_start(model: PluginChoice, path: str) -> DepthModel:
+    """A trained model whose weights a training starts from (`training.start`).
+
+    Args:
+        model: what is to be trained.
+        path: as of `load_named_model`.
+
+    Raises:
+        DeuxError: there is no model there, or it is another one or has other options.
+    """
+    name, trained = load_named_model(model, path)
+    if name != model.name:
+        raise DeuxError(f"training.start={path} is a {name}, and a {model.name} is to be trained: choose model={name}.")
+    file = named_path(path)
+    theirs = model.settings if file.suffix == PUBLISHED_SUFFIX else model_config(file).settings
+    different = [f"{key}={theirs.get(key)!r}" for key, value in model.settings.items() if theirs.get(key) != value]
+    if different:
+        raise DeuxError(
+            f"training.start={path} was made with other options of {name} ({', '.join(different)}): set them alike, "
+            "model.<option>=..., or start from other weights."
+        )
+    return trained
 
 
 def is_pretrained(model: PluginChoice) -> bool:
@@ -78,7 +110,7 @@ def pretrained_identity(choice: PluginChoice, model: DepthModel) -> str:
 
 def provenance(path: str) -> dict[str, Any]:
     """Where a named model comes from, as `Results.trained` holds it."""
-    file = weights_file(user_path(path))
+    file = weights_file(named_path(path))
     identity = read_identity(file.parent) if file.name == MODEL_FILE else None
     return {"weights": weights_identity(path), "settings": identity}
 

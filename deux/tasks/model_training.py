@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deux.configuration import in_sweep, user_path
+from deux.configuration import in_sweep
 from deux.contracts import DepthModel, Foundation, Reader
 from deux.data.cache_choice import cache_choice
 from deux.data.dataset_reader import DatasetReader
@@ -19,7 +19,7 @@ from deux.io.layout import SourceChoice
 from deux.io.locking import locked
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import load_named_model, weights_identity
+from deux.tasks.checkpoints import load_named_model, load_start, named_path, weights_identity
 from deux.tasks.console import quieten_trainer, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.recorded_frames import Needs
@@ -65,7 +65,7 @@ class Recipe:
         """
         with without_weights():
             model = self.model.create()
-            make_objective(model, self.objective)
+            make_objective(model, self.objective, self.supervised)
             make_pose_source(self.pose, model)
 
     def outline(self) -> DepthModel:
@@ -74,15 +74,20 @@ class Recipe:
             model: DepthModel = self.model.create()
         return model
 
+    @property
+    def supervised(self) -> bool:
+        """Whether the objective may read ground truth."""
+        return self.outline().supervised or self.training.supervised
+
     def source_choice(self) -> SourceChoice:
         """How source frames are chosen; "recent" where the objective compares no frames."""
         return self.training.sources if self.needs().sources else "recent"
 
     def needs(self) -> Needs:
         """What the training reads of its frames."""
-        model = self.outline()
-        compares = make_objective(model, self.objective).needs_reconstructions
-        return Needs(sources=compares, poses=compares and self.pose == "simulator", ground_truth=model.supervised)
+        compares = make_objective(self.outline(), self.objective, self.supervised).needs_reconstructions
+        truth = self.supervised or self.training.augmentation.draws_points
+        return Needs(sources=compares, poses=compares and self.pose == "simulator", ground_truth=truth)
 
 
 @dataclass(frozen=True)
@@ -159,7 +164,7 @@ class Training:
         validation: Sequence[Reader] | None = None,
         callbacks: "Sequence[Callback]" = (),
     ) -> DepthModel:
-        """Train a model from scratch, or take it from the run folder if it is there already.
+        """Train a model, or take it from the run folder if it is there already.
 
         Args:
             recipe: the model and how it is trained.
@@ -210,7 +215,11 @@ class Training:
         return model
 
     def train_once(self, recipe: Recipe, dataset: Path, kind: str) -> Path:
-        """Train a model that is kept in `outputs/<kind>` for every run that asks for the same; return its file."""
+        """Train a model that is kept in `outputs/<kind>` for every run that asks for the same; return its file.
+
+        It starts from scratch: `training.start` is the final model's.
+        """
+        recipe = replace(recipe, training=replace(recipe.training, start=None))
         foundation = self._foundation_file(recipe)
         identity = {
             "model": recipe.model.description,
@@ -235,12 +244,17 @@ class Training:
         return folder / MODEL_FILE
 
     def _make(self, recipe: Recipe) -> DepthModel:
-        """Make the model, untrained, on its trained foundation."""
+        """Make the model that is to be trained: as it starts, or untrained on its trained foundation."""
         from lightning import seed_everything  # slow
 
-        path = self._foundation_file(recipe)
+        start = recipe.training.start
+        path = self._foundation_file(recipe) if start is None else None
         seed_everything(self.seed, workers=True, verbose=False)
         model: DepthModel = recipe.model.create()
+        if start is not None:
+            say(f"  starting from {start}")
+            load_weights(model, load_start(recipe.model, start).state_dict())
+            return model
         foundation = model.foundation()
         if path is None or foundation is None:
             return model
@@ -265,7 +279,7 @@ class Training:
             return None
         chosen = self._foundation
         if chosen.checkpoint is not None:
-            return weights_file(user_path(chosen.checkpoint))
+            return weights_file(named_path(chosen.checkpoint))
         say(
             f"  {recipe.model.name} is built on {foundation.name}, which learns from synthetic scenes first "
             f"({chosen.scenes} of foundation.source={chosen.source}); foundation.checkpoint= takes a trained one"
@@ -283,8 +297,10 @@ class Training:
     def _check(self) -> None:
         """Find what is wrong before any work is done."""
         self.recipe.check()
+        if self.recipe.training.start is not None:
+            load_start(self.recipe.model, self.recipe.training.start)
         if self._foundation.checkpoint is not None:
-            weights_file(user_path(self._foundation.checkpoint))
+            weights_file(named_path(self._foundation.checkpoint))
         if self._trainer.keys() <= _ALWAYS_TAKEN.keys() and all(
             value in _ALWAYS_TAKEN[name] for name, value in self._trainer.items()
         ):

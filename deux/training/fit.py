@@ -64,7 +64,8 @@ def fit(
         DeuxError: an option is wrong, a dataset is broken, or the loss is not finite.
     """
     seed_everything(seed, workers=True, verbose=False)
-    terms = make_objective(model, objective)
+    supervised = model.supervised or settings.supervised
+    terms = make_objective(model, objective, supervised)
     data = TripletDataModule(
         model,
         train,
@@ -78,6 +79,8 @@ def fit(
         choice=settings.sources,
         sources=terms.needs_reconstructions,
         poses=terms.needs_reconstructions and pose == "simulator",
+        supervised=supervised,
+        augmentation=settings.augmentation,
     )
     module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics)
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}

@@ -75,7 +75,8 @@ class Objective(nn.Module):
             if not supervised:
                 raise DeuxError(
                     f"objective.{name} reads ground truth, but the model is unsupervised: "
-                    f"remove the term with objective.{name}=null or choose a supervised model."
+                    f"remove the term with objective.{name}=null, choose a supervised model or set "
+                    "training.supervised=true."
                 )
 
     @property
@@ -135,12 +136,15 @@ def reconstruct(batch: Batch, prediction: Prediction, poses: RelativePoses) -> R
     return Reconstructions(images, visible, poses.source_from_target, poses.target_from_source)
 
 
-def make_objective(model: DepthModel, overrides: Mapping[str, Any] | None = None) -> Objective:
+def make_objective(
+    model: DepthModel, overrides: Mapping[str, Any] | None = None, supervised: bool | None = None
+) -> Objective:
     """The objective of a depth model: its published terms, changed by the configuration.
 
     Args:
         model: gives the published terms and weights, and whether ground truth may be read.
         overrides: the configuration's `objective`, see `merge_settings`.
+        supervised: whether the terms may read ground truth; None for what the model says.
 
     Raises:
         DeuxError: a term is not installed or its options are wrong, or its weight is missing or no number.
@@ -150,7 +154,8 @@ def make_objective(model: DepthModel, overrides: Mapping[str, Any] | None = None
         weight = options.pop("weight")
         terms[name] = (weight, registry().create("losses", name, options))
     depth_range = (model.min_depth, model.max_depth)
-    return Objective(terms, depth_range, supervised=type(model).supervised, model=type(model).__name__)
+    supervised = type(model).supervised if supervised is None else supervised
+    return Objective(terms, depth_range, supervised, model=type(model).__name__)
 
 
 def merge_settings(published: LossSettings, overrides: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -1,7 +1,8 @@
 """The options of the section `training`: how long, on what size and at which learning rate a model is trained."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from deux.data.augmentation import AugmentationSettings
 from deux.errors import DeuxError, check_range
 from deux.io.layout import SourceChoice
 from deux.training.network_compilation import CompileMode
@@ -29,9 +30,12 @@ class TrainingSettings(Schedule):
         tf32: on a card, let the networks' float32 convolutions round to TensorFloat-32 (10 bits of mantissa); the
             geometry never does. Nothing to gain in bf16-mixed, the default there.
         compile: compile the networks by `torch.compile`, in this mode; true is "default". The first step takes longer.
-
         averaging: fraction of the optimiser steps, from the end, over which the weights are averaged to make the final
             model; 0 takes those of the last step.
+        supervised: let the objective read ground truth also of a model that is published as an unsupervised one.
+        augmentation: how samples differ from the stored frames: other cameras, other points.
+        start: weights that the final model starts from in place of random ones: a run folder, a model file, the
+            model's published checkpoint or the name of a model that ships. Seed models and foundations start anew.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -49,6 +53,9 @@ class TrainingSettings(Schedule):
     tf32: bool = False
     compile: CompileMode | bool = False
     averaging: float = 0.0
+    supervised: bool = False
+    augmentation: AugmentationSettings = field(default_factory=AugmentationSettings)
+    start: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,0 +1,52 @@
+"""The scene source `interiors`: generated flats and houses together."""
+
+from collections.abc import Collection
+
+from deux.contracts import SceneReference, SceneSource, SceneSplits
+from deux.errors import check_range
+from deux_plugins.scenes.apartments import Apartments
+from deux_plugins.scenes.houses import Houses
+
+
+class Interiors(SceneSource):
+    """Generated flats and houses together, for models that are to work in both; nothing to download.
+
+    Of each split a part are houses, rounded to whole ones, and the others flats. They are those of the sources
+    `apartments` and `houses` with the same numbers and the same draw.
+
+    Args:
+        train: number of scenes that are explored.
+        validation: number of scenes that choose between models.
+        test: number of scenes that are kept for the final numbers.
+        houses: part of the scenes that are houses, from 0 to 1.
+        draw: number of the draw, as of `apartments`: each has other scenes; None takes those of draw 0.
+
+    Raises:
+        DeuxError: a number is negative, or the part is not between 0 and 1.
+    """
+
+    def __init__(
+        self, train: int = 5, validation: int = 2, test: int = 5, houses: float = 0.4, draw: int | None = None
+    ) -> None:
+        for name, count in (("train", train), ("validation", validation), ("test", test)):
+            check_range(f"scenes.{name}", count, 0)
+        check_range("scenes.houses", houses, 0, 1)
+        self._part = houses
+        of_houses = [round(houses * count) for count in (train, validation, test)]
+        of_flats = [count - built for count, built in zip((train, validation, test), of_houses, strict=True)]
+        self._houses = Houses(*of_houses, draw=draw)
+        self._flats = Apartments(*of_flats, draw=draw)
+
+    def splits(self) -> SceneSplits:
+        """The scenes of each split, flats first."""
+        flats, houses = self._flats.splits(), self._houses.splits()
+        return SceneSplits(
+            (*flats.train, *houses.train),
+            (*flats.validation, *houses.validation),
+            (*flats.test, *houses.test),
+        )
+
+    def further(self, count: int, without: Collection[str]) -> tuple[SceneReference, ...]:
+        """Scenes that belong to no split of any draw, in the same proportion."""
+        houses = round(self._part * count)
+        return (*self._flats.further(count - houses, without), *self._houses.further(houses, without))

@@ -89,14 +89,13 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     weights = _read_weights(file)
     with without_weights():  # settings of absurd size are found out before memory is taken for them
         problem = misfit(_make(config, file), weights)
-    model = None if problem else _make(config, file)
-    problem = problem or load_weights(model, weights)
     if problem:
         raise DeuxError(
             f"{file} does not fit the {config.name} that is installed: it {problem}; "
             f"it was written by deux {config.version}."
         )
-    assert model is not None
+    model = _make(config, file)
+    model.load_state_dict(weights)
     return model.eval()
 
 

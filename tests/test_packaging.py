@@ -152,7 +152,9 @@ def pins() -> dict[str, str]:
 def test_the_constraints_pin_every_dependency_within_its_bounds() -> None:
     project = PROJECT["project"]
     needed = project["dependencies"] + [
-        text for extra in ("compressed", "export", "gl", "hub", "docs") for text in project["optional-dependencies"][extra]
+        text
+        for extra in ("compressed", "export", "gl", "hub", "docs")
+        for text in project["optional-dependencies"][extra]
     ]
     for requirement in map(Requirement, needed):
         pinned = pins()[canonicalize_name(requirement.name)]

@@ -135,7 +135,7 @@ def make_model(config: ModelConfig, file: Path) -> DepthModel:
             f"it was written by deux {config.version}."
         )
     model = _make(config, file)
-    load_weights(model, weights)
+    model.load_state_dict(weights)
     return model.eval()
 
 

@@ -8,11 +8,11 @@ from typing import Any
 import yaml
 
 from deux.errors import DeuxError
-from deux.io.atomic import make_folder, read_bytes, write_atomically
+from deux.io.atomic import make_folder, write_atomically
 from deux.io.json_files import checked_object, read_json
 from deux.metrics.scorecard import SCORECARD_FILE
 from deux.report.results import IDENTITY_FILE, RESULTS_FILE
-from deux.report.runs import OVERRIDES_FILE, find_runs, read_identity
+from deux.report.runs import OVERRIDES_FILE, find_runs, read_identity, read_overrides
 from deux.report.sweeps import SWEEP_FILE, find_sweeps, sweep_file
 
 _UNTOLD = ("seconds",)
@@ -84,7 +84,9 @@ def _files(path: Path) -> dict[str, bytes]:
     if (path / SCORECARD_FILE).exists():
         files[SCORECARD_FILE] = _compact(read_json(path / SCORECARD_FILE))
     if (path / OVERRIDES_FILE).exists():
-        files[str(OVERRIDES_FILE)] = read_bytes(path / OVERRIDES_FILE)
+        # Where the outputs lay is nobody else's: the command in the report is for another machine.
+        overrides = [one for one in read_overrides(path) if not one.startswith("paths.")]
+        files[str(OVERRIDES_FILE)] = yaml.safe_dump(overrides).encode()
     return files
 
 

@@ -95,7 +95,7 @@ def find_runs(folder: Path) -> FoundRuns:
                 finished.append(run)
         elif identity and identity.get("task") == "experiment" and not identity.get("training_data"):
             made_of = conditions(identity)
-            begun.append(Run(path, made_of, made_of.testing, None, _overrides(path)))
+            begun.append(Run(path, made_of, made_of.testing, None, read_overrides(path)))
     if not finished and not left_out:
         unfinished = f", {len(begun)} begun and not finished" if begun else ""
         raise DeuxError(
@@ -129,7 +129,7 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
     tested = conditions(identity, made_of.seed)
     made_of, own_testing = replace(made_of, testing=tested.testing), made_of.testing
     scorecard = Scorecard.load(path) if (path / SCORECARD_FILE).exists() else None
-    return Run(path, made_of, own_testing, results, _overrides(path), scorecard)
+    return Run(path, made_of, own_testing, results, read_overrides(path), scorecard)
 
 
 def read_identity(path: Path) -> dict[str, Any] | None:
@@ -175,7 +175,7 @@ def _with_own_references(content: Any) -> Any:
     return followed(content)
 
 
-def _overrides(path: Path) -> tuple[str, ...]:
+def read_overrides(path: Path) -> tuple[str, ...]:
     """The overrides of the run's command; none where they are not known."""
     try:
         overrides = read_yaml(path / OVERRIDES_FILE)

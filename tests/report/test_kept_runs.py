@@ -29,7 +29,7 @@ def cells(folder):
 def test_a_report_of_the_copies_is_the_report_of_the_runs(write_run, write_sweep, outputs, tmp_path):
     write_sweep(["explore=random,deux"], {"seed": "0,1"})
     for seed in (0, 1):
-        run = write_run("random", "kbnet", seed, 20.0 + seed, overrides=(f"seed={seed}",))
+        run = write_run("random", "kbnet", seed, 20.0 + seed, overrides=(f"seed={seed}", "paths.outputs=/scratch"))
         (run / "model.deux").write_bytes(b"0" * 100_000)
     keep_runs(outputs, tmp_path / "kept")
     assert cells(tmp_path / "kept") == cells(outputs)

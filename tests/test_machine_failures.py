@@ -31,8 +31,7 @@ def test_too_many_open_files(tmp_path: Path) -> None:
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (min(64, soft), hard))
         with pytest.raises(OSError, match="Too many open files") as caught:
-            while True:
-                files.append((tmp_path / "file").open("a"))
+            files.extend((tmp_path / "file").open("a") for _ in range(100))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
         for file in files:
@@ -60,8 +59,8 @@ def test_a_place_that_takes_no_files(tmp_path: Path) -> None:
     ("message", "sentence"),
     [
         (
-            "DataLoader worker (pid 5) is killed by signal: Bus error. It is possible that dataloader's workers are out "
-            "of shared memory. Please try to raise your shared memory limit.",
+            "DataLoader worker (pid 5) is killed by signal: Bus error. It is possible that dataloader's workers are "
+            "out of shared memory. Please try to raise your shared memory limit.",
             "the processes that load frames have too little shared memory in /dev/shm: ",
         ),
         (

@@ -28,15 +28,10 @@ def test_a_loop_of_links_and_a_long_name_are_no_files(tmp_path: Path) -> None:
 def test_too_many_open_files(tmp_path: Path) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     files = []
-
-    def open_forever() -> None:
-        while True:
-            files.append((tmp_path / "file").open("a"))
-
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (min(64, soft), hard))
         with pytest.raises(OSError, match="Too many open files") as caught:
-            open_forever()
+            files.extend((tmp_path / "file").open("a") for _ in range(100))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
         for file in files:

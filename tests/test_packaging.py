@@ -151,9 +151,8 @@ def pins() -> dict[str, str]:
 
 def test_the_constraints_pin_every_dependency_within_its_bounds() -> None:
     project = PROJECT["project"]
-    needed = project["dependencies"] + [
-        text for extra in ("compressed", "export", "gl", "hub", "docs") for text in project["optional-dependencies"][extra]
-    ]
+    extras = ("compressed", "export", "gl", "hub", "docs")
+    needed = project["dependencies"] + [text for extra in extras for text in project["optional-dependencies"][extra]]
     for requirement in map(Requirement, needed):
         pinned = pins()[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(pinned, prereleases=True), requirement

@@ -151,11 +151,8 @@ def pins() -> dict[str, str]:
 
 def test_the_constraints_pin_every_dependency_within_its_bounds() -> None:
     project = PROJECT["project"]
-    needed = project["dependencies"] + [
-        text
-        for extra in ("compressed", "export", "gl", "hub", "docs")
-        for text in project["optional-dependencies"][extra]
-    ]
+    extras = ("compressed", "export", "gl", "hub", "docs")
+    needed = project["dependencies"] + [text for extra in extras for text in project["optional-dependencies"][extra]]
     for requirement in map(Requirement, needed):
         pinned = pins()[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(pinned, prereleases=True), requirement
@@ -232,10 +229,9 @@ def test_reports_of_faults_ask_for_the_output_of_the_doctor() -> None:
 def test_the_workflow_calls_what_is_there_on_every_python_that_is_promised() -> None:
     (job,) = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"].values()
     commands = [step["run"] for step in job["steps"] if "run" in step]
-    assert ".ci/run" in commands
+    assert commands
     for command in commands:
-        if command.startswith("."):
-            assert os.access(ROOT / command, os.X_OK)
+        assert os.access(ROOT / command, os.X_OK)
     least = PROJECT["project"]["requires-python"].removeprefix(">=")
     assert job["strategy"]["matrix"]["python"][0] == least
 

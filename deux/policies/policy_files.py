@@ -17,6 +17,7 @@ from deux.deployment.model_files import misfit
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError, check_range
 from deux.inference.weightless import without_weights
+from deux.io.arrays import said
 from deux.io.atomic import write_atomically
 from deux.io.json_files import checked_object, checked_record, decode_json
 from deux.memory_budget import check_memory
@@ -86,8 +87,7 @@ def load_policy(path: Path) -> TrainedPolicy:
         network.load_state_dict(weights)
         return TrainedPolicy(network.eval(), crops, resolution, _under(_REWARD, tensors), header["made_by"])
     except Exception as error:  # a file of anybody's, whose values may be of any type
-        cause = " ".join(str(error).split()).rstrip(".")
-        raise DeuxError(f"{path} is no policy file as task=train_explorer writes it ({cause}).") from error
+        raise DeuxError(f"{path} is no policy file as task=train_explorer writes it ({said(error)}).") from error
 
 
 def policy_identity(path: Path) -> str:

@@ -1,16 +1,20 @@
 """Sweeps whose jobs run in processes of their own, by each launcher that is installed."""
 
 import json
+import logging
 import os
 import re
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hydra.errors import MissingConfigException
+from hydra.experimental.callback import Callback
 
+import deux.__main__ as command_line
 from deux.composition_errors import composition_error
 from deux.configuration import _sweep_id
 
@@ -81,6 +85,24 @@ def test_a_sweep_has_one_folder_whatever_launches_its_jobs(monkeypatch):
     alone = folder("seed=0,1")
     assert folder("hydra/launcher=ray", "+hydra.launcher.ray.init.address=local", "seed=0,1") == alone
     assert folder("seed=0,2") != alone
+
+
+def test_a_sweep_in_one_process_keeps_no_configuration_of_its_jobs(monkeypatch, tmp_path):
+    """Hydra's launcher would keep two for each job, a quarter of a MiB, until the sweep is done."""
+    kept, ran = [], []
+
+    class Keeping(Callback):
+        def on_job_end(self, config, job_return, **_):
+            kept.append(job_return)
+
+    monkeypatch.setitem(sys.modules, "keeping", SimpleNamespace(Keeping=Keeping))
+    monkeypatch.setattr(command_line, "run_task", lambda cfg: ran.append(cfg.seed))
+    keeping = "+hydra.callbacks.keeping={_target_:keeping.Keeping}"
+    monkeypatch.setattr(sys, "argv", ["deux", "-m", "seed=3,4", f"paths.outputs={tmp_path}", keeping])
+    monkeypatch.setattr(logging.root, "handlers", [])
+    assert command_line.main() == 0
+    assert ran == [3, 4]
+    assert [(one.cfg, one.hydra_cfg, one.overrides[0]) for one in kept] == [(None, None, f"seed={n}") for n in ran]
 
 
 def test_a_launcher_that_is_not_installed_is_named_with_its_extra():

@@ -37,7 +37,8 @@ def load(path: str | PathLike[str]) -> DepthModel:
     """Read a trained model.
 
     Args:
-        path: a run folder, a model file, or a folder that `save_pretrained` wrote.
+        path: a run folder, a model file, a folder that `save_pretrained` wrote, or the name of a model that ships
+            (`deux.available`).
 
     Returns:
         The model on the CPU, in eval mode; `model.save_pretrained(folder)` writes it as a folder to share.

@@ -52,11 +52,13 @@ def pack_pyramids(textures: list[np.ndarray], material_texture: Sequence[int]) -
 
     texels = np.empty(end, dtype=np.uint8)
 
-    def fill(number: int) -> None:
-        _fill_levels(textures.pop(), texels, offsets[number, : levels[number]])
+    def fill(number: int, texture: np.ndarray) -> None:
+        _fill_levels(texture, texels, offsets[number, : levels[number]])
 
+    # Each texture is taken from the list here: threads that took them themselves might do so in another order.
+    numbers = reversed(range(len(levels)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(fill, reversed(range(len(levels)))))
+        list(pool.map(fill, numbers, (textures.pop() for _ in levels)))
     return TexturePyramids(texels, offsets, sizes, np.array(material_texture, dtype=np.int64))
 
 

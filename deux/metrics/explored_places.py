@@ -27,6 +27,9 @@ from deux.io.layout import SequencePaths, sequences
 _CUT_SHORT = 1e-5
 """Square metres by which the square of the way must fall short of the square of a step forward to be a bump."""
 
+_SHARE = 64
+"""Depth maps that are read ahead of being drawn."""
+
 
 @dataclass(frozen=True)
 class ExploredPlaces:
@@ -100,7 +103,10 @@ def _explore(members: Iterable[SequencePaths], camera: Camera, robot: Robot, poo
         count += len(actions)
         names = sequence.frames()
         poses = [read_pose(sequence.file("absolute_pose", name)) for name in names]
-        depths = pool.map(read_depth, [sequence.file("ground_truth", name) for name in names])
+        files = [sequence.file("ground_truth", name) for name in names]
+        # In shares: all depth maps of a long sequence, read faster than they are drawn, would not fit into memory.
+        shares = (files[first : first + _SHARE] for first in range(0, len(files), _SHARE))
+        depths = (depth for share in shares for depth in pool.map(read_depth, share))
         for number, (pose, depth) in enumerate(zip(poses, depths, strict=True)):
             before = actions[number - 1] if 0 < number <= len(actions) else None
             memory.acted(Action.STOP if before is None else before)  # a jump to another sequence is no action

@@ -67,7 +67,7 @@ class Campaign:
         patience: seconds after which a start is taken to hang.
     """
 
-    def __init__(self, folder: Path, seed: int = 0, patience: float = 900.0) -> None:
+    def __init__(self, folder: Path, seed: int = 0, patience: float = 1800.0) -> None:
         self.folder = folder
         self._random = random.Random(seed)
         self._patience = patience
@@ -80,7 +80,10 @@ class Campaign:
         """
         scenario, count = SCENARIOS[name], Count(name)
         self._begin(scenario)
-        unbroken = self._start(scenario, None)
+        try:
+            unbroken = self._start(scenario, None)
+        except Hung as hung:
+            raise DeuxError(f"the scenario {name} hangs before any kill: {hung}.") from hung
         if unbroken.code != 0:
             raise DeuxError(f"the scenario {name} fails before any kill: {_last_line(unbroken.errors)}")
         preload(self.folder / _WORK)

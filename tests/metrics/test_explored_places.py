@@ -10,9 +10,12 @@ from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
 from deux.collection.viewpoints import collect_viewpoints, plan_viewpoints
 from deux.contracts import Action, Robot
+from deux.environment.memory import ExplorationMemory
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.io.calibration import read_pose
+from deux.io.images import read_depth
+from deux.metrics import explored_places
 from deux.metrics.explored_places import ExploredPlaces, measure_explored_places
 from deux.registry import registry
 from deux.studies.exploration_meter import PIXELS, Track, measure_exploration
@@ -110,3 +113,25 @@ def test_a_damaged_record_is_told(tmp_path):
     (tmp_path / "data/room-00/episode.json").write_text("{}")
     with pytest.raises(DeuxError, match=r"episode\.json is damaged, it holds no episode"):
         measure(tmp_path)
+
+
+def test_depth_maps_are_read_a_share_ahead(tmp_path, monkeypatch):
+    """So that memory does not grow with the length of an episode."""
+    collect(tmp_path, "room-00")
+    expected, read, ahead = measure(tmp_path), [], []
+
+    def counted(path):
+        read.append(path)
+        return read_depth(path)
+
+    class Watched(ExplorationMemory):
+        def see(self, *arguments):
+            ahead.append(len(read) - len(ahead))
+            super().see(*arguments)
+
+    monkeypatch.setattr(explored_places, "read_depth", counted)
+    monkeypatch.setattr(explored_places, "ExplorationMemory", Watched)
+    monkeypatch.setattr(explored_places, "_SHARE", 8)
+    assert measure(tmp_path) == expected
+    assert len(read) == len(ahead) == STEPS
+    assert max(ahead) <= 8

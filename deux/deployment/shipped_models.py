@@ -37,8 +37,8 @@ def available() -> dict[str, str]:
     """The depth models that are installed with their weights, each with a line that says what it is.
 
     Example:
-        >>> sorted(available())[:1]
-        ['kbnet-indoor']
+        >>> "kbnet-indoor" in available()
+        True
     """
     return {name: _summary(file) for name, file in sorted(shipped_files().items())}
 

@@ -229,9 +229,10 @@ def test_reports_of_faults_ask_for_the_output_of_the_doctor() -> None:
 def test_the_workflow_calls_what_is_there_on_every_python_that_is_promised() -> None:
     (job,) = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text())["jobs"].values()
     commands = [step["run"] for step in job["steps"] if "run" in step]
-    assert commands
+    assert ".ci/run" in commands
     for command in commands:
-        assert os.access(ROOT / command, os.X_OK)
+        if command.startswith("."):
+            assert os.access(ROOT / command, os.X_OK)
     least = PROJECT["project"]["requires-python"].removeprefix(">=")
     assert job["strategy"]["matrix"]["python"][0] == least
 

@@ -74,7 +74,7 @@ def from_pretrained(source: str | PathLike[str], **hub_options: Any) -> DepthMod
             not those of an installed model.
 
     Example:
-        >>> deux.load("outputs/runs/kbnet-deux-1a2b3c4d").save_pretrained("shared/kbnet")
+        >>> folder = deux.load("outputs/runs/kbnet-deux-1a2b3c4d").save_pretrained("shared/kbnet")
         >>> model = deux.from_pretrained("shared/kbnet")
     """
     if (Path(source) / CONFIG_FILE).is_file():

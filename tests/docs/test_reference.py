@@ -12,7 +12,7 @@ from deux.registry import KINDS, registry
 
 ROOT = Path(__file__).resolve().parents[2]
 PLUGIN_NODES = {"explore", "model", "simulator", "scenes", "data", "objective"}
-PLUGIN_NODES |= {"collect.uncertainty_options", "predict.uncertainty_options"}
+PLUGIN_NODES |= {"collect.uncertainty_options", "predict.uncertainty_options", "seed_model.options"}
 FREE_NODES = {"trainer", "callbacks"}
 """Nodes whose options are those of Lightning."""
 

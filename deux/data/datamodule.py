@@ -43,9 +43,8 @@ class TripletLoader(DataLoader[Batch]):
                 self._given += 1
                 yield batch
         except DeuxError as error:
-            # A worker's error arrives as its stack trace in text, of which the last line is the sentence.
-            sentence = str(error).strip().splitlines()[-1].removeprefix("deux.errors.DeuxError: ")
-            raise DeuxError(sentence) from None
+            # A worker's error arrives as its stack trace in text, which ends with the sentence.
+            raise DeuxError(str(error).rpartition("deux.errors.DeuxError: ")[2].strip()) from None
 
     def state_dict(self) -> dict[str, int]:
         """The epoch, and how many of its items have been given out."""

@@ -11,6 +11,7 @@ file's header holds, too.
 
 import json
 import logging
+import os
 from functools import cache
 from importlib import resources
 from importlib.metadata import entry_points
@@ -70,7 +71,7 @@ def file_or_shipped(path: str | PathLike[str], absolute: Path) -> Path:
         path: as the user wrote it.
         absolute: the path that this means if it is one.
     """
-    return absolute if absolute.exists() else shipped_files().get(str(path), absolute)
+    return absolute if os.path.exists(absolute) else shipped_files().get(str(path), absolute)
 
 
 def _summary(file: Path) -> str:

@@ -388,7 +388,7 @@ def test_what_the_model_prepares_on_the_cpu_is_not_made_on_the_device(
         assert_same(batches_of(data), batches_of(module([recorded], cache="none", num_workers=0)))
     assert isinstance(data.train_dataloader().dataset.cache, MemoryCache)  # type: ignore[attr-defined]
     assert [record.getMessage() for record in caplog.records] == [
-        "ToyModel computes inputs on the CPU (prepare): its frames are kept in memory and not on the device."
+        "ToyModel computes inputs on the CPU (prepare): frames are kept in memory and not on the device."
     ]
 
 

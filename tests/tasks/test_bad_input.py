@@ -85,7 +85,7 @@ MISTAKES = {
     "compare.explorers=[]": "compare.explorers is empty: name some, or null for all that are installed.",
     "compare.explorers=random": "compare.explorers must be a list",
     # what another option asks for
-    "task=evaluate": "a trained model is needed: name a run folder, a model file or a published checkpoint by eva",
+    "task=evaluate": "a trained model is needed: name a run folder, a model file, a model that ships or a published",
 }
 
 
@@ -299,7 +299,10 @@ def load_settings(model: Path) -> dict:
     [
         ("damaged", "damaged.safetensors cannot be read as safetensors, it is damaged or something else: "),
         ("foreign", "foreign.safetensors does not say which model it holds: it was not written by deux;"),
-        ("other", "holds a kbnit that cannot be made here: there is no depth model called 'kbnit': did you mean kbnet"),
+        (
+            "other",
+            "holds a 'kbnit' that cannot be made here: there is no depth model called 'kbnit': did you mean kbnet",
+        ),
         ("lacking", "does not fit the kbnet that is installed: it lacks 1 tensor ("),
         ("lightning", ".ckpt is for resuming a training: name the model.safetensors of a run folder, or the folder."),
         ("layout", "layout.pth is not a published checkpoint of kbnet: it lacks "),

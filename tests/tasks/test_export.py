@@ -108,7 +108,7 @@ def test_a_package_that_is_not_installed(export, model_file, monkeypatch, missin
     [
         (
             "export.checkpoint=null",
-            "a trained model is needed: name a run folder, a model file or a published checkpoi",
+            "a trained model is needed: name a run folder, a model file, a model that ships or a published",
         ),
         ("export.checkpoint=nowhere", "there is no model "),
         ("export.height=0", "export.height is 0: it must be at least 1."),

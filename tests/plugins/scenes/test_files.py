@@ -214,7 +214,7 @@ def test_identity_is_the_content_not_the_place(tmp_path, picture):
         ("missing.glb", None, "no scene file"),
         ("scene.fbx", b"", "must end in one of"),
         ("broken.glb", b"glTF nothing", "is truncated to 12 bytes"),
-        ("broken.gltf", b"{", "cannot be read"),
+        ("broken.gltf", b"{", "is damaged or no JSON"),
         ("broken.ply", b"ply\nformat", "cannot be read"),
         ("empty.obj", b"v 0 0 0\n", "nothing to see"),
         ("wall.obj", b"v 0 0 0\nv 4 0 0\nv 4 3 0\nf 1 2 3\n", "no floor"),

@@ -47,7 +47,7 @@ def test_further_flats_are_none_of_the_splits():
     [
         ({"trian": 1}, "did you mean train"),
         ({"train": [1, 2], "test": [2]}, "seed 2 is in scenes.train and scenes.test"),
-        ({"train": 200_001}, "seed 100000 is in scenes.train and scenes.validation"),
+        ({"train": 200_001}, "scenes.train is 200001, but a draw has no more than 100000 flats"),
         ({"train": [1, 1]}, "once is enough"),
         ({"train": -2}, r"scenes\.train is"),
         ({"train": [-2]}, r"scenes\.train is"),

@@ -5,7 +5,6 @@ drawn anew each time. The transforms work on the samples of `deux.data.transform
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,87 +15,27 @@ from torchvision.transforms.v2 import functional
 
 from deux.collection.point_patterns import PATTERNS, Pattern, disturb, draw_points
 from deux.contracts import Augmentation
+from deux.data.augmentation_settings import AugmentationSettings
 from deux.data.transforms import DepthMap, InputSparseDepth, Intrinsics
-from deux.errors import DeuxError, check_range
-
-LARGEST_SIZE = 4096
-"""Bound of a sample's sides in pixels."""
 
 
-@dataclass(frozen=True)
-class AugmentationSettings:
-    """How training samples differ from the stored frames. The defaults leave all to the model's own augmentation.
+def training_transforms(settings: AugmentationSettings, model: Sequence[Augmentation] = ()) -> list[Augmentation]:
+    """The augmentation of a training.
 
     Args:
-        sizes: height and width in pixels of the samples, one of these for each batch; none keeps the frames' size.
-        least_view: smallest part of the frame's height or width, whichever limits it, that is cut out and resized:
-            a part p of a field of view h leaves 2 arctan(p tan(h/2)). Drawn uniformly from here to 1 for each sample;
-            the window lies anywhere in the frame. The intrinsics follow.
-        flip: probability of mirroring left to right.
-        colors: strength of changes of brightness, contrast and saturation: each is multiplied by a factor from
-            1 - colors to 1 + colors.
-        density: least and greatest number of sparse points, as a fraction of the pixels, drawn log-uniformly. They are
-            taken from the ground truth, as a sensor would, in place of the stored points. None keeps these.
-        patterns: where they lie, one of these for each sample: corners, uniform, grid, lines, clusters.
-        noise: greatest relative standard deviation of their depth; drawn uniformly from 0 for each sample.
-        outliers: greatest fraction of them that is badly wrong; drawn uniformly from 0 for each sample.
-        own: whether the model's own augmentation is applied too, after all this.
-
-    Raises:
-        DeuxError: a value is out of its range.
+        settings: the options.
+        model: the model's own augmentation.
     """
-
-    sizes: tuple[tuple[int, int], ...] = ()
-    least_view: float = 1.0
-    flip: float = 0.0
-    colors: float = 0.0
-    density: tuple[float, float] | None = None
-    patterns: tuple[Pattern, ...] = PATTERNS
-    noise: float = 0.0
-    outliers: float = 0.0
-    own: bool = True
-
-    def __post_init__(self) -> None:
-        where = "training.augmentation"
-        for side in (side for size in self.sizes for side in size):
-            check_range(f"{where}.sizes", side, 1, LARGEST_SIZE)
-        check_range(f"{where}.least_view", self.least_view, 0.05, 1)
-        for name in ("flip", "colors", "outliers"):
-            check_range(f"{where}.{name}", getattr(self, name), 0, 1)
-        check_range(f"{where}.noise", self.noise, 0, 0.5)
-        if self.density is None:
-            if self.noise or self.outliers:
-                raise DeuxError(f"{where}.noise and outliers are of points that are drawn anew: set {where}.density.")
-            return
-        for density in self.density:
-            check_range(f"{where}.density", density, 1e-6, 1)
-        if self.density[0] > self.density[1] or not self.patterns:
-            raise DeuxError(
-                f"{where}.density is {list(self.density)} with the patterns {list(self.patterns)}: it is the least and "
-                "the greatest part of the pixels, and there is at least one pattern."
-            )
-
-    @property
-    def draws_points(self) -> bool:
-        """Whether points are taken from the ground truth, which then has to be read."""
-        return self.density is not None
-
-    def transforms(self, model: Sequence[Augmentation] = ()) -> list[Augmentation]:
-        """The augmentation of a training.
-
-        Args:
-            model: the model's own augmentation.
-        """
-        found: list[Augmentation] = []
-        if self.sizes or self.least_view < 1:
-            found.append(RandomView(self.sizes, self.least_view))
-        if self.flip:
-            found.append(v2.RandomHorizontalFlip(self.flip))
-        if self.colors:
-            found.append(v2.ColorJitter(self.colors, self.colors, self.colors))
-        if self.density is not None:
-            found.append(DrawPoints(self.density, self.patterns, (0.0, self.noise), (0.0, self.outliers)))
-        return [*found, *(model if self.own else ())]
+    found: list[Augmentation] = []
+    if settings.sizes or settings.least_view < 1:
+        found.append(RandomView(settings.sizes, settings.least_view))
+    if settings.flip:
+        found.append(v2.RandomHorizontalFlip(settings.flip))
+    if settings.colors:
+        found.append(v2.ColorJitter(settings.colors, settings.colors, settings.colors))
+    if settings.density is not None:
+        found.append(DrawPoints(settings.density, settings.patterns, (0.0, settings.noise), (0.0, settings.outliers)))
+    return [*found, *(model if settings.own else ())]
 
 
 def of_batch(augmentation: Sequence[Augmentation], seed: int) -> list[Augmentation]:

@@ -9,7 +9,8 @@ from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
 from deux.contracts import Batch, DepthModel, Reader
-from deux.data.augmentation import AugmentationSettings
+from deux.data.augmentation import training_transforms
+from deux.data.augmentation_settings import AugmentationSettings
 from deux.data.cache_choice import (
     SHARE,
     CacheChoice,
@@ -137,7 +138,7 @@ class TripletDataModule(LightningDataModule):
                 ground_truth=self._supervised or self._augmentation.draws_points,
                 sources=self._sources,
                 poses=self._poses,
-                augmentation=self._augmentation.transforms(self._model.augmentation()),
+                augmentation=training_transforms(self._augmentation, self._model.augmentation()),
                 prepare=self._model.prepare,
             )
             dataset = TripletDataset(self.train, "train", settings, offsets=self._offsets, choice=self._source_choice)

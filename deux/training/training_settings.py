@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from deux.data.augmentation import AugmentationSettings
+from deux.data.augmentation_settings import AugmentationSettings
 from deux.errors import DeuxError, check_range
 from deux.io.layout import SourceChoice
 from deux.training.network_compilation import CompileMode

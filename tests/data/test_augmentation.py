@@ -8,7 +8,8 @@ import torch
 from void_layout import dataset as written
 
 from deux.contracts import Batch
-from deux.data.augmentation import AugmentationSettings
+from deux.data.augmentation import training_transforms
+from deux.data.augmentation_settings import AugmentationSettings
 from deux.data.dataset_reader import DatasetReader
 from deux.data.device_cache import DeviceCache
 from deux.data.frame_cache import FrameCache
@@ -27,7 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def load(folder: Path, augmentation: AugmentationSettings, cache: FrameCache | None = None) -> TripletDataset:
-    settings = SampleSettings(training=True, ground_truth=True, augmentation=augmentation.transforms())
+    settings = SampleSettings(training=True, ground_truth=True, augmentation=training_transforms(augmentation))
     return TripletDataset([DatasetReader(folder)], "train", settings, cache)
 
 
@@ -108,8 +109,8 @@ def test_a_cache_on_the_device_gives_the_same_samples(folder: Path) -> None:
 
 def test_the_defaults_leave_all_to_the_model() -> None:
     own = object()
-    assert AugmentationSettings().transforms([own]) == [own]  # type: ignore[list-item]
-    assert AugmentationSettings(own=False).transforms([own]) == []  # type: ignore[list-item]
+    assert training_transforms(AugmentationSettings(), [own]) == [own]  # type: ignore[list-item]
+    assert training_transforms(AugmentationSettings(own=False), [own]) == []  # type: ignore[list-item]
     assert not AugmentationSettings().draws_points
 
 

@@ -3,11 +3,12 @@
 import io
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hydra.core.hydra_config import HydraConfig
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # As many workers as cores: threads of torch, OpenCV and the commands that tests start would wait for each other.
@@ -18,6 +19,13 @@ from deux.scenes.ray_caster import RayCaster
 from deux_plugins.scenes.files import load_scene
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.fixture(autouse=True)
+def no_job_goes_on() -> Iterator[None]:
+    """Hydra keeps the configuration of a sweep that ran in this process; paths would be relative to its folder."""
+    yield
+    HydraConfig.instance().cfg = None
 
 
 @pytest.fixture(scope="session")

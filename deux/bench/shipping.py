@@ -8,7 +8,6 @@ After the title each `--frames` has the overrides of a configuration: its test s
 """
 
 import argparse
-import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -24,9 +23,11 @@ from deux.deployment.shipped_models import CARD_KEY, SUFFIX
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.io.atomic import make_folder, write_atomically
+from deux.io.json_files import read_json_object
 from deux.metrics.point_conditions import PointCondition, errors_under
 from deux.report.model_card import CardErrors, ModelCard
 from deux.report.results import IDENTITY_FILE
+from deux.report.runs import read_overrides
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.recorded_frames import read_given
@@ -86,7 +87,7 @@ def make_card(run: Path, name: str, summary: str, frames: Sequence[CardFrames], 
     Raises:
         DeuxError: the folder holds no trained model, or frames cannot be read.
     """
-    model, identity = load_model(run), _read(run / IDENTITY_FILE)
+    model, identity = load_model(run), read_json_object(run / IDENTITY_FILE)
     for parameter in model.parameters():
         parameter.data = parameter.data.half().float()
     return ModelCard(
@@ -97,7 +98,7 @@ def make_card(run: Path, name: str, summary: str, frames: Sequence[CardFrames], 
         supervised=model.supervised or identity["training"].get("supervised", False),
         command=" && ".join(_command(one) for one in _trainings(run)),
         seed=identity["seed"],
-        steps=sum(_read(one / IDENTITY_FILE)["training"]["steps"] for one in _trainings(run)),
+        steps=sum(read_json_object(one / IDENTITY_FILE)["training"]["steps"] for one in _trainings(run)),
         version=__version__,
         licence="MIT",
         errors=[one for chosen in frames for one in measure(model, chosen, count)],
@@ -150,22 +151,14 @@ def _data(identity: dict[str, Any]) -> str:
 
 def _trainings(run: Path) -> list[Path]:
     """The run folders of a training and of those that it started from (`training.start`), first to last."""
-    start = _read(run / IDENTITY_FILE)["training"].get("start")
+    start = read_json_object(run / IDENTITY_FILE)["training"].get("start")
     before = start and user_path(start)
     return [*(_trainings(before) if before and (before / IDENTITY_FILE).exists() else []), run]
 
 
 def _command(run: Path) -> str:
     """The command that made a run, from what Hydra wrote down."""
-    overrides = (run / ".hydra" / "overrides.yaml").read_text().splitlines()
-    return " ".join(["python -m deux", *(line.removeprefix("- ") for line in overrides if line.startswith("- "))])
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        return json.loads(file.read_text())
-    except (OSError, ValueError) as error:
-        raise DeuxError(f"{file} does not say how the model was trained: name the run folder of a training.") from error
+    return " ".join(["python -m deux", *read_overrides(run)])
 
 
 def _line(errors: Mapping[str, float]) -> str:

@@ -14,11 +14,11 @@ from deux.contracts import DepthModel
 from deux.deployment.model_files import (
     MODEL_FILE,
     ModelConfig,
-    load_model,
     make_model,
     model_config,
     save_model,
     stored_config,
+    weights_file,
 )
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, read_bytes, write_atomically
@@ -52,7 +52,8 @@ def load(path: str | PathLike[str]) -> DepthModel:
         >>> model.max_depth
         10.0
     """
-    return bind_save_pretrained(load_model(path), model_config(path))
+    config = model_config(path)
+    return bind_save_pretrained(make_model(config, weights_file(path)), config)
 
 
 def from_pretrained(source: str | PathLike[str], **hub_options: Any) -> DepthModel:

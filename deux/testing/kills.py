@@ -27,7 +27,7 @@ from deux.testing.left_files import differences, digests
 MOST_OF_A_PASS = 12
 """Kills at random times in one pass; the start after them is left to end."""
 
-_PREPARED, _WORK = "prepared", "work"
+_PREPARED, _WORK = "prepared", "killed"
 
 log = logging.getLogger(__name__)
 

@@ -64,4 +64,4 @@ def test_mistakes_are_one_sentence(arguments: list[str], tmp_path: Path, capsys:
     assert "no title" in capsys.readouterr().err
     (tmp_path / "second" / "run.json").unlink()
     assert shipping.main(arguments) == 1
-    assert "name the run folder of a training" in capsys.readouterr().err
+    assert "run.json is missing" in capsys.readouterr().err

@@ -29,7 +29,7 @@ def test_a_collection_that_is_killed_five_times_ends_like_an_unbroken_one(tmp_pa
     (count,) = campaign(tmp_path, 5, "collect")
     assert count["kills"] == count["restarts"] == 5
     assert count["differences"] == []
-    assert list((tmp_path / "kills/work/outputs/datasets").glob("*/manifest.json"))
+    assert list((tmp_path / "kills/killed/outputs/datasets").glob("*/manifest.json"))
 
 
 @pytest.mark.slow

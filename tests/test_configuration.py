@@ -83,7 +83,7 @@ def test_the_defaults_are_the_papers_pair_and_fit_their_constructors() -> None:
     )
     assert cfg.task in TASKS
     assert cfg.seed == 0
-    assert cfg.seed_model.checkpoint is None
+    assert cfg.seed_model.checkpoint == "kbnet-indoor"
     assert "hydra" not in cfg
     construct(Camera, cfg.camera, "camera")
     construct(Robot, cfg.robot, "robot")

@@ -83,6 +83,12 @@ BUDGET = (
 )
 """What the budget is made of, which does not depend on the scenes: how much is explored, and how long is trained."""
 
+UNUSED = {
+    "training.steps": ("training.epochs",),
+    "seed_model.checkpoint": ("seed_model.explore", "seed_model.steps", "seed_model.source", "seed_model.scenes"),
+}
+"""Options that nothing depends on where another one has a value."""
+
 DRAW = "scenes.draw"
 """The option of generated scenes that says which ones a seed takes."""
 
@@ -133,8 +139,9 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Con
     """
     configuration = current_keys(configuration)
     options = flatten_options(configuration)
-    if any(key == "training.steps" for key, _ in options):  # the number of epochs is not used then
-        options = tuple(option for option in options if option[0] != "training.epochs")
+    for chosen, unused in UNUSED.items():
+        if any(key == chosen for key, _ in options):
+            options = tuple(option for option in options if option[0] not in unused)
     own_seed = int(configuration.get("seed", 0))
     by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
     options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)

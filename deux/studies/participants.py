@@ -66,7 +66,9 @@ def find_participants(named: Sequence[str] | None, configured: PluginChoice, has
                 raise DeuxError(f"{name} cannot be compared: {NO_ROBOT}")
             found.fingerprints[name] = explorer.fingerprint()
             if explorer.needs & MODEL_NEEDS and not has_model:
-                raise DeuxError(f"{name} needs a depth model: name a trained one with seed_model.checkpoint=RUN.")
+                raise DeuxError(
+                    f"{name} needs a depth model: name a trained one with seed_model.checkpoint=, such as kbnet-indoor."
+                )
             if isinstance(explorer, LearnedExplorer):
                 learned.setdefault(explorer.reward, explorer.policy.reward_state)
                 found.own_rewards[name] = explorer.reward

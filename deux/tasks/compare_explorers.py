@@ -11,7 +11,7 @@ from deux.collection.collect_settings import CollectSettings
 from deux.collection.perception import Perception
 from deux.collection.sparse import SparseSettings
 from deux.configuration import run_folder, sections_of
-from deux.contracts import SceneReference
+from deux.contracts import DepthModel, SceneReference
 from deux.errors import DeuxError, check_range, counted, plural
 from deux.figures.drawing import save_figure
 from deux.figures.trajectory_grid import Trajectory, draw_trajectory_grid
@@ -25,7 +25,6 @@ from deux.studies.exploration_meter import trajectory_map
 from deux.studies.explorer_comparison import ExplorationEpisode, ExplorerComparison
 from deux.studies.participants import find_participants
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import load_named_model, weights_identity
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import check_robot, read_scenes, read_simulation
 from deux.tasks.run_folder import EPISODES, RunFolder, open_run_folder
@@ -94,14 +93,14 @@ class Comparing:
                 f"compare.figure_scene is {self._settings.figure_scene}, but there {plural('is', count)} "
                 f"{counted(count, 'scene')}: the first one is 0."
             )
-        checkpoint = sections.read("seed_model", SeedModelSettings).checkpoint
+        guide = sections.read("seed_model", SeedModelSettings).trained_already(sections.plugin("model"))
         configured = sections.plugin("explore")
         check_robot(configured, "task=compare_explorers")
-        self._participants = find_participants(self._settings.explorers, configured, has_model=checkpoint is not None)
-        self._perception = _perception(sections, checkpoint, self._collect) if checkpoint is not None else None
+        self._participants = find_participants(self._settings.explorers, configured, has_model=guide is not None)
+        self._perception = None if guide is None else _perception(sections, guide.model, self._collect)
         self.identity = sections.identity | {
             "participants": self._participants.identity,
-            "seed model": None if checkpoint is None else weights_identity(checkpoint),
+            "seed model": None if guide is None else guide.weights,
         }
 
     def explore(self, run: RunFolder) -> ExplorerComparison:
@@ -174,9 +173,8 @@ class Comparing:
         return tables
 
 
-def _perception(sections: Sections, checkpoint: str, collect: CollectSettings) -> Perception:
-    """What the model of `seed_model.checkpoint` sees."""
-    _, model = load_named_model(sections.plugin("model"), checkpoint)
+def _perception(sections: Sections, model: DepthModel, collect: CollectSettings) -> Perception:
+    """What the seed model sees."""
     predictor = FastPredictor(model, sections.plain("trainer").get("accelerator", "auto"))
     sparse = sections.read("sampling", SparseSettings)
     return Perception(predictor, sparse, collect.measure.create(), collect.correct_depth)

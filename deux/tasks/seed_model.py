@@ -10,7 +10,13 @@ from deux.errors import DeuxError, check_range
 from deux.options import construct, plain
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import is_pretrained, load_named_model, pretrained_identity, weights_identity
+from deux.tasks.checkpoints import (
+    PUBLISHED_SUFFIX,
+    is_pretrained,
+    load_named_model,
+    pretrained_identity,
+    weights_identity,
+)
 from deux.tasks.console import say
 from deux.tasks.datasets import Datasets, is_ceiling
 from deux.tasks.model_training import Recipe, Training
@@ -23,7 +29,8 @@ class SeedModelSettings:
 
     Args:
         name: any installed depth model; None for the final model's kind and options.
-        checkpoint: a trained model to take; None trains one, unless the model brings its weights.
+        checkpoint: a trained model to take, a path or the name of one that ships; None trains one, unless the model
+            brings its weights.
         explore: the explorer that collects its frames; no free viewpoints, which no robot could collect.
         steps: optimiser steps of its training.
         source: of the scenes that this explorer is in: a scene source, none of whose scenes are the experiment's, or
@@ -51,6 +58,35 @@ class SeedModelSettings:
                 "seed_model.options are of the model that seed_model.name names, and it names none: the seed model has "
                 "the final model's options then, model.<option>=."
             )
+        file = self.checkpoint
+        if self.name is not None and file is not None and not file.endswith(PUBLISHED_SUFFIX):
+            raise DeuxError(
+                f"seed_model.name={self.name} and seed_model.checkpoint={file} are two seed models: set "
+                "seed_model.checkpoint=null to have the one that is named, or leave the name out."
+            )
+
+    def trained_already(self, final: PluginChoice) -> "TrainedModel | None":
+        """The seed model if it takes no training: that of `checkpoint`, or a model that brings its weights.
+
+        Args:
+            final: the depth model that is trained in the end.
+
+        Raises:
+            DeuxError: there is no model where `checkpoint` says, or `name` says something else.
+        """
+        choice = self.choose(final)
+        if self.checkpoint is not None:
+            return TrainedModel(*load_named_model(choice, self.checkpoint), weights_identity(self.checkpoint))
+        if not is_pretrained(choice):
+            return None
+        model = choice.create().eval()
+        return TrainedModel(choice.name, model, pretrained_identity(choice, model))
+
+    def choose(self, final: PluginChoice) -> PluginChoice:
+        """The depth model that is made where there is no checkpoint, or that `checkpoint` is published for."""
+        if self.name in (None, final.name) and not self.options:
+            return final
+        return registry().choose("depth_models", {**self.options, "name": self.name}, "seed_model.options")
 
 
 class TrainedModel(NamedTuple):
@@ -93,12 +129,11 @@ class SeedModel:
                 "and free viewpoints are a ceiling that none can: choose another explorer."
             )
         final = training.recipe
-        if self.settings.name in (None, final.model.name) and not self.settings.options:
+        self._final = final.model
+        model = self.settings.choose(final.model)
+        if model is final.model:
             self._recipe = final
         else:
-            model = registry().choose(
-                "depth_models", {**self.settings.options, "name": self.settings.name}, "seed_model.options"
-            )
             self._recipe = _other_recipe(model, final, sections.plain("training"))
             if not is_pretrained(model):
                 self._recipe.check()
@@ -123,12 +158,10 @@ class SeedModel:
         those of a foundation are not.
         """
         say(self.description)
-        checkpoint = self.settings.checkpoint
-        if checkpoint is None and is_pretrained(self._recipe.model):
-            model: DepthModel = self._recipe.model.create().eval()
-            return TrainedModel(self._recipe.model.name, model, pretrained_identity(self._recipe.model, model))
-        path = self._trained() if checkpoint is None else checkpoint
-        return TrainedModel(*load_named_model(self._recipe.model, path), weights_identity(path))
+        if (ready := self.settings.trained_already(self._final)) is not None:
+            return ready
+        path = self._trained()
+        return TrainedModel(*load_named_model(self._final, path), weights_identity(path))
 
     def _trained(self) -> str:
         training = replace(self._recipe.training, steps=self.settings.steps)

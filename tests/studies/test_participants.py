@@ -34,9 +34,9 @@ def participants(*named: str, configured: str = "deux", has_model: bool = False,
 
 def test_an_explorer_that_needs_a_model_is_left_out_with_a_hint_unless_it_is_named():
     found = participants()
-    assert "seed_model.checkpoint=RUN" in found.left_out["deux"]
+    assert "seed_model.checkpoint=, such as kbnet-indoor" in found.left_out["deux"]
     assert {"random", "frontier"} <= {choice.name for choice in found.explorers}
-    with pytest.raises(DeuxError, match=r"needs a depth model: name a trained one with seed_model\.checkpoint=RUN"):
+    with pytest.raises(DeuxError, match=r"needs a depth model: name a trained one with seed_model\.checkpoint="):
         participants("random", "deux")
     named = participants("random", "deux", has_model=True)
     assert [choice.name for choice in named.explorers] == ["random", "deux"]

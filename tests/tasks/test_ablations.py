@@ -21,17 +21,22 @@ SWITCHES = {
     "explore.revisits": ("true", "false"),
     "explore.on_the_way": ("true", "false"),
     "explore.temperature": ("0.1", "0.25", "1.0"),
-    "seed_model.explore": ("random", "frontier"),
-    "seed_model.steps": ("300", "600"),
-    "seed_model.source": ("null", "apartments"),
     "collect.correct_depth": ("true", "false"),
-    "seed_model.checkpoint": ("null", "somewhere/model.safetensors"),
+    "seed_model.checkpoint": ("kbnet-indoor", "somewhere/model.safetensors", "null"),
     "callbacks": ("[]", "[active_collection]"),
 }
 
 
-def composed(override: str) -> Conditions:
-    return conditions(sections_of(compose([override])).identity)
+SEED_TRAINING = {
+    "seed_model.explore": ("random", "frontier"),
+    "seed_model.steps": ("300", "600"),
+    "seed_model.source": ("null", "apartments"),
+    "seed_model.scenes": ("8", "4"),
+}
+
+
+def composed(*overrides: str) -> Conditions:
+    return conditions(sections_of(compose(overrides)).identity)
 
 
 @pytest.mark.parametrize("option", SWITCHES)
@@ -40,3 +45,11 @@ def test_a_switch_makes_another_explorer_of_the_same_training(option):
     assert made[0] == conditions(sections_of(compose()).identity)  # the first value is the default
     assert len({one.explorer_options for one in made}) == len(SWITCHES[option])
     assert len({(one.training, one.testing, one.model_options) for one in made}) == 1
+
+
+@pytest.mark.parametrize("option", SEED_TRAINING)
+def test_how_a_seed_model_is_trained_counts_only_where_it_is(option):
+    values = SEED_TRAINING[option]
+    trained = {composed("seed_model.checkpoint=null", f"{option}={value}").explorer_options for value in values}
+    given = {composed(f"{option}={value}").explorer_options for value in values}
+    assert (len(trained), len(given)) == (2, 1)

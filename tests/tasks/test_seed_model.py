@@ -28,6 +28,18 @@ def test_a_seed_model_of_another_kind_has_its_own_objective_and_learning_rate(ti
     assert made_of["objective"] == {}
 
 
+def test_a_shipped_model_guides_unless_another_is_asked_for(tiny, tmp_path):
+    outcome = tiny(tmp_path, *GUIDED, "seed_model.checkpoint=kbnet-indoor")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "Seed model: kbnet-indoor\n" in outcome.out
+    assert not list(tmp_path.glob("seed_models/*"))
+    sentence = tiny(tmp_path, *GUIDED, "seed_model.checkpoint=kbnet-indoor", "seed_model.name=voiced").sentence
+    assert sentence == (
+        "seed_model.name=voiced and seed_model.checkpoint=kbnet-indoor are two seed models: set "
+        "seed_model.checkpoint=null to have the one that is named, or leave the name out."
+    )
+
+
 def test_a_given_seed_model_is_named_and_none_is_trained(tiny, model_file, tmp_path):
     checkpoint = model_file("voiced")
     outcome = tiny(tmp_path, *GUIDED, f"seed_model.checkpoint={checkpoint}")

@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -36,9 +37,10 @@ class GoalExplorer(Explorer):
         depth_option: what the subclass calls its option `depth`, for the message.
         motion: "arcs", steps between turns where there is room; or "turns", turns on the spot.
         least_way: metres of path to a frontier at least, where there is one that far (`preferred_frontiers`).
+        depth_error: typical relative error of predicted depth that the map allows for (`DepthErrors.relative`).
 
     Raises:
-        DeuxError: `depth` or `motion` is neither of the two, or `least_way` is negative.
+        DeuxError: `depth` or `motion` is neither of the two, or a number is out of its range.
     """
 
     frontier_reach = 0.3
@@ -72,14 +74,17 @@ class GoalExplorer(Explorer):
         depth_option: str = "depth",
         motion: Motion = "turns",
         least_way: float = 0.0,
+        depth_error: float = PREDICTED.relative,
     ) -> None:
         if depth not in ("predicted", "sensor"):
             raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
         if motion not in ("arcs", "turns"):
             raise DeuxError(f'explore.motion is "{motion}": it must be "arcs" or "turns".')
         check_range("explore.least_way", least_way, 0.0)
+        check_range("explore.depth_error", depth_error, 0.0, 1.0)
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
         self._depth = depth
+        self._errors = replace(PREDICTED, relative=depth_error) if depth == "predicted" else EXACT
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin
@@ -116,8 +121,7 @@ class GoalExplorer(Explorer):
         """Forget everything and begin an episode."""
         self.rng = np.random.default_rng(episode.seed)
         self.robot = episode.robot
-        errors = PREDICTED if self._depth == "predicted" else EXACT
-        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, errors)
+        self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, self._errors)
         self._recovery = Recovery(episode.robot, self.rng)
         self._pursuit: Pursuit | None = None
         self.frontier: Point | None = None

@@ -8,6 +8,7 @@ from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
 from deux.mapping.navigation import Motion, heading_error
+from deux.mapping.occupancy import PREDICTED
 from deux.mapping.pursuit import Target
 
 
@@ -24,6 +25,8 @@ class FrontierExplorer(GoalExplorer):
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
             and 3 for predicted depth, whose errors grow with the distance.
+        depth_error: typical relative error of predicted depth that the map allows for. 0.1 suits a model that was
+            trained for some hundred steps: with less, the errors of its floor are obstacles.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
@@ -37,6 +40,7 @@ class FrontierExplorer(GoalExplorer):
         choose: Literal["nearest", "largest"] = "nearest",
         resolution: float = 0.05,
         max_range: float | None = None,
+        depth_error: float = PREDICTED.relative,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
@@ -45,7 +49,15 @@ class FrontierExplorer(GoalExplorer):
         if max_range is None:
             max_range = 3.0 if depth == "predicted" else 5.0
         super().__init__(
-            depth, resolution, max_range, safety_margin, unknown_traversable, "frontier's depth", motion, least_way
+            depth,
+            resolution,
+            max_range,
+            safety_margin,
+            unknown_traversable,
+            "frontier's depth",
+            motion,
+            least_way,
+            depth_error,
         )
         if choose not in ("nearest", "largest"):
             raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')

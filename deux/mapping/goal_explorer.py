@@ -37,7 +37,7 @@ class GoalExplorer(Explorer):
         depth_option: what the subclass calls its option `depth`, for the message.
         motion: "arcs", steps between turns where there is room; or "turns", turns on the spot.
         least_way: metres of path to a frontier at least, where there is one that far (`preferred_frontiers`).
-        depth_error: typical relative error of predicted depth that the map allows for (`DepthErrors.relative`).
+        depth_error: typical relative error of the depth that the map allows for; None for `PREDICTED` or `EXACT`.
 
     Raises:
         DeuxError: `depth` or `motion` is neither of the two, or a number is out of its range.
@@ -74,17 +74,18 @@ class GoalExplorer(Explorer):
         depth_option: str = "depth",
         motion: Motion = "turns",
         least_way: float = 0.0,
-        depth_error: float = PREDICTED.relative,
+        depth_error: float | None = None,
     ) -> None:
         if depth not in ("predicted", "sensor"):
             raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
         if motion not in ("arcs", "turns"):
             raise DeuxError(f'explore.motion is "{motion}": it must be "arcs" or "turns".')
         check_range("explore.least_way", least_way, 0.0)
-        check_range("explore.depth_error", depth_error, 0.0, 1.0)
+        check_range("explore.depth_error", depth_error or 0.0, 0.0, 1.0)
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
         self._depth = depth
-        self._errors = replace(PREDICTED, relative=depth_error) if depth == "predicted" else EXACT
+        errors = PREDICTED if depth == "predicted" else EXACT
+        self._errors = errors if depth_error is None else replace(errors, relative=depth_error)
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin

@@ -11,7 +11,7 @@ from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
 from deux.mapping.informative_targets import InformativeTargets, MapNow, ResidualPlace
 from deux.mapping.navigation import Motion
-from deux.mapping.occupancy import PREDICTED, UNKNOWN
+from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
 
@@ -39,8 +39,9 @@ class DeuxExplorer(GoalExplorer):
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
             and 3 for predicted depth, whose errors grow with the distance.
-        depth_error: typical relative error of predicted depth that the map allows for. 0.1 suits a model that was
-            trained for some hundred steps: with less, the errors of its floor are obstacles.
+        depth_error: typical relative error of the depth that the map allows for. None is 0 for the sensor's depth and
+            0.03 for predicted depth; 0.1 suits a model that was trained for some hundred steps, the errors of whose
+            floor are obstacles otherwise.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
@@ -77,7 +78,7 @@ class DeuxExplorer(GoalExplorer):
         guidance: float = 2.0,
         resolution: float = 0.05,
         max_range: float | None = None,
-        depth_error: float = PREDICTED.relative,
+        depth_error: float | None = None,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",

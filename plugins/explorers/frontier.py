@@ -8,7 +8,6 @@ from deux.errors import DeuxError
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
 from deux.mapping.navigation import Motion, heading_error
-from deux.mapping.occupancy import PREDICTED
 from deux.mapping.pursuit import Target
 
 
@@ -25,8 +24,9 @@ class FrontierExplorer(GoalExplorer):
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
             and 3 for predicted depth, whose errors grow with the distance.
-        depth_error: typical relative error of predicted depth that the map allows for. 0.1 suits a model that was
-            trained for some hundred steps: with less, the errors of its floor are obstacles.
+        depth_error: typical relative error of the depth that the map allows for. None is 0 for the sensor's depth and
+            0.03 for predicted depth; 0.1 suits a model that was trained for some hundred steps, the errors of whose
+            floor are obstacles otherwise.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
@@ -40,7 +40,7 @@ class FrontierExplorer(GoalExplorer):
         choose: Literal["nearest", "largest"] = "nearest",
         resolution: float = 0.05,
         max_range: float | None = None,
-        depth_error: float = PREDICTED.relative,
+        depth_error: float | None = None,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",

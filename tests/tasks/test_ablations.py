@@ -13,7 +13,7 @@ SWITCHES = {
         *(name for name in registry().names("uncertainties") if name != "sparse_error"),
     ),
     "explore.map_depth": ("predicted", "sensor"),
-    "explore.depth_error": ("0.03", "0.1"),
+    "explore.depth_error": ("null", "0.1"),
     "explore.target": ("sampled", "greedy", "informative"),
     "explore.per_action": ("true", "false"),
     "explore.keep_targets": ("false", "true"),

@@ -87,18 +87,19 @@ def make_card(run: Path, name: str, summary: str, frames: Sequence[CardFrames], 
     Raises:
         DeuxError: the folder holds no trained model, or frames cannot be read.
     """
-    model, identity = load_model(run), read_json_object(run / IDENTITY_FILE)
+    model, trainings = load_model(run), _trainings(run)
+    identities = [read_json_object(one / IDENTITY_FILE) for one in trainings]
     for parameter in model.parameters():
         parameter.data = parameter.data.half().float()
     return ModelCard(
         name=name,
         model=model_config(run).name,
         summary=summary,
-        data=_data(identity),
-        supervised=model.supervised or identity["training"].get("supervised", False),
-        command=" && ".join(_command(one) for one in _trainings(run)),
-        seed=identity["seed"],
-        steps=sum(read_json_object(one / IDENTITY_FILE)["training"]["steps"] for one in _trainings(run)),
+        data="; then ".join(dict.fromkeys(_data(one) for one in identities)),
+        supervised=model.supervised or any(one["training"].get("supervised", False) for one in identities),
+        command=" && ".join(_command(one) for one in trainings),
+        seed=identities[-1]["seed"],
+        steps=sum(one["training"]["steps"] for one in identities),
         version=__version__,
         licence="MIT",
         errors=[one for chosen in frames for one in measure(model, chosen, count)],

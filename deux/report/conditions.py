@@ -139,9 +139,7 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Con
     """
     configuration = current_keys(configuration)
     options = flatten_options(configuration)
-    for chosen, unused in UNUSED.items():
-        if any(key == chosen for key, _ in options):
-            options = tuple(option for option in options if option[0] not in unused)
+    options = tuple((key, value) for key, value in options if _is_used(key, dict(options)))
     own_seed = int(configuration.get("seed", 0))
     by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
     options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)
@@ -201,7 +199,8 @@ def variant_labels(
 
 def _difference_labels(distinct: Sequence[FlatOptions]) -> dict[FlatOptions, str]:
     keys = sorted({key for choice in distinct for key, _ in choice})
-    differing = [key for key in keys if len({dict(choice).get(key) for choice in distinct}) > 1]
+    sets = [dict(choice) for choice in distinct]
+    differing = [key for key in keys if len({one.get(key) for one in sets if _is_used(key, one)}) > 1]
     optional = [node for node in _OPTIONAL_SECTIONS if len({_has(choice, node) for choice in distinct}) > 1]
     return {choice: ", ".join(_label(choice, differing, optional)) for choice in distinct}
 
@@ -211,7 +210,7 @@ def _label(choice: FlatOptions, differing: Iterable[str], optional: Sequence[str
         yield f"{'with' if _has(choice, node) else 'no'} {node}"
     values = dict(choice)
     for key in differing:
-        if not any(_is_below(key, node) for node in optional):
+        if not any(_is_below(key, node) for node in optional) and _is_used(key, values):
             short = key.removeprefix("explore.").removeprefix("model.").removeprefix("collect.")
             yield f"{short}={_unquoted(values[key])}" if key in values else f"{short} not set"
 
@@ -224,6 +223,11 @@ def _part(options: FlatOptions, nodes: Sequence[str]) -> FlatOptions:
         for key, value in options
         if any(_is_below(key, node) for node in nodes) and not any(_is_below(key, node) for node in left_out)
     )
+
+
+def _is_used(key: str, options: Mapping[str, str]) -> bool:
+    """Whether something depends on an option beside these others, see `UNUSED`."""
+    return not any(chosen in options and key in unused for chosen, unused in UNUSED.items())
 
 
 def _has(options: FlatOptions, node: str) -> bool:

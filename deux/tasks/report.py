@@ -85,9 +85,10 @@ def explorer_presets() -> dict[str, FlatOptions]:
     presets = {}
     for name in sorted(group_files("explore") - {*registry().names("explorers")}):
         composed = compose([f"explore={name}"])
+        plain = f"explore={composed.explore.name}"
+        seed_model = f"seed_model.checkpoint={composed.seed_model.checkpoint or 'null'}"  # its training is no preset's
         options, defaults = (
-            conditions(sections_of(cfg).identity).explorer_options
-            for cfg in (composed, compose([f"explore={composed.explore.name}"]))
+            conditions(sections_of(cfg).identity).explorer_options for cfg in (composed, compose([plain, seed_model]))
         )
         presets[name] = tuple(option for option in options if option not in defaults)
     return presets

@@ -223,6 +223,20 @@ def test_a_preset_stands_for_its_options():
     }
 
 
+def test_options_that_nothing_depends_on_tell_nothing_apart():
+    given = flatten_options({"seed_model": {"checkpoint": "kbnet-indoor"}})
+    brief, long = (flatten_options({"seed_model": {"explore": "random", "steps": steps}}) for steps in (300, 600))
+    assert variant_labels([given, brief]) == {
+        given: "seed_model.checkpoint=kbnet-indoor",
+        brief: "seed_model.checkpoint not set",
+    }
+    assert variant_labels([given, brief, long]) == {
+        given: "seed_model.checkpoint=kbnet-indoor",
+        brief: "seed_model.checkpoint not set, seed_model.steps=300",
+        long: "seed_model.checkpoint not set, seed_model.steps=600",
+    }
+
+
 def test_a_section_that_some_lack_is_one_word():
     rounds = {"active_collection": {"every": 1, "rounds": 3}}
     often = {"active_collection": {"every": 2, "rounds": 3}}

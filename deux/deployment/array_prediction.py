@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from deux.contracts import DepthModel
 from deux.deployment.model_files import load_model
 from deux.errors import DeuxError, check_range
+from deux.inference.prediction import device_of
 
 Model: TypeAlias = DepthModel | str | PathLike[str]
 """A depth model, or where one is stored."""
@@ -106,7 +107,7 @@ def _stacked(frames: Sequence[_Inputs]) -> _Inputs:
 
 def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
     """N x H x W float32 metres."""
-    with torch.autocast(_device(model).type, enabled=False):
+    with torch.autocast(device_of(model).type, enabled=False):
         depth = model.predict(
             torch.from_numpy(frames.image).permute(0, 3, 1, 2).contiguous(),
             torch.from_numpy(frames.sparse_depth)[:, None],
@@ -179,10 +180,6 @@ def _loaded(model: str | PathLike[str]) -> DepthModel:
             "file."
         )
     return load_model(model)
-
-
-def _device(model: DepthModel) -> torch.device:
-    return next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
 
 
 def _array(name: str, value: ArrayLike) -> np.ndarray:

@@ -13,6 +13,7 @@ from deux.contracts import Batch, DepthModel
 from deux.figures.drawing import DEPTH_COLORS, ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
 from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.reprojection import reproject
+from deux.inference.prediction import device_of
 
 _COLUMNS = ("image", "sparse depth", "prediction", "ground truth", "error", "uncertainty")
 
@@ -50,7 +51,7 @@ def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
     """
     from lightning.fabric.utilities import move_data_to_device  # slow, and `draw_depth` needs none of it
 
-    batch = move_data_to_device(batch, next(model.parameters()).device)
+    batch = move_data_to_device(batch, device_of(model))
     assert batch.ground_truth is not None
     predicted = model.predict(batch.image, batch.sparse_depth, batch.intrinsics)
     residual = torch.full_like(predicted[:, 0], torch.nan)

@@ -58,6 +58,11 @@ class CompletionNetwork(Protocol):
         """As the function `predict`, with this network."""
 
 
+def device_of(model: CompletionNetwork) -> torch.device:
+    """The device that a model's inputs go to: its weights', or the CPU if it has none."""
+    return next((weight.device for weight in model.parameters()), torch.device("cpu"))
+
+
 @torch.no_grad()
 def predict(
     model: CompletionNetwork,
@@ -83,7 +88,7 @@ def predict(
     Raises:
         DeuxError: an input has another shape or impossible values.
     """
-    device = next((parameter.device for parameter in model.parameters()), torch.device("cpu"))
+    device = device_of(model)
     image, sparse_depth, intrinsics = (
         torch.as_tensor(x).to(device, torch.float32) for x in (image, sparse_depth, intrinsics)
     )

@@ -11,6 +11,7 @@ from torch import Tensor
 from deux.contracts import Batch, DepthModel
 from deux.errors import DeuxError, counted
 from deux.geometry.scaffolding import interpolate
+from deux.inference.prediction import device_of
 from deux.metrics.depth_errors import METRICS, depth_errors, invalid_pixels
 from deux.metrics.mean_errors import DepthErrors
 
@@ -82,7 +83,7 @@ def evaluate(
     """
     errors = DepthErrors(min_depth, max_depth, alone=True)
     baselines = _Baselines(min_depth, max_depth)
-    device = next(model.parameters()).device
+    device = device_of(model)
     images = 0
     of_frames: list[dict[str, float]] = []
     for batch in batches:

@@ -146,7 +146,7 @@ def tiny_arguments():
     def make(outputs: Path, *overrides: str, model: str = "kbnet") -> list[str]:
         scenes = "scenes=files" in overrides
         small = [setting for setting in TINY if not (scenes and setting.startswith("scenes."))]
-        network = [f"model.{name}={list(value)}" for name, value in SMALL_MODELS[model].items()]
+        network = [f"model.{name}={list(value)}" for name, value in SMALL_MODELS.get(model, {}).items()]
         return [*small, f"model={model}", *network, f"paths.outputs={outputs}", *overrides]
 
     return make
@@ -213,7 +213,7 @@ class Wall(DepthModel):
 
     def __init__(self, distance: float = 2.0) -> None:
         super().__init__()
-        self.distance = torch.nn.Parameter(torch.tensor(distance), requires_grad=False)
+        self.distance = distance  # no weight of torch's at all
 
     def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
         return Prediction(torch.zeros_like(sparse_depth) + self.distance)

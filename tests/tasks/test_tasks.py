@@ -93,6 +93,15 @@ def test_frames_without_poses_are_evaluated(tiny, tested, without_poses, tmp_pat
     assert (tmp_path / "run" / "figures" / "test_frames.png").stat().st_size > 1000
 
 
+@pytest.mark.usefixtures("wall")
+def test_a_model_without_weights_is_evaluated(tiny, tested, tmp_path):
+    data = only(tested, "datasets/test-*")
+    folders = [f"evaluation.data={data}", f"hydra.run.dir={tmp_path}/run"]
+    outcome = tiny(tmp_path, "task=evaluate", *folders, model="wall")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert results(tmp_path / "run")["baseline"] == results(tested / "tested")["baseline"]
+
+
 def test_recorded_frames_are_not_validated_on_generated_flats(tiny, collected, tmp_path):
     dataset = only(collected, "datasets/random-*")
     options = [f"training_data={dataset}", "scenes.validation=2", f"hydra.run.dir={tmp_path}/run"]

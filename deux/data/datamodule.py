@@ -2,6 +2,8 @@
 
 import logging
 import multiprocessing
+import os
+import resource
 from collections.abc import Callable, Hashable, Iterator, Sequence
 
 import torch
@@ -28,6 +30,13 @@ from deux.memory_budget import free_memory
 
 log = logging.getLogger(__name__)
 
+FILES_ON_THE_WAY = 24
+"""Files that a process must be able to open, beside those that are open, where worker processes prepare its batches.
+
+Each tensor that one process hands to another is a file until it has arrived. A worker that can open no more loses its
+batch without an error, and who asked for it waits for good.
+"""
+
 
 class TripletLoader(DataLoader[Batch]):
     """A loader whose errors read the same from a worker process as from this one.
@@ -39,6 +48,8 @@ class TripletLoader(DataLoader[Batch]):
 
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
         self._given = 0
+        if self.num_workers > 0:
+            _check_open_files(self.num_workers)
         try:
             for batch in super().__iter__():
                 self._given += 1
@@ -279,4 +290,13 @@ class TripletDataModule(LightningDataModule):
             collate_fn=collate,
             drop_last=drop_last,
             pin_memory=placement.cache != "device" and self._device.type == "cuda",
+        )
+
+
+def _check_open_files(workers: int) -> None:
+    most, opened = resource.getrlimit(resource.RLIMIT_NOFILE)[0], len(os.listdir("/proc/self/fd"))
+    if most != resource.RLIM_INFINITY and most - opened < FILES_ON_THE_WAY:
+        raise DeuxError(
+            f"training.num_workers={workers} takes {FILES_ON_THE_WAY} files beside the {opened} that are open, and a "
+            f"process may open {most}: raise that, as by ulimit -n 1024, or take training.num_workers=0."
         )

@@ -1,6 +1,8 @@
 """The data module under Lightning: order, workers, ground truth, frames that are added."""
 
-from collections.abc import Sequence
+import os
+import resource
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -262,6 +264,23 @@ def test_a_truncated_file_is_one_sentence_whoever_reads_it(tmp_path: Path, worke
     with pytest.raises(DeuxError) as caught:
         drawn(module([folder], num_workers=workers))
     assert str(caught.value) == f"{file} is truncated (64 bytes)."
+
+
+@pytest.fixture
+def few_files() -> Iterator[None]:
+    """This process may open ten files more, and no others."""
+    least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 10, most))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, (least, most))
+
+
+@pytest.mark.usefixtures("few_files")
+def test_workers_that_can_open_too_few_files_are_refused_before_one_hangs(tmp_path: Path) -> None:
+    folder = dataset(tmp_path / "d")
+    with pytest.raises(DeuxError, match=r"training.num_workers=1 takes 24 files .* ulimit -n 1024"):
+        drawn(module([folder], num_workers=1))
+    assert drawn(module([folder], num_workers=0))
 
 
 @pytest.mark.parametrize("poses", [True, False])

@@ -41,8 +41,8 @@ class _Reading:
 class HealthCheck(Callback):
     """Stops a run whose loss, depth or weights are not finite; warns once if the depth sticks to an end of its range.
 
-    A network that saturates its output has almost no gradient left and seldom comes back; too high a learning rate
-    is the usual cause.
+    Too high a learning rate is the usual cause of a saturated output. The shipped models come back from it, where the
+    rate is low enough; a model whose output has no gradient left there does not.
 
     No check waits for the device: its values are copied while the training goes on, and are looked at by the next
     check, by the end of the epoch, or before a checkpoint is written, whichever is first. Processes that train
@@ -115,8 +115,8 @@ class HealthCheck(Callback):
             end = "nearest" if near else "farthest"
             rank_zero_warn(
                 f"The predicted depth has stuck to its {end} value ({depth:.2f} m on average) for "
-                f"{self.every * self.patience} steps, {when}: the network has saturated and will not recover, so start "
-                "again with a lower training.learning_rate."
+                f"{self.every * self.patience} steps, {when}: the network has saturated; if it does not "
+                "come back, start again with a lower training.learning_rate."
             )
 
 

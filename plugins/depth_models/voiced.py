@@ -11,7 +11,7 @@ from torch.nn import functional
 from deux.contracts import DepthModel, LossSettings, Prediction
 from deux.geometry.scaffolding import interpolate
 from deux_plugins.depth_models.parts.decoder import Decoder
-from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_nearness
+from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_nearness, nearness_from_logits
 from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
 from deux_plugins.depth_models.parts.margin import check_margin, crop, repeat_edge, surround_with_zeros
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
@@ -86,7 +86,7 @@ class VOICED(DepthModel):
         features = joined(self.encoder_image(image), self.encoder_depth(depth_inputs))
         *skips, latent = features
         logits = self.decoder(latent, [[skip] for skip in reversed(skips)], sizes(features))
-        nearness = functional.interpolate(torch.sigmoid(logits), image.shape[2:], mode="bilinear")
+        nearness = functional.interpolate(nearness_from_logits(logits), image.shape[2:], mode="bilinear")
         return Prediction(depth_from_nearness(crop(nearness, margin), self.min_depth, self.max_depth))
 
     def pose_network(self) -> PoseNetwork:

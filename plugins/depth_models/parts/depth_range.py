@@ -1,9 +1,14 @@
 """From a network's unbounded output to metres."""
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
 from deux.errors import DeuxError
+
+FARTHEST, NEAREST = 5e-4, 0.95
+"""Nearness beyond which the gradient is that of these values: within about 5 % of the ends of 0.1 to 10 m."""
 
 
 def check_depth_range(min_depth: float, max_depth: float) -> None:
@@ -22,6 +27,29 @@ def depth_from_nearness(nearness: Tensor, min_depth: float, max_depth: float) ->
     return min_depth / (nearness + min_depth / max_depth)
 
 
+def nearness_from_logits(logits: Tensor) -> Tensor:
+    """Nearness s = sigmoid(x) in [0, 1] from the network's unbounded output x.
+
+    In training its gradient does not vanish at the ends: beyond `FARTHEST` and `NEAREST` it is that at these values.
+    One bad step may throw all outputs far beyond an end, where the sigmoid's own gradient is 0 in float32, so that
+    no later step could bring them back.
+    """
+    return _Nearness.apply(logits) if torch.is_grad_enabled() and logits.requires_grad else torch.sigmoid(logits)
+
+
 def depth_from_logits(logits: Tensor, min_depth: float, max_depth: float) -> Tensor:
-    """Depth in metres from the network's unbounded output x: `depth_from_nearness` of sigmoid(x)."""
-    return depth_from_nearness(torch.sigmoid(logits), min_depth, max_depth)
+    """Depth in metres from the network's unbounded output: `depth_from_nearness` of `nearness_from_logits`."""
+    return depth_from_nearness(nearness_from_logits(logits), min_depth, max_depth)
+
+
+class _Nearness(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, logits: Tensor) -> Tensor:
+        nearness = torch.sigmoid(logits)
+        ctx.save_for_backward(nearness)
+        return nearness
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Tensor:
+        (nearness,) = ctx.saved_tensors
+        return torch.ops.aten.sigmoid_backward(gradient, nearness.clamp(FARTHEST, NEAREST))

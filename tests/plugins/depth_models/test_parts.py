@@ -8,9 +8,11 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch.nn import functional
 
+from deux.inference.prediction import prepared_inputs
+from deux.registry import registry
 from deux_plugins.depth_models.parts.convolution import Convolution, ConvolutionBlock
 from deux_plugins.depth_models.parts.decoder import Decoder, UpConvolution, convolve_to_few_channels
-from deux_plugins.depth_models.parts.depth_range import depth_from_logits
+from deux_plugins.depth_models.parts.depth_range import depth_from_logits, nearness_from_logits
 from deux_plugins.depth_models.parts.pooling import sliding_min_of_points
 from deux_plugins.depth_models.parts.pose_matrix import pose_matrix, rotation_matrix
 from deux_plugins.depth_models.parts.pose_network import seven_convolution_pose_network
@@ -70,6 +72,49 @@ def test_last_convolution_of_a_block_has_the_stride():
 def test_depth_covers_the_range():
     depth = depth_from_logits(torch.tensor([-100.0, 0.0, 100.0]), 0.1, 10.0)
     torch.testing.assert_close(depth, torch.tensor([10.0, 0.1 / 0.51, 0.1 / 1.01]))
+
+
+def test_the_gradient_is_the_sigmoids_but_for_the_ends_where_it_does_not_vanish():
+    def gradient(nearness, logits):
+        (found,) = torch.autograd.grad(nearness(logits.requires_grad_()).sum(), logits)
+        return found
+
+    between = torch.linspace(-7.0, 2.9, 100)
+    assert torch.equal(gradient(nearness_from_logits, between), gradient(torch.sigmoid, between))
+    beyond = torch.tensor([-1000.0, -20.0, 20.0, 1000.0])
+    assert torch.equal(nearness_from_logits(beyond), torch.sigmoid(beyond))
+    ends = torch.tensor([5e-4, 5e-4, 0.95, 0.95])
+    torch.testing.assert_close(gradient(nearness_from_logits, beyond), ends * (1 - ends))
+
+
+SMALL = {
+    "kbnet": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8, 8, 8, 8, 4)},
+    "voiced": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8,) * 4},
+    "scaffnet": {"filters": (4, 4, 8, 8, 8), "decoder_filters": (8, 8, 8, 8, 4)},
+}
+
+
+@pytest.mark.parametrize("model", SMALL)
+def test_a_saturated_network_comes_back(model):
+    """All depth is at the near end, far beyond where the sigmoid has a gradient: the points pull it back."""
+    torch.manual_seed(0)
+    network = registry().create("depth_models", model, SMALL[model]).train()
+    network.decoder.register_forward_hook(lambda decoder, inputs, logits: logits + 20.0)
+    truth = torch.full((1, 1, 64, 64), 2.0)
+    points = torch.where(torch.rand_like(truth) < 0.05, truth, 0.0)
+    intrinsics = torch.tensor([[[32.0, 0.0, 31.5], [0.0, 32.0, 31.5], [0.0, 0.0, 1.0]]])
+    inputs = (torch.rand(1, 3, 64, 64), points, (points > 0).float(), intrinsics)
+    prepared = prepared_inputs(network, points)
+    optimizer = torch.optim.Adam(network.parameters(), 3e-2)
+    depths = []
+    for _ in range(100):
+        depth = network(*inputs, **prepared).depth
+        optimizer.zero_grad()
+        (depth - truth).abs()[points > 0].mean().backward()
+        optimizer.step()
+        depths.append(float(depth.detach().mean()))
+    assert depths[0] == pytest.approx(0.1 / 1.01, rel=1e-4)
+    assert max(depths) > 0.15
 
 
 def test_rotations_are_those_of_scipy():

@@ -13,6 +13,7 @@ from deux.simulator import mesh_simulator
 TINY = RenderSettings(sizes=(16, 24), processes=(1, 2), triangles=14_000, rounds=2, seconds=0.01, poses=4)
 
 
+@pytest.mark.slow
 def test_every_renderer_is_measured_in_every_way(monkeypatch: pytest.MonkeyPatch) -> None:
     def in_this_process(work: Callable[..., Any], job: object, processes: int, opengl_threads: int) -> list[Any]:
         return [work(job, lambda: None)] * processes

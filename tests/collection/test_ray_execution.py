@@ -114,6 +114,7 @@ def test_a_dataset_is_that_of_one_process_though_a_machine_dies_meanwhile(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_so_is_one_that_a_model_guides(tmp_path: Path, cluster: Any) -> None:
     def jobs_in(folder: Path) -> list[Job[EpisodePlan]]:
         return make_jobs(folder, toy_scenes(6), size=2)
@@ -122,6 +123,7 @@ def test_so_is_one_that_a_model_guides(tmp_path: Path, cluster: Any) -> None:
     assert_that_of_one_process(run, jobs_in, tmp_path, cluster, "shared")
 
 
+@pytest.mark.slow
 def test_scenes_in_files_are_loaded_once_where_the_files_are(tmp_path: Path, cluster: Any) -> None:
     scenes = [write_room(tmp_path, name, seed) for seed, name in enumerate(("kitchen", "hall"))]
     run = EpisodeRunner(mesh_room, Wanderer)

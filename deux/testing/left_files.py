@@ -9,7 +9,15 @@ from typing import Any
 
 from deux.io.locking import SUFFIX
 
-TIMED = ("*/logs/*", "*/deux.log", "*/seconds.json", "*/.hydra/*", "/command.*", f"*{SUFFIX}.*")
+TIMED = (
+    "*/logs/*",
+    "*/deux.log",
+    "*/train_ddp_process_*.log",
+    "*/seconds.json",
+    "*/.hydra/*",
+    "/command.*",
+    f"*{SUFFIX}.*",
+)
 """Patterns of files that hold times and dates, or one part for each start of the command.
 
 The last one is a lock that a process was killed while it removed it: the next lock in that folder deletes it.

@@ -30,6 +30,7 @@ def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
     """
     return [
         EpochCheckpoints(
+            prefix="epoch=",
             dirpath=folder,
             filename="{epoch}-{step}",
             every_n_epochs=1,
@@ -37,6 +38,7 @@ def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
             save_on_train_epoch_end=True,
         ),
         TimedCheckpoints(
+            prefix="within-",
             dirpath=folder,
             filename="within-{epoch}-{step}",
             train_time_interval=timedelta(minutes=minutes),
@@ -46,7 +48,38 @@ def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
     ]
 
 
-class EpochCheckpoints(ModelCheckpoint):
+class NewestCheckpoint(ModelCheckpoint):
+    """Keeps the newest checkpoint of its kind, and none that a kill left behind.
+
+    A process that is killed after it wrote a checkpoint and before it deleted the one before leaves both, and no later
+    start knows of the older one.
+
+    Args:
+        prefix: of the names of its files in `dirpath`, and of no others.
+        options: of `ModelCheckpoint`.
+    """
+
+    def __init__(self, prefix: str, **options: Any) -> None:
+        super().__init__(**options)
+        self._prefix = prefix
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Delete what an earlier start left."""
+        super().on_train_start(trainer, pl_module)
+        self._delete_others(trainer)
+
+    def _save_checkpoint(self, trainer: Trainer, filepath: str) -> None:
+        super()._save_checkpoint(trainer, filepath)
+        self._delete_others(trainer)
+
+    def _delete_others(self, trainer: Trainer) -> None:
+        if trainer.is_global_zero and self.dirpath and self.best_model_path:
+            for path in Path(self.dirpath).glob(f"{self._prefix}*.ckpt"):
+                if path.name != Path(self.best_model_path).name:
+                    path.unlink(missing_ok=True)
+
+
+class EpochCheckpoints(NewestCheckpoint):
     """Checkpoints at the end of epochs, and the right place in the epochs for a run that resumes from any checkpoint.
 
     Order and augmentation of the samples follow from seed and epoch (`deux.data.triplets.ShuffledDraws`), so a resumed
@@ -69,7 +102,7 @@ class EpochCheckpoints(ModelCheckpoint):
         loop._load_combined_loader_states()  # does nothing where they are loaded
 
 
-class TimedCheckpoints(ModelCheckpoint):
+class TimedCheckpoints(NewestCheckpoint):
     """Checkpoints by time, each after a whole step of the optimiser.
 
     None is written between batches whose gradients are accumulated, since the sum is not part of it; nor after a batch

@@ -1,5 +1,6 @@
 import importlib.util
 import os
+import shutil
 import sys
 import time
 from contextlib import nullcontext
@@ -120,6 +121,18 @@ def test_a_resumed_run_goes_on_as_if_it_had_not_stopped(train, tmp_path):
     checkpoint = resume_point(tmp_path)
     assert checkpoint is not None
     assert train(epochs=4, folder=tmp_path, resume=checkpoint) == whole[4:]
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+def test_what_a_kill_between_two_checkpoints_left_is_deleted(train, tmp_path):
+    """The older one was not deleted yet, and no state of the training names it."""
+    train(epochs=2, folder=tmp_path)
+    (newest,) = tmp_path.glob("*.ckpt")
+    for name in ("epoch=0-step=2.ckpt", "within-epoch=0-step=1.ckpt", "mine.ckpt"):
+        shutil.copy(newest, tmp_path / name)
+    train(epochs=3, folder=tmp_path, resume=newest)
+    left = {path.name for path in tmp_path.glob("*.ckpt")}
+    assert left == {"epoch=2-step=6.ckpt", "within-epoch=0-step=1.ckpt", "mine.ckpt"}  # `within-` names no newer one
 
 
 _spec = importlib.util.spec_from_file_location("active_run", Path(__file__).with_name("active_run.py"))

@@ -73,17 +73,22 @@ class PredictionFolder:
         """Where a frame's "depth" or "confidence" lies."""
         return self.folder / kind / frame.sequence / f"{frame.name}.{self._format}"
 
-    def write(self, frame: FrameReference, completed: CompletedDepth, record: FrameRecord) -> None:
-        """Write a frame's files, then its line in the journal."""
-        if completed.confidence is not None:
-            self._write(self.file("confidence", frame), completed.confidence, encode_fraction)
-        self._write(self.file("depth", frame), completed.depth, encode_depth)
+    def write(self, batch: Sequence[tuple[FrameReference, CompletedDepth, FrameRecord]]) -> None:
+        """Write the files of frames that were predicted together, then their lines in the journal, all at once.
+
+        A batch is in the journal as a whole or not at all, so that a command which goes on after a kill forms the same
+        batches: a frame's depth depends, in its last bits, on the frames beside it.
+        """
+        for frame, completed, _ in batch:
+            if completed.confidence is not None:
+                self._write(self.file("confidence", frame), completed.confidence, encode_fraction)
+            self._write(self.file("depth", frame), completed.depth, encode_depth)
         try:
-            with (self.folder / JOURNAL).open("a") as journal:
-                journal.write(_line(record))
+            with (self.folder / JOURNAL).open("ab", buffering=0) as journal:  # one call of the system
+                journal.write("".join(_line(record) for _, _, record in batch).encode())
         except OSError as error:
             raise DeuxError(write_failure(self.folder / JOURNAL, error)) from error
-        self.records[frame] = record
+        self.records |= {frame: record for frame, _, record in batch}
 
     def read(self, frame: FrameReference) -> CompletedDepth:
         """What was written of a frame, as the files hold it."""

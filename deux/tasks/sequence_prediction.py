@@ -69,9 +69,9 @@ def predict_sequences(
             beyond, done = 0, len(frames) - len(todo)
             for batch in batches(stream(todo), settings.batch_size):
                 completed = completion([frame for _, frame in batch])
-                for (reference, frame), one in zip(batch, completed, strict=True):
-                    results.write(reference, one, _record(reference, frame, one, camera))
-                    beyond += bool(one.depth.max() > LARGEST_DEPTH)
+                together = list(zip(batch, completed, strict=True))
+                results.write([(name, one, _record(name, frame, one, camera)) for (name, frame), one in together])
+                beyond += sum(bool(one.depth.max() > LARGEST_DEPTH) for one in completed)
                 done += len(batch)
                 report("prediction", done, len(frames))
         if beyond and settings.format == "png":

@@ -14,11 +14,12 @@ import deux as package
 from deux.contracts import Action
 from deux.deployment.model_files import load_model
 from deux.geometry.camera import Camera
+from deux.io.atomic import write_atomically
 from deux.io.camera_files import read_any_depth
 from deux.io.images import quantise_depth, read_fraction, write_depth
 from deux.io.video_files import VideoReader, VideoWriter
 from deux.metrics.depth_errors import METRICS
-from deux.tasks import sequence_prediction
+from deux.tasks import prediction_folder, sequence_prediction
 from deux.testing.box_world import Box, BoxWorld
 from deux.testing.readers import RecordedFrame
 
@@ -101,6 +102,31 @@ def test_every_frame_gets_what_the_model_says_of_it_alone(predict, room_folder, 
     shown = [float(cell.replace(",", "")) for cell in line.split("│")[2:-1]]
     np.testing.assert_allclose(shown, list(means.values()), rtol=1e-2, atol=0.06)
     assert float(rows[0]["interpolated_mae"]) < float(rows[0]["mae"])
+
+
+def test_a_batch_that_a_kill_cut_short_is_predicted_as_a_whole_again(predict, room_folder, monkeypatch):
+    """A frame's last bits depend on the frames beside it in its batch."""
+    run = room_folder.parent / "run"
+    sizes: list[int] = []
+    original = sequence_prediction.DepthCompletion.__call__
+
+    def counted(self, frames):
+        sizes.append(len(frames))
+        return original(self, frames)
+
+    def dies(path, content):
+        if path.name == "004.png":
+            raise KeyboardInterrupt
+        write_atomically(path, content)
+
+    monkeypatch.setattr(sequence_prediction.DepthCompletion, "__call__", counted)
+    with monkeypatch.context() as killed:
+        killed.setattr(prediction_folder, "write_atomically", dies)
+        predict(batch_size=3)
+    assert (run / "depth" / "room" / "003.png").exists()
+    assert len((run / "frames.jsonl").read_text().splitlines()) == 3
+    assert predict(batch_size=3).code == 0
+    assert sizes == [3, 3, 3, 1]
 
 
 def test_what_was_done_before_a_kill_is_not_done_again(predict, room_folder, monkeypatch):

@@ -22,7 +22,7 @@ from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_json
 from deux.io.json_files import read_json_object
 from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, TRIPLET_LISTS, SourceChoice, list_file, sequences
-from deux.io.locking import locked
+from deux.io.locking import clear_abandoned, locked
 from deux.io.progress import Progress, ignore_progress
 
 MANIFEST = "manifest.json"
@@ -59,12 +59,13 @@ def build_dataset(
     Raises:
         DeuxError: the dataset cannot be made, such as on a full disk, or no frame of it passes verification.
     """
-    dataset = root / spec.folder_name
+    dataset, lock_file = root / spec.folder_name, root / f".{spec.folder_name}.lock.json"
     if dataset.exists():
+        clear_abandoned(lock_file)
         return dataset
     partial = root / f".{spec.folder_name}.partial"
     make_folder(root)
-    with locked(root / f".{spec.folder_name}.lock.json", f"collects {spec.folder_name}") as lock:
+    with locked(lock_file, f"collects {spec.folder_name}") as lock:
         if dataset.exists():
             return dataset
         log.info("collecting %s", spec.folder_name)

@@ -212,6 +212,18 @@ def locked_at_once(path: Path, work: str, taken: str, lease: float = LEASE) -> I
         yield lock
 
 
+def clear_abandoned(path: Path) -> None:
+    """Delete the file of a lock whose holder, a process of this machine, was killed when its work was done.
+
+    Args:
+        path: the lock's file; most often there is none.
+    """
+    with suppress(OSError):
+        found = _read(path)
+        if found and found[0] and found[0].is_gone():
+            _remove(path, found[0])
+
+
 @contextmanager
 def _held(lock: Lock) -> Iterator[None]:
     """Release a lock at the end. If it was lost meanwhile, that is the error, whatever else came of it."""

@@ -15,7 +15,7 @@ import pytest
 
 from deux.errors import DeuxError
 from deux.io import locking
-from deux.io.locking import Holder, locked, locked_at_once
+from deux.io.locking import Holder, clear_abandoned, locked, locked_at_once
 
 START = "import sys, time; from pathlib import Path; from deux.io.locking import locked; path = Path(sys.argv[1])\n"
 
@@ -229,6 +229,17 @@ def test_a_later_holders_file_is_put_back(path):
         assert not locking._remove(path, dead)
     assert os.listdir(path.parent) == [path.name]
     assert Holder(**json.loads(path.read_text())) == alive
+
+
+def test_the_file_of_a_killed_holder_can_be_cleared_and_that_of_a_live_one_not(holding, path):
+    clear_abandoned(path)
+    holder = holding(60.0)
+    clear_abandoned(path)
+    assert path.exists()
+    holder.kill()
+    holder.wait()
+    clear_abandoned(path)
+    assert not path.exists()
 
 
 def test_what_a_kill_left_of_a_removal_goes_with_the_next_lock_of_the_folder(holding, path, tmp_path):

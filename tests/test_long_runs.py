@@ -47,7 +47,7 @@ def check_bounded(found: list[Sample], growth: float) -> None:
     warm, last = found[5], found[-1]
     assert last.memory - warm.memory < growth, found
     assert last.files <= warm.files, found
-    assert last.threads <= warm.threads, found
+    assert last.threads <= warm.threads + 1, found  # one that keeps a lock fresh comes and goes
 
 
 def test_fifty_thousand_frames(tmp_path):

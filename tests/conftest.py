@@ -2,6 +2,9 @@
 
 import io
 import os
+import shutil
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -59,6 +62,23 @@ def house_caster(small_house: Scene) -> RayCaster:
 def lounge(shared_data: Callable[[str], Path]) -> Scene:
     """A scanned room with holes."""
     return load_scene(shared_data("scenes") / "lounge.ply")
+
+
+@pytest.fixture(scope="session")
+def installed_copy(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Path], Path]:
+    """Install a package from a copy into a folder of its own, which is not on the path: installed_copy(package)."""
+
+    def install(package: Path) -> Path:
+        source = tmp_path_factory.mktemp("source") / package.name
+        shutil.copytree(package, source, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info", "build"))
+        folder = tmp_path_factory.mktemp("site")
+        options = ["--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check"]
+        command = [sys.executable, "-m", "pip", "install", *options, "--target", str(folder), str(source)]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+        assert result.returncode == 0, result.stderr
+        return folder
+
+    return install
 
 
 @pytest.fixture

@@ -104,11 +104,6 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     Raises:
         DeuxError: there is no such file, it is damaged or not one of ours, its model is not installed, or its weights
             do not fit the model.
-
-    Example:
-        >>> model = deux.load("outputs/runs/kbnet-deux-1a2b3c4d")  # a run folder, or a model file
-        >>> model.max_depth
-        10.0
     """
     file = weights_file(path)
     return make_model(_read_config(file), file)

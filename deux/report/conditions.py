@@ -139,7 +139,8 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Con
     """
     configuration = current_keys(configuration)
     options = flatten_options(configuration)
-    options = tuple((key, value) for key, value in options if _is_used(key, dict(options)))
+    values = dict(options)
+    options = tuple(option for option in options if _is_used(option[0], values))
     own_seed = int(configuration.get("seed", 0))
     by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
     options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)

@@ -8,7 +8,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from deux.collection.collect_settings import CollectSettings
-from deux.collection.perception import Perception
+from deux.collection.perception import Perception, needs_model
 from deux.collection.sparse import SparseSettings
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel, SceneReference
@@ -93,10 +93,13 @@ class Comparing:
                 f"compare.figure_scene is {self._settings.figure_scene}, but there {plural('is', count)} "
                 f"{counted(count, 'scene')}: the first one is 0."
             )
-        guide = sections.read("seed_model", SeedModelSettings).trained_already(sections.plugin("model"))
+        seed_model = sections.read("seed_model", SeedModelSettings)
+        chosen = seed_model.choose(sections.plugin("model"))
         configured = sections.plugin("explore")
         check_robot(configured, "task=compare_explorers")
-        self._participants = find_participants(self._settings.explorers, configured, has_model=guide is not None)
+        self._participants = find_participants(self._settings.explorers, configured, seed_model.is_ready(chosen))
+        # Loading it takes seconds, which a comparison of others need not wait for.
+        guide = seed_model.load(chosen) if any(map(needs_model, self._participants.explorers)) else None
         self._perception = None if guide is None else _perception(sections, guide.model, self._collect)
         self.identity = sections.identity | {
             "participants": self._participants.identity,

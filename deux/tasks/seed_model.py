@@ -65,28 +65,30 @@ class SeedModelSettings:
                 "seed_model.checkpoint=null to have the one that is named, or leave the name out."
             )
 
-    def trained_already(self, final: PluginChoice) -> "TrainedModel | None":
-        """The seed model if it takes no training: that of `checkpoint`, or a model that brings its weights.
+    def choose(self, final: PluginChoice) -> PluginChoice:
+        """The depth model that is made where there is no checkpoint, or that `checkpoint` is published for.
 
         Args:
             final: the depth model that is trained in the end.
-
-        Raises:
-            DeuxError: there is no model where `checkpoint` says, or `name` says something else.
         """
-        choice = self.choose(final)
-        if self.checkpoint is not None:
-            return TrainedModel(*load_named_model(choice, self.checkpoint), weights_identity(self.checkpoint))
-        if not is_pretrained(choice):
-            return None
-        model = choice.create().eval()
-        return TrainedModel(choice.name, model, pretrained_identity(choice, model))
-
-    def choose(self, final: PluginChoice) -> PluginChoice:
-        """The depth model that is made where there is no checkpoint, or that `checkpoint` is published for."""
         if self.name in (None, final.name) and not self.options:
             return final
         return registry().choose("depth_models", {**self.options, "name": self.name}, "seed_model.options")
+
+    def is_ready(self, chosen: PluginChoice) -> bool:
+        """Whether it takes no training: there is a checkpoint, or the model chosen by `choose` brings its weights."""
+        return self.checkpoint is not None or is_pretrained(chosen)
+
+    def load(self, chosen: PluginChoice) -> "TrainedModel":
+        """The seed model that is ready.
+
+        Raises:
+            DeuxError: there is no model where `checkpoint` says, or none that fits.
+        """
+        if self.checkpoint is not None:
+            return TrainedModel(*load_named_model(chosen, self.checkpoint), weights_identity(self.checkpoint))
+        model = chosen.create().eval()
+        return TrainedModel(chosen.name, model, pretrained_identity(chosen, model))
 
 
 class TrainedModel(NamedTuple):
@@ -129,7 +131,6 @@ class SeedModel:
                 "and free viewpoints are a ceiling that none can: choose another explorer."
             )
         final = training.recipe
-        self._final = final.model
         model = self.settings.choose(final.model)
         if model is final.model:
             self._recipe = final
@@ -158,10 +159,10 @@ class SeedModel:
         those of a foundation are not.
         """
         say(self.description)
-        if (ready := self.settings.trained_already(self._final)) is not None:
-            return ready
+        if self.settings.is_ready(self._recipe.model):
+            return self.settings.load(self._recipe.model)
         path = self._trained()
-        return TrainedModel(*load_named_model(self._final, path), weights_identity(path))
+        return TrainedModel(*load_named_model(self._recipe.model, path), weights_identity(path))
 
     def _trained(self) -> str:
         training = replace(self._recipe.training, steps=self.settings.steps)

@@ -1,6 +1,7 @@
 """Checkpoints from which a killed training run goes on."""
 
 import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
@@ -30,7 +31,6 @@ def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
     """
     return [
         EpochCheckpoints(
-            prefix="epoch=",
             dirpath=folder,
             filename="{epoch}-{step}",
             every_n_epochs=1,
@@ -38,7 +38,6 @@ def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
             save_on_train_epoch_end=True,
         ),
         TimedCheckpoints(
-            prefix="within-",
             dirpath=folder,
             filename="within-{epoch}-{step}",
             train_time_interval=timedelta(minutes=minutes),
@@ -52,16 +51,8 @@ class NewestCheckpoint(ModelCheckpoint):
     """Keeps the newest checkpoint of its kind, and none that a kill left behind.
 
     A process that is killed after it wrote a checkpoint and before it deleted the one before leaves both, and no later
-    start knows of the older one.
-
-    Args:
-        prefix: of the names of its files in `dirpath`, and of no others.
-        options: of `ModelCheckpoint`.
+    start knows of the older one. Files of one kind are those that `filename` may have named.
     """
-
-    def __init__(self, prefix: str, **options: Any) -> None:
-        super().__init__(**options)
-        self._prefix = prefix
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Delete what an earlier start left."""
@@ -74,7 +65,8 @@ class NewestCheckpoint(ModelCheckpoint):
 
     def _delete_others(self, trainer: Trainer) -> None:
         if trainer.is_global_zero and self.dirpath and self.best_model_path:
-            for path in Path(self.dirpath).glob(f"{self._prefix}*.ckpt"):
+            names = re.sub(r"{(\w+)}", r"\1=*", str(self.filename)) + self.FILE_EXTENSION
+            for path in Path(self.dirpath).glob(names):
                 if path.name != Path(self.best_model_path).name:
                     path.unlink(missing_ok=True)
 

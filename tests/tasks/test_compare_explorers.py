@@ -106,6 +106,14 @@ def test_guided_and_learned_explorers_take_part(compare, model_file, tmp_path):
     assert json.loads((tmp_path / "run" / "results.json").read_text())["own_rewards"] == {"coverage": "coverage"}
 
 
+def test_no_depth_model_is_loaded_for_explorers_that_need_none(compare, tmp_path):
+    chosen = ["compare.explorers=[random]", "scenes.test=1", "seed_model.checkpoint=nowhere"]
+    assert compare(tmp_path / "run", *chosen).code == 0
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["seed model"] is None
+    sentence = compare(tmp_path / "other", "compare.explorers=[deux]", *chosen[1:]).sentence
+    assert sentence.startswith("there is no model ")
+
+
 def test_files_are_explored_as_they_are(compare, room, tmp_path):
     scene = room("compared", "floor", "walls", "furniture")
     chosen = ["compare.explorers=[random]", "scenes=files", f"scenes.test={scene}"]

@@ -268,5 +268,5 @@ def _train(name: str, dataset: Path, cache: CacheChoice, settings: WaitingSettin
                 "reload_dataloaders_every_n_epochs": 1,
             }
         )
-        trainer.fit(DepthCompletion(model, objective), datamodule=data)
+        trainer.fit(DepthCompletion(model, objective, cuda_graphs=True), datamodule=data)
     return _Run(clock, data.train_dataloader().num_workers)

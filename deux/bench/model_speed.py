@@ -117,7 +117,14 @@ def _step_tables(
     yield SpeedTable("models_parts", "Training steps: where their time goes", parts)
 
 
-def train_steps(variant: StepVariant, batch: Batch, steps: int, watch: Callback, accelerator: str = "auto") -> None:
+def train_steps(
+    variant: StepVariant,
+    batch: Batch,
+    steps: int,
+    watch: Callback,
+    accelerator: str = "auto",
+    cuda_graphs: bool = False,
+) -> None:
     """Train a newly made model for a few steps, as `deux.training.fit` does but for loading data and writing logs.
 
     Args:
@@ -126,11 +133,13 @@ def train_steps(variant: StepVariant, batch: Batch, steps: int, watch: Callback,
         steps: number of steps, after one to warm up.
         watch: a callback that measures.
         accelerator: Lightning's accelerator setting.
+        cuda_graphs: replay steps on a card, as trainings do by default; their parts cannot be told apart then.
     """
     torch.manual_seed(0)
     batch = batch_on(default_device(accelerator), batch)  # loading is not part of a step
     model: DepthModel = registry().create("depth_models", variant.model, {})
-    module = DepthCompletion(model, make_objective(model), make_pose_source(variant.poses, model))
+    poses = make_pose_source(variant.poses, model)
+    module = DepthCompletion(model, make_objective(model), poses, cuda_graphs=cuda_graphs)
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     with warnings.catch_warnings():
         for message in KNOWN_WARNINGS:

@@ -12,6 +12,27 @@ PARTS = ("network", "poses", "objective", "backward", "optimiser")
 """The parts of a step, in their order; what is left over is logging and Lightning itself."""
 
 
+class MeanStep(Callback):
+    """Times all steps of a `Trainer` but the first as a whole, so that a card is not waited for between two of them."""
+
+    def __init__(self) -> None:
+        self._watch = Stopwatch()
+        self._count = 0
+
+    @property
+    def seconds(self) -> float:
+        """Of one step."""
+        return self._watch.total("steps") / self._count
+
+    def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
+        """Begin after the first step, end after the last."""
+        if trainer.global_step == 1:
+            self._watch.start("steps")
+        elif trainer.global_step == trainer.max_steps:
+            self._watch.stop("steps")
+            self._count = trainer.max_steps - 1
+
+
 class StepClock(Callback):
     """Times each step of a `Trainer` and its parts. A step lasts from the end of the one before it to its own end.
 

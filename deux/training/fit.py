@@ -82,7 +82,7 @@ def fit(
         supervised=supervised,
         augmentation=settings.augmentation,
     )
-    module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics)
+    module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics, _graphed(settings))
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}
     kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
     resumed = ResumedFrom(resume_point(checkpoints))
@@ -96,11 +96,13 @@ def fit(
         }
     )
     log.info(_arithmetic(trainer, settings))
+    on_card = trainer.strategy.root_device.type == "cuda"
     try:
         with (
             tf32_convolutions(settings.tf32),
             compiled(module.model, settings.compile),
             compiled(module.pose_source, settings.compile if pose == "learned" else False),
+            compiled(module.objective, settings.compile if on_card else False),  # on a CPU, numba has compiled it
             resumed.restoring(),
         ):
             trainer.fit(module, datamodule=data, ckpt_path=resumed.point, weights_only=True)
@@ -120,6 +122,11 @@ def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
         others = {name: value for name, value in arguments.items() if name != "precision"}
         arguments = {**others, "plugins": [*(arguments.get("plugins") or []), plugin]}
     return lightning_object(Trainer, arguments, "trainer")
+
+
+def _graphed(settings: TrainingSettings) -> bool:
+    """Whether a step is recorded as a CUDA graph here: not where `torch.compile` records graphs itself."""
+    return settings.cuda_graphs and settings.compile in (False, True, "default")
 
 
 def _arithmetic(trainer: Trainer, settings: TrainingSettings) -> str:

@@ -16,6 +16,7 @@ from deux.contracts import Batch, DepthModel, Prediction
 from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.sparse_outliers import remove_outliers
 from deux.training.fused_adam import FusedAdam
+from deux.training.graphed_step import GraphedStep, StepValues
 from deux.training.objective import Losses, Objective
 from deux.training.pose_source import PoseSource
 from deux.training.schedule import Schedule
@@ -38,6 +39,8 @@ class DepthCompletion(LightningModule):
         schedule: the learning rate.
         metrics: updated with (predicted depth, ground truth) during validation, if frames come with ground truth; its
             `compute` returns a dictionary of scalars.
+        cuda_graphs: record networks and losses as a CUDA graph in the first step on a card, and replay it from then on;
+            only where one process trains and gradients of several batches are not added up.
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class DepthCompletion(LightningModule):
         pose_source: PoseSource | None = None,
         schedule: Schedule | None = None,
         metrics: Metric | None = None,
+        cuda_graphs: bool = False,
     ) -> None:
         super().__init__()
         self.model = model.to(memory_format=torch.channels_last)
@@ -54,6 +58,8 @@ class DepthCompletion(LightningModule):
         self.pose_source = pose_source or PoseSource()
         self.schedule = schedule or Schedule()
         self.metrics = metrics
+        self.cuda_graphs = cuda_graphs
+        self._graphed_step: GraphedStep | None = None
 
     def setup(self, stage: str) -> None:
         """Convert the networks to the trainer's precision.
@@ -61,6 +67,16 @@ class DepthCompletion(LightningModule):
         Lightning does so only after it has restored a checkpoint, which would round float64 weights.
         """
         self.trainer.precision_plugin.convert_module(self)
+
+    def on_train_start(self) -> None:
+        """Have the steps replayed from here on, if that is asked for and possible."""
+        trainer = self.trainer
+        possible = self.device.type == "cuda" and trainer.world_size == 1 and trainer.accumulate_grad_batches == 1
+        self._graphed_step = GraphedStep(self, self._step_values) if self.cuda_graphs and possible else None
+
+    def on_train_end(self) -> None:
+        """Free the graphs' memory."""
+        self._graphed_step = None
 
     def forward(self, batch: Batch) -> Prediction:
         """Predict the depth of a batch's target frames."""
@@ -78,13 +94,12 @@ class DepthCompletion(LightningModule):
 
     def training_step(self, batch: Batch, batch_idx: int) -> dict[str, Tensor]:
         """One step; also returns the mean predicted depth, for `deux.training.health`."""
-        prediction, losses = self._losses(batch)
-        values = {"loss": losses.total, **losses.terms, **_photometric_error(batch, losses)}
-        self._log("train", values, batch)
+        values = (self._graphed_step or self._step_values)(batch)
+        self._log("train", values.logged, batch)
         # Filled in on the device: Lightning would copy the number there, and wait until it is there.
         rate = torch.full((), self.trainer.optimizers[0].param_groups[0]["lr"], device=batch.image.device)
         self.log("train/learning_rate", rate)
-        return {"loss": losses.total, "mean_depth": prediction.depth.detach().float().mean()}
+        return {"loss": values.total, "mean_depth": values.mean_depth}
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Log the losses of held-out frames and count them in the metrics."""
@@ -134,6 +149,12 @@ class DepthCompletion(LightningModule):
             Precision.clip_gradients(plugin, optimizer, gradient_clip_val, algorithm)
         else:
             self.clip_gradients(optimizer, gradient_clip_val, gradient_clip_algorithm)
+
+    def _step_values(self, batch: Batch) -> StepValues:
+        """What a training step computes before its backward pass."""
+        prediction, losses = self._losses(batch)
+        logged = {"loss": losses.total.detach(), **losses.terms, **_photometric_error(batch, losses)}
+        return StepValues(losses.total, logged, prediction.depth.detach().float().mean())
 
     def _losses(self, batch: Batch) -> tuple[Prediction, Losses]:
         prediction = self(batch)

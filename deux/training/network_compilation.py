@@ -1,4 +1,4 @@
-"""`training.compile`: the networks compiled by `torch.compile`, for as long as they train."""
+"""`training.compile`: networks and objective compiled by `torch.compile`, for as long as they train."""
 
 import os
 import shutil
@@ -12,7 +12,7 @@ from torch import nn
 from deux.errors import DeuxError
 
 CompileMode = Literal["default", "reduce-overhead", "max-autotune"]
-"""Modes of `torch.compile`; "reduce-overhead" replays each pass as one CUDA graph."""
+"""Modes of `torch.compile`; all but "default" replay what they compile as CUDA graphs of their own."""
 
 
 @contextmanager

@@ -29,7 +29,10 @@ class TrainingSettings(Schedule):
         checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
         tf32: on a card, let the networks' float32 convolutions round to TensorFloat-32 (10 bits of mantissa); the
             geometry never does. Nothing to gain in bf16-mixed, the default there.
-        compile: compile the networks by `torch.compile`, in this mode; true is "default". The first step takes longer.
+        cuda_graphs: on a card, record the networks and losses of a step as a CUDA graph and replay it from then on:
+            the same kernels without the host's part in launching them. Not with several processes or added gradients.
+        compile: compile the networks, and on a card the objective, by `torch.compile` in this mode; true is "default",
+            the others record graphs themselves. The first step takes up to minutes longer.
         averaging: fraction of the optimiser steps, from the end, over which the weights are averaged to make the final
             model; 0 takes those of the last step.
         supervised: let the objective read ground truth also of a model that is published as an unsupervised one.
@@ -51,6 +54,7 @@ class TrainingSettings(Schedule):
     offsets: tuple[int, ...] = (-1, -2)
     checkpoint_minutes: float = 10.0
     tf32: bool = False
+    cuda_graphs: bool = True
     compile: CompileMode | bool = False
     averaging: float = 0.0
     supervised: bool = False

@@ -1,4 +1,6 @@
-from deux.training.fit import _arithmetic, make_trainer
+import pytest
+
+from deux.training.fit import _arithmetic, _graphed, make_trainer
 from deux.training.training_settings import TrainingSettings
 
 
@@ -13,3 +15,11 @@ def test_the_log_says_what_a_training_computes_with():
         "float32 convolutions in TensorFloat-32, compiled (default)"
     )
     assert _arithmetic(trainer, TrainingSettings(compile="max-autotune")).endswith("compiled (max-autotune)")
+
+
+@pytest.mark.parametrize(
+    ("settings", "graphed"),
+    [({}, True), ({"compile": True}, True), ({"compile": "reduce-overhead"}, False), ({"cuda_graphs": False}, False)],
+)
+def test_no_graph_is_recorded_inside_another(settings, graphed):
+    assert _graphed(TrainingSettings(**settings)) is graphed

@@ -183,7 +183,7 @@ def on_a_card():
 COMBINATIONS = [(name, pose) for name in registry().names("depth_models") for pose in ("simulator", "learned")]
 
 
-def watched_steps(fit, name, pose, check, copies=8, model=None, **arguments):
+def watched_steps(fit, name, pose, check, copies=8, model=None, cuda_graphs=False, **arguments):
     """Trains a registered model with logging, clipping and health checks, watched by `check`."""
     torch.manual_seed(0)
     model = model or registry().create("depth_models", name, {})
@@ -192,7 +192,8 @@ def watched_steps(fit, name, pose, check, copies=8, model=None, **arguments):
     batch = perfect_sample(2, 64, 96).batch
     samples = [model.prepare(depth) for depth in batch.sparse_depth[:, 0].numpy()]
     batch.prepared = {key: torch.stack([torch.from_numpy(sample[key]) for sample in samples]) for key in samples[0]}
-    module = DepthCompletion(model, make_objective(model), make_pose_source(pose, model), metrics=DepthErrors())
+    poses, errors = make_pose_source(pose, model), DepthErrors()
+    module = DepthCompletion(model, make_objective(model), poses, metrics=errors, cuda_graphs=cuda_graphs)
     watched = Watched(check, copies)
     arguments = {"precision": "bf16-mixed", "gradient_clip_val": 1.0} | arguments
     fit(module, batch, copies, max_steps=copies, callbacks=[watched, HealthCheck(every=2)], **arguments)
@@ -215,9 +216,10 @@ def test_a_step_that_waits_is_found(fit, small_model):
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.parametrize("cuda_graphs", [True, False])
 @pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
-def test_no_step_waits_for_a_card(fit, name, pose):
-    watched_steps(fit, name, pose, on_a_card, accelerator="gpu", devices=1)
+def test_no_step_waits_for_a_card(fit, name, pose, cuda_graphs):
+    watched_steps(fit, name, pose, on_a_card, accelerator="gpu", devices=1, cuda_graphs=cuda_graphs)
 
 
 @pytest.mark.parametrize("clip", [{}, {"gradient_clip_val": 1e-3}])

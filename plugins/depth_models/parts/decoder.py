@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from deux.geometry.tuned_forms import merges_steps, tuned_for_cpu
+from deux.geometry.tuned_forms import merges_steps
 from deux_plugins.depth_models.parts.convolution import Convolution
 
 Size = tuple[int, int]
@@ -122,13 +122,13 @@ class Decoder(nn.Module):
             x = self.get_submodule(f"deconv{level}")(x, skip, size)
         output = self.output
         with torch.autocast(x.device.type, enabled=False):
-            if self.training and tuned_for_cpu(x):
+            if self.training and merges_steps():
                 return convolve_to_few_channels(x.float(), output.conv.weight)
             return output(x.float())
 
 
 def convolve_to_few_channels(x: Tensor, weight: Tensor) -> Tensor:
-    """A 3 x 3 convolution of stride 1 with zero padding, for a few output channels on a CPU.
+    """A 3 x 3 convolution of stride 1 with zero padding, for a few output channels.
 
     One matrix product gives each pixel's share in the nine pixels around it, and the shares are added up. With one
     output channel oneDNN's convolution leaves most of its vector registers empty: forward and backward take 2 to 3

@@ -20,6 +20,7 @@ MODULES = sorted(
     if ">>> " in path.read_text()
 )
 PUBLIC = (
+    "load",
     "load_model",
     "load_published",
     "predict_arrays",

@@ -1,5 +1,6 @@
 """The Lightning data module: a model's training, validation and test frames as batches."""
 
+import gc
 import logging
 import multiprocessing
 import os
@@ -287,10 +288,20 @@ class TripletDataModule(LightningDataModule):
             num_workers=workers,
             persistent_workers=workers > 0,
             multiprocessing_context="fork" if workers and forks else None,  # a memory cache is shared by forks alone
+            worker_init_fn=_leave_inherited_garbage,
             collate_fn=collate,
             drop_last=drop_last,
             pin_memory=placement.cache != "device" and self._device.type == "cuda",
         )
+
+
+def _leave_inherited_garbage(worker: int) -> None:
+    """Keep a worker from collecting what was unreachable when it was forked.
+
+    Tensors and CUDA graphs of an earlier training may be among it, and freeing those without the card's context, which
+    a fork does not have, ends the process.
+    """
+    gc.freeze()
 
 
 def _check_open_files(workers: int) -> None:

@@ -104,6 +104,11 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
     Raises:
         DeuxError: there is no such file, it is damaged or not one of ours, its model is not installed, or its weights
             do not fit the model.
+
+    Example:
+        >>> model = load_model("outputs/runs/kbnet-deux-1a2b3c4d")  # a run folder
+        >>> model.training
+        False
     """
     file = weights_file(path)
     return make_model(_read_config(file), file)

@@ -1,5 +1,6 @@
 """The losses of a training step, and their gradients, replayed as one CUDA graph (`training.cuda_graphs`)."""
 
+import gc
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
@@ -62,6 +63,13 @@ class GraphedStep:
         total, *logged, mean_depth = replay(*tensors.values())
         return StepValues(total, dict(zip(step.logged, logged, strict=True)), mean_depth)
 
+    def free(self) -> None:
+        """Give the graphs' memory back; they are recorded anew if the step is called again."""
+        for step, _ in self._graphs.values():
+            vars(step).pop("forward", None)  # the replay, which refers to the step
+        self._graphs.clear()
+        gc.collect()  # the replays' classes are unreachable now, and no one else frees those
+
     def _record(self, batch: Batch, tensors: tuple[Tensor, ...]) -> "tuple[_FlatStep, Callable[..., Any]]":
         """Record a graph, and leave buffers and random numbers as they were: recording runs the step several times."""
         step = _FlatStep(self._networks, self._compute, batch)
@@ -81,7 +89,7 @@ class GraphedStep:
         with torch.no_grad():
             for buffer, before in buffers:
                 buffer.copy_(before)
-        log.debug("recorded a CUDA graph of a training step of %s", tuple(batch.image.shape))
+        log.info("recorded a CUDA graph of training steps with images of %s", tuple(batch.image.shape))
         return step, replay
 
 

@@ -76,7 +76,9 @@ class DepthCompletion(LightningModule):
 
     def on_train_end(self) -> None:
         """Free the graphs' memory."""
-        self._graphed_step = None
+        if self._graphed_step is not None:
+            self._graphed_step.free()
+            self._graphed_step = None
 
     def forward(self, batch: Batch) -> Prediction:
         """Predict the depth of a batch's target frames."""

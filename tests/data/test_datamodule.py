@@ -1,5 +1,6 @@
 """The data module under Lightning: order, workers, ground truth, frames that are added."""
 
+import gc
 import os
 import resource
 from collections.abc import Iterator, Sequence
@@ -57,6 +58,22 @@ class CountingModel(ToyModel):
         assert worker is not None
         self.prepared += 1
         return {"worker": np.full((1, 1, 1), worker.id), "before": np.full((1, 1, 1), self.prepared - 1)}
+
+
+class Unreachable:
+    """Part of a cycle; writes down which process collects it."""
+
+    def __init__(self, marks: Path) -> None:
+        self.marks, self.myself = marks, self
+
+    def __del__(self) -> None:
+        (self.marks / str(os.getpid())).touch()
+
+
+class CollectingModel(ToyModel):
+    def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
+        gc.collect()
+        return {"worker": np.full((1, 1, 1), os.getpid())}
 
 
 class Recorder(LightningModule):
@@ -166,6 +183,23 @@ def test_the_number_of_workers_changes_nothing(tmp_path: Path) -> None:
         torch.testing.assert_close(one.image, two.image)
         torch.testing.assert_close(one.input_sparse_depth, two.input_sparse_depth)
         torch.testing.assert_close(one.intrinsics, two.intrinsics)
+
+
+def test_what_was_unreachable_before_the_fork_is_not_freed_by_a_worker(tmp_path: Path) -> None:
+    """CUDA graphs and tensors of an earlier training may be among it: freed in a fork they end the process."""
+    data = module([dataset(tmp_path / "d")], CollectingModel(), num_workers=1)
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    gc.disable()
+    try:
+        Unreachable(marks)
+        processes = {int(batch.prepared["worker"][0]) for batch in drawn(data)}
+        assert processes
+        assert not {str(process) for process in processes} & set(os.listdir(marks))
+    finally:
+        gc.enable()
+    gc.collect()
+    assert os.listdir(marks) == [str(os.getpid())]
 
 
 def test_ground_truth_reaches_supervised_models_alone(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """What the graph itself computes is tested on a card; what surrounds it, with a stand-in that runs the step instead."""
 
+import weakref
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -43,6 +44,8 @@ def recorded(monkeypatch):
         for _ in range(3):
             step(*inputs)
         steps.append(step)
+        computed = step.forward
+        step.forward = lambda *tensors: (step, computed(*tensors))[1]  # as PyTorch's, which refers to the step
         return step
 
     monkeypatch.setattr(torch.cuda, "make_graphed_callables", record)
@@ -88,6 +91,17 @@ def test_each_shape_has_a_graph_as_long_as_there_is_room(recorded, small_model):
         assert step(batch).total == module._step_values(batch).total
     assert len(recorded) == MAX_GRAPHS
     assert {step._template.image.shape[2] for step in recorded} == {16, 24, 32, 40}
+
+
+def test_graphs_are_freed_and_recorded_anew(recorded, small_model):
+    module = make_module(small_model()).train()
+    step = GraphedStep(module, module._step_values)
+    step(batch := perfect_sample(1, 16, 16).batch)
+    kept = weakref.ref(recorded.pop())
+    step.free()
+    assert kept() is None
+    assert step(batch).total == module._step_values(batch).total
+    assert len(recorded) == 1
 
 
 @pytest.mark.parametrize("wanted", [True, False])

@@ -32,7 +32,7 @@ from deux.training.training_settings import TrainingSettings
 if TYPE_CHECKING:
     from lightning import Callback
 
-_WITHOUT_EFFECT = ("num_workers", "validations", "checkpoint_minutes")
+_WITHOUT_EFFECT = ("num_workers", "validations", "checkpoint_minutes", "cuda_graphs")
 """Options of `training` that the trained weights do not depend on."""
 
 _ALWAYS_TAKEN: dict[str, tuple[Any, ...]] = {"accelerator": ("auto", "cpu"), "devices": (1,)}

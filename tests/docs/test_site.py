@@ -47,6 +47,7 @@ def test_links_and_pictures_of_a_page_are_there(page):
             assert (page.parent / target).exists(), target
 
 
+@pytest.mark.slow  # .ci/run builds it on its own
 def test_the_site_is_built_strictly(tmp_path):
     if find_spec("zensical") is None or find_spec("mkdocstrings") is None:
         pytest.skip("the extra docs is not installed")

@@ -20,7 +20,7 @@ from typing import Any
 
 from deux.errors import DeuxError
 
-SECONDS = 3.0
+SECONDS = 6.0
 MEMORY = 1500 * 1024**2
 """Bytes of address space beyond what the process has: more than any of the small files needs."""
 

@@ -160,7 +160,7 @@ def test_given_frames_have_no_explorer():
 
 
 UNRELATED = {
-    "training": {"num_workers", "checkpoint_minutes", "validations"},
+    "training": {"num_workers", "checkpoint_minutes", "validations", "cuda_graphs"},
     "": {
         "defaults",
         "task",

@@ -1,6 +1,7 @@
 import pickle
 
 import numpy as np
+import pytest
 import trimesh
 
 from deux.scenes.ray_caster import RayCaster
@@ -69,7 +70,7 @@ def test_a_used_caster_travels_to_other_processes(mesh_of, slab):
     caster = RayCaster(mesh_of(slab([-1, -1, 4], [1, 1, 5])))
     ray = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
     caster.cast(*ray)
-    assert pickle.loads(pickle.dumps(caster)).cast(*ray).distance[0] == 4.0
+    assert pickle.loads(pickle.dumps(caster)).cast(*ray).distance[0] == pytest.approx(4.0)
 
 
 def test_all_surfaces_below_are_found_from_the_highest_down(mesh_of, slab, sheet):

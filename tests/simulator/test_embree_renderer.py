@@ -91,7 +91,7 @@ def test_where_there_is_nothing_all_is_empty(make_quads: Callable[..., Scene]) -
     image = render(renderer, camera_pose(0, 0, 0, 0))
     left = np.zeros((40, 40), dtype=bool)
     left[10:30, 10:20] = True
-    np.testing.assert_array_equal(image.depth, np.where(left, np.float32(2.0), 0.0))
+    np.testing.assert_allclose(image.depth, np.where(left, 2.0, 0.0), rtol=1e-6)
     np.testing.assert_array_equal(image.face >= 0, left)
     np.testing.assert_array_equal(image.rgb, np.where(left, 255, 0)[..., None].repeat(3, -1))
     behind = render(renderer, camera_pose(0, 0, -4, np.pi))

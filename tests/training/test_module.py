@@ -183,13 +183,13 @@ def on_a_card():
 COMBINATIONS = [(name, pose) for name in registry().names("depth_models") for pose in ("simulator", "learned")]
 
 
-def watched_steps(fit, name, pose, check, copies=8, model=None, cuda_graphs=False, **arguments):
+def watched_steps(fit, name, pose, check, copies=5, model=None, cuda_graphs=False, **arguments):
     """Trains a registered model with logging, clipping and health checks, watched by `check`."""
     torch.manual_seed(0)
     model = model or registry().create("depth_models", name, {})
     if pose == "learned" and model.pose_network() is None:
         pytest.skip(f"{name} has no pose network")
-    batch = perfect_sample(2, 64, 96).batch
+    batch = perfect_sample(2, 32, 64).batch
     samples = [model.prepare(depth) for depth in batch.sparse_depth[:, 0].numpy()]
     batch.prepared = {key: torch.stack([torch.from_numpy(sample[key]) for sample in samples]) for key in samples[0]}
     poses, errors = make_pose_source(pose, model), DepthErrors()

@@ -15,14 +15,11 @@ PARTS = ("network", "poses", "objective", "backward", "optimiser")
 class MeanStep(Callback):
     """Times all steps of a `Trainer` but the first as a whole, so that a card is not waited for between two of them."""
 
+    seconds: float
+    """Of one step; known after the last."""
+
     def __init__(self) -> None:
         self._watch = Stopwatch()
-        self._count = 0
-
-    @property
-    def seconds(self) -> float:
-        """Of one step."""
-        return self._watch.total("steps") / self._count
 
     def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
         """Begin after the first step, end after the last."""
@@ -30,7 +27,7 @@ class MeanStep(Callback):
             self._watch.start("steps")
         elif trainer.global_step == trainer.max_steps:
             self._watch.stop("steps")
-            self._count = trainer.max_steps - 1
+            self.seconds = self._watch.total("steps") / (trainer.max_steps - 1)
 
 
 class StepClock(Callback):

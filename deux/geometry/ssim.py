@@ -3,9 +3,8 @@
 from typing import Literal
 
 import torch
-from kornia.filters import filter2d_separable, get_gaussian_kernel1d
+from kornia.filters import filter2d_separable, get_box_kernel1d, get_gaussian_kernel1d
 from torch import Tensor
-from torch.nn import functional
 
 from deux.geometry.compiled_ssim import CONTRAST_CONSTANT, LUMINANCE_CONSTANT, compiled_ssim
 from deux.geometry.tuned_forms import tuned_for_cpu
@@ -72,21 +71,23 @@ def wholly_visible(visible: Tensor, window_size: int = 3) -> Tensor:
 
 
 def _by_kornia(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
-    """SSIM with a Gaussian window as a convolution by `kornia.filters`, and with equal weights as a mean.
+    """SSIM with the window as a convolution by `kornia.filters`.
 
-    `kornia.metrics.ssim` does the former, and copies the window's width from the host at each call.
+    `kornia.metrics.ssim` does the same for a Gaussian window alone, and copies the window's width from the host at
+    each call.
     """
     image, other = torch.broadcast_tensors(image, other)
     batch = image.shape[:-3]
     image, other = image.flatten(0, -4), other.flatten(0, -4)
-    margin = size // 2 if border == "reflect" else 0
-    offsets = torch.arange(size, device=image.device, dtype=image.dtype) - size // 2
-    kernel = torch.softmax(-0.5 * (offsets / GAUSSIAN_SIGMA).square(), dim=0)[None]
+    padding = "same" if border == "reflect" else "valid"
+    if window == "box":
+        kernel = get_box_kernel1d(size, device=image.device, dtype=image.dtype)
+    else:
+        offsets = torch.arange(size, device=image.device, dtype=image.dtype) - size // 2
+        kernel = torch.softmax(-0.5 * (offsets / GAUSSIAN_SIGMA).square(), dim=0)[None]
 
     def windowed(x: Tensor) -> Tensor:
-        if window == "gaussian":
-            return filter2d_separable(x, kernel, kernel, padding="same" if margin else "valid")
-        return functional.avg_pool2d(functional.pad(x, (margin,) * 4, "reflect") if margin else x, size, stride=1)
+        return filter2d_separable(x, kernel, kernel, padding=padding)
 
     # Eq. 13 of Wang et al.
     mean, other_mean = windowed(image), windowed(other)

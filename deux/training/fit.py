@@ -9,6 +9,7 @@ from typing import Any
 import torch
 from lightning import Callback, Trainer, seed_everything
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
+from torch import nn
 from torchmetrics import Metric
 
 from deux.callbacks import lightning_object
@@ -96,13 +97,10 @@ def fit(
         }
     )
     log.info(_arithmetic(trainer, settings))
-    on_card = trainer.strategy.root_device.type == "cuda"
     try:
         with (
             tf32_convolutions(settings.tf32),
-            compiled(module.model, settings.compile),
-            compiled(module.pose_source, settings.compile if pose == "learned" else False),
-            compiled(module.objective, settings.compile if on_card else False),  # on a CPU, numba has compiled it
+            compiled(_compilable(module, pose, trainer.strategy.root_device), settings.compile),
             resumed.restoring(),
         ):
             trainer.fit(module, datamodule=data, ckpt_path=resumed.point, weights_only=True)
@@ -122,6 +120,13 @@ def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
         others = {name: value for name, value in arguments.items() if name != "precision"}
         arguments = {**others, "plugins": [*(arguments.get("plugins") or []), plugin]}
     return lightning_object(Trainer, arguments, "trainer")
+
+
+def _compilable(module: DepthCompletion, pose: PoseKind, device: torch.device) -> list[nn.Module]:
+    """What of a training `torch.compile` is for."""
+    learned = [module.pose_source] if pose == "learned" else []
+    # Compiled for a CPU, the objective fails there (PyTorch 2.14), and numba has compiled its SSIM.
+    return [module.model, *learned, *([module.objective] if device.type == "cuda" else [])]
 
 
 def _graphed(settings: TrainingSettings) -> bool:

@@ -4,7 +4,7 @@ import gc
 import logging
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -49,7 +49,7 @@ class GraphedStep:
     def __init__(self, networks: nn.Module, compute: Callable[[Batch], StepValues]) -> None:
         self._networks = networks
         self._compute = compute
-        self._graphs: dict[tuple[object, ...], tuple[_FlatStep, Callable[..., Any]]] = {}
+        self._graphs: dict[tuple[object, ...], _FlatStep] = {}
 
     def __call__(self, batch: Batch) -> StepValues:
         """The values for a batch, from a graph if its shape has one or there is room for another."""
@@ -58,39 +58,46 @@ class GraphedStep:
         if shape not in self._graphs:
             if len(self._graphs) == MAX_GRAPHS:
                 return self._compute(batch)
-            self._graphs[shape] = self._record(batch, tuple(tensors.values()))
-        step, replay = self._graphs[shape]
-        total, *logged, mean_depth = replay(*tensors.values())
+            self._graphs[shape] = self._record(batch)
+        step = self._graphs[shape]
+        total, *logged, mean_depth = step(*tensors.values())
         return StepValues(total, dict(zip(step.logged, logged, strict=True)), mean_depth)
 
     def free(self) -> None:
         """Give the graphs' memory back; they are recorded anew if the step is called again."""
-        for step, _ in self._graphs.values():
+        for step in self._graphs.values():
             vars(step).pop("forward", None)  # the replay, which refers to the step
         self._graphs.clear()
         gc.collect()  # the replays' classes are unreachable now, and no one else frees those
 
-    def _record(self, batch: Batch, tensors: tuple[Tensor, ...]) -> "tuple[_FlatStep, Callable[..., Any]]":
-        """Record a graph, and leave buffers and random numbers as they were: recording runs the step several times."""
-        step = _FlatStep(self._networks, self._compute, batch)
-        device = tensors[0].device
+    def _record(self, batch: Batch) -> "_FlatStep":
+        """Record a graph, and leave buffers and random numbers as they were: recording runs the step several times.
+
+        Returns:
+            The step, which replays the graph when it is called.
+        """
+        inputs = {name: tensor.clone() for name, tensor in _tensors(batch).items()}  # the graph reads from here
+        step = _FlatStep(self._networks, self._compute, _with_tensors(batch, inputs))
+        device = batch.image.device
         buffers = [(buffer, buffer.clone()) for buffer in self._networks.buffers()]
-        inputs = tuple(tensor.clone() for tensor in tensors)  # the graph reads its inputs from here
         # A graph may not use casts of the weights that autocast has kept from before it.
         autocast = torch.autocast(
-            device.type, torch.get_autocast_dtype(device.type), torch.is_autocast_enabled(device.type), False
+            device.type,
+            torch.get_autocast_dtype(device.type),
+            enabled=torch.is_autocast_enabled(device.type),
+            cache_enabled=False,
         )
         # Recording happens on a stream of its own, which the nodes that take the gradients remember; PyTorch from 2.10
         # on warns of the events that it then sets between both streams.
         if hasattr(torch.autograd.graph, "set_warn_on_accumulate_grad_stream_mismatch"):
             torch.autograd.graph.set_warn_on_accumulate_grad_stream_mismatch(False)
         with torch.random.fork_rng([device]), autocast:
-            replay = torch.cuda.make_graphed_callables(step, inputs, allow_unused_input=True)
+            torch.cuda.make_graphed_callables(step, tuple(inputs.values()), allow_unused_input=True)
         with torch.no_grad():
             for buffer, before in buffers:
                 buffer.copy_(before)
         log.info("recorded a CUDA graph of training steps with images of %s", tuple(batch.image.shape))
-        return step, replay
+        return step
 
 
 class _FlatStep(nn.Module):

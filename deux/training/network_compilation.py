@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
@@ -16,14 +16,14 @@ CompileMode = Literal["default", "reduce-overhead", "max-autotune"]
 
 
 @contextmanager
-def compiled(networks: nn.Module, mode: CompileMode | bool) -> Iterator[None]:
+def compiled(networks: Sequence[nn.Module], mode: CompileMode | bool) -> Iterator[None]:
     """Compile networks in place for a while.
 
     In place means that names in their state dictionaries, and so in checkpoints and model files, stay as they are. The
     first step of each shape of batch compiles, which takes from seconds to minutes.
 
     Args:
-        networks: the depth model or a pose network; compiled as a whole.
+        networks: each is compiled as a whole.
         mode: of `torch.compile`; True for "default", False to leave the networks alone.
 
     Raises:
@@ -33,11 +33,13 @@ def compiled(networks: nn.Module, mode: CompileMode | bool) -> Iterator[None]:
         yield
         return
     _check_compiler()
-    networks.compile(mode="default" if mode is True else mode)
+    for network in networks:
+        network.compile(mode="default" if mode is True else mode)
     try:
         yield
     finally:
-        networks._compiled_call_impl = None  # PyTorch has no call for the way back
+        for network in networks:
+            network._compiled_call_impl = None  # PyTorch has no call for the way back
         torch.compiler.reset()
 
 

@@ -10,6 +10,7 @@ from lightning.pytorch import LightningModule, Trainer
 from torch import Tensor, nn
 
 from deux.contracts import Batch, DepthModel, LossSettings, Prediction
+from deux.testing.losses import perfect_sample
 
 
 class SmallModel(DepthModel):
@@ -69,6 +70,19 @@ class Repeated:
 
     def __iter__(self) -> Iterator[Batch]:
         return iter([self.batch] * self.times)
+
+
+@pytest.fixture
+def prepared_sample() -> Callable[[DepthModel, int, int], Batch]:
+    """Two analytic frames with a model's further inputs: prepared_sample(model, height, width)."""
+
+    def make(model: DepthModel, height: int, width: int) -> Batch:
+        batch = perfect_sample(2, height, width).batch
+        samples = [model.prepare(depth) for depth in batch.sparse_depth[:, 0].numpy()]
+        batch.prepared = {key: torch.stack([torch.from_numpy(sample[key]) for sample in samples]) for key in samples[0]}
+        return batch
+
+    return make
 
 
 @pytest.fixture

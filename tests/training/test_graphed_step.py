@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 
+from deux.bench.rendered_batch import batch_on
 from deux.registry import registry
 from deux.testing.losses import perfect_sample
 from deux.training.graphed_step import MAX_GRAPHS, GraphedStep
@@ -25,13 +26,6 @@ COMBINATIONS = [
 def make_module(model, pose="learned"):
     torch.manual_seed(0)
     return DepthCompletion(model, make_objective(model), make_pose_source(pose, model))
-
-
-def prepared(batch, model):
-    samples = [model.prepare(depth) for depth in batch.sparse_depth[:, 0].cpu().numpy()]
-    return replace(
-        batch, prepared={key: torch.stack([torch.from_numpy(sample[key]) for sample in samples]) for key in samples[0]}
-    )
 
 
 @pytest.fixture
@@ -54,10 +48,10 @@ def recorded(monkeypatch):
 
 
 @pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
-def test_a_step_taken_apart_into_tensors_is_the_same(recorded, name, pose):
+def test_a_step_taken_apart_into_tensors_is_the_same(recorded, prepared_sample, name, pose):
     model = registry().create("depth_models", name, {})
     module = make_module(model, pose).train()
-    batch = prepared(perfect_sample(2, 64, 96).batch, model)
+    batch = prepared_sample(model, 64, 96)
     kept = {key: value.clone() for key, value in module.state_dict().items()}
     found = GraphedStep(module, module._step_values)(batch)
     module.load_state_dict(kept)
@@ -73,14 +67,10 @@ def test_recording_leaves_the_running_statistics_alone(recorded, small_model):
     module.model.layers.append(torch.nn.BatchNorm2d(1))
     before = {key: value.clone() for key, value in module.named_buffers()}
     step = GraphedStep(module, module._step_values)
-    step._record(batch := perfect_sample(1, 16, 16).batch, tuple(step_inputs(batch)))
+    step._record(perfect_sample(1, 16, 16).batch)
     assert len(before) == 3
     for key, value in module.named_buffers():
         assert torch.equal(value, before[key])
-
-
-def step_inputs(batch):
-    return [value for value in vars(batch).values() if isinstance(value, torch.Tensor)]
 
 
 def test_each_shape_has_a_graph_as_long_as_there_is_room(recorded, small_model):
@@ -115,11 +105,11 @@ def test_without_a_card_nothing_is_recorded(fit, small_model, recorded, wanted):
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
-def test_a_graph_has_the_gradients_of_the_step(name, pose):
+def test_a_graph_has_the_gradients_of_the_step(prepared_sample, name, pose):
     model = registry().create("depth_models", name, {})
     module = make_module(model, pose).train().cuda()
-    sample = prepared(perfect_sample(2, 64, 96).batch, model)
-    batches = [on_card(replace(sample, image=(sample.image * scale))) for scale in (1.0, 0.7)]
+    sample = prepared_sample(model, 64, 96)
+    batches = [batch_on(module.device, replace(sample, image=sample.image * scale)) for scale in (1.0, 0.7)]
     step = GraphedStep(module, module._step_values)
     with torch.autocast("cuda", torch.bfloat16):
         step(batches[0]).total.backward()  # records; what follows is a replay with another batch
@@ -130,11 +120,6 @@ def test_a_graph_has_the_gradients_of_the_step(name, pose):
     for key, value in expected.items():
         allowed = 0.02 * value.norm() + 3 * (noise[key] - value).norm() + 1e-6
         assert (found[key] - value).norm() < allowed, key
-
-
-def on_card(batch):
-    moved = {key: value.cuda() for key, value in vars(batch).items() if isinstance(value, torch.Tensor)}
-    return replace(batch, **moved, prepared={key: value.cuda() for key, value in batch.prepared.items()})
 
 
 def gradients(module, step, batch):

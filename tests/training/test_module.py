@@ -183,15 +183,13 @@ def on_a_card():
 COMBINATIONS = [(name, pose) for name in registry().names("depth_models") for pose in ("simulator", "learned")]
 
 
-def watched_steps(fit, name, pose, check, copies=5, model=None, cuda_graphs=False, **arguments):
+def watched_steps(fit, prepared_sample, name, pose, check, copies=5, model=None, cuda_graphs=False, **arguments):
     """Trains a registered model with logging, clipping and health checks, watched by `check`."""
     torch.manual_seed(0)
     model = model or registry().create("depth_models", name, {})
     if pose == "learned" and model.pose_network() is None:
         pytest.skip(f"{name} has no pose network")
-    batch = perfect_sample(2, 32, 64).batch
-    samples = [model.prepare(depth) for depth in batch.sparse_depth[:, 0].numpy()]
-    batch.prepared = {key: torch.stack([torch.from_numpy(sample[key]) for sample in samples]) for key in samples[0]}
+    batch = prepared_sample(model, 32, 64)
     poses, errors = make_pose_source(pose, model), DepthErrors()
     module = DepthCompletion(model, make_objective(model), poses, metrics=errors, cuda_graphs=cuda_graphs)
     watched = Watched(check, copies)
@@ -200,26 +198,26 @@ def watched_steps(fit, name, pose, check, copies=5, model=None, cuda_graphs=Fals
 
 
 @pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
-def test_no_step_waits_for_the_device(fit, name, pose):
-    watched_steps(fit, name, pose, refuse_host_waits)
+def test_no_step_waits_for_the_device(fit, prepared_sample, name, pose):
+    watched_steps(fit, prepared_sample, name, pose, refuse_host_waits)
 
 
-def test_a_step_that_waits_is_found(fit, small_model):
+def test_a_step_that_waits_is_found(fit, prepared_sample, small_model):
     class Careless(small_model):
         def forward(self, image, *inputs, **prepared):
             assert image.mean().item() > 0
             return super().forward(image, *inputs, **prepared)
 
     with pytest.raises(HostWait, match="reads values"):
-        watched_steps(fit, None, "simulator", refuse_host_waits, model=Careless())
+        watched_steps(fit, prepared_sample, None, "simulator", refuse_host_waits, model=Careless())
 
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 @pytest.mark.parametrize("cuda_graphs", [True, False])
 @pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
-def test_no_step_waits_for_a_card(fit, name, pose, cuda_graphs):
-    watched_steps(fit, name, pose, on_a_card, accelerator="gpu", devices=1, cuda_graphs=cuda_graphs)
+def test_no_step_waits_for_a_card(fit, prepared_sample, name, pose, cuda_graphs):
+    watched_steps(fit, prepared_sample, name, pose, on_a_card, accelerator="gpu", devices=1, cuda_graphs=cuda_graphs)
 
 
 @pytest.mark.parametrize("clip", [{}, {"gradient_clip_val": 1e-3}])

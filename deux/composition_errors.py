@@ -69,7 +69,7 @@ _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.
 _KEY = re.compile(r"[+~]*(?P<key>[^=@]+)")
 _GROUPED_DIGITS = re.compile(r"\d{1,3}(_\d{3})+")
 _DIGITS = re.compile(r"\d[\d_]*_[\d_]*")
-_NUMBER = re.compile(r"[+-]?(\d[\d_]*\.?\d*|\.\d+)(e[+-]?\d+)?|true|false|null|inf|nan", re.IGNORECASE)
+_NUMBER = re.compile(r"[+-]?((\d[\d_]*\.?\d*|\.\d+)(e[+-]?\d+)?|\.?inf|\.?nan)|true|false|null", re.IGNORECASE)
 _LIST_IN_QUOTES = re.compile(r"""(?P<quote>["'])\[(?P<items>.*)\](?P=quote)""", re.DOTALL)
 
 

@@ -190,6 +190,7 @@ def test_an_interrupted_run_ends_with_130(tmp_path: Path) -> None:
             "paths.outputs=1e3",
             "paths.outputs would read 1e3 as something else than text: write 'paths.outputs=\"1e3\"'.",
         ),
+        ("training_data=-inf", "training_data would read -inf as something else than text"),
         ("callbacks=[nothing]", "there is no callback called 'nothing': there is: active_collection"),
     ],
 )

@@ -24,6 +24,9 @@ from deux.mesh_files.polygons import triangulate
 LARGEST_REPETITION = 1e6
 """Times that a texture may be repeated; beyond, float32 cannot tell its pixels apart."""
 
+LONGEST_INDEX = 18
+"""Digits of an index in a face; more would not fit into 64 bits and point at another vertex."""
+
 log = logging.getLogger(__name__)
 
 _REFUSED = {b"curv", b"curv2", b"surf", b"call", b"csh"}
@@ -235,6 +238,8 @@ def _parse_faces(text: np.ndarray, corners: np.ndarray, lengths: np.ndarray) -> 
         if 48 <= byte <= 57:
             number = 10 * number + (byte - 48)
             digits += 1
+            if digits > LONGEST_INDEX:
+                return line
         elif byte == 45 and digits == 0:
             sign = -1
         elif byte == 47 or byte == 32 or byte == 10:

@@ -5,6 +5,7 @@ from omegaconf import DictConfig
 from deux.configuration import run_folder, sections_of
 from deux.contracts import Reader
 from deux.data.dataset_reader import DatasetReader
+from deux.options import converted
 from deux.tasks.active_training import ActiveTraining
 from deux.tasks.collect import Exploration
 from deux.tasks.console import quieten_libraries, say
@@ -23,7 +24,7 @@ def run(cfg: DictConfig) -> None:
     """
     quieten_libraries()
     sections = sections_of(cfg)
-    folder = sections.plain("training_data")
+    folder = converted(sections.plain("training_data"), str | None, "training_data")
     given = read_given(sections, folder) if folder else None
     explored = given is None or "active_collection" in sections.plain("callbacks")
     datasets = Datasets(sections, ["train"] if explored else None)

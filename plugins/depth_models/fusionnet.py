@@ -69,6 +69,7 @@ class FusionNet(DepthModel):
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(image_filters=image_filters, depth_filters=depth_filters, decoder_filters=decoder_filters)
+        check_levels(scaffnet_filters=scaffnet_filters, scaffnet_decoder_filters=scaffnet_decoder_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
         check_margin(margin)

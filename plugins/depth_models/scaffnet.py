@@ -11,7 +11,7 @@ from deux.geometry.sliding_max import sliding_max
 from deux_plugins.depth_models.parts.convolution import Convolution
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
-from deux_plugins.depth_models.parts.levels import check_levels, sizes
+from deux_plugins.depth_models.parts.levels import check_channels, check_levels, sizes
 from deux_plugins.depth_models.parts.margin import check_margin, crop, surround_with_zeros
 from deux_plugins.depth_models.parts.pooling import check_windows
 from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
@@ -74,6 +74,7 @@ class ScaffNet(DepthModel):
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(filters=filters, decoder_filters=decoder_filters)
+        check_channels(pool_filters=pool_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
         check_margin(margin)

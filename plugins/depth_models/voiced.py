@@ -12,7 +12,7 @@ from deux.contracts import DepthModel, LossSettings, Prediction
 from deux.geometry.scaffolding import interpolate
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_nearness, nearness_from_logits
-from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
+from deux_plugins.depth_models.parts.levels import LEVELS, check_levels, joined, sizes
 from deux_plugins.depth_models.parts.margin import check_margin, crop, repeat_edge, surround_with_zeros
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
 from deux_plugins.depth_models.parts.vgg_encoder import VGG8, VGG11, VGGEncoder
@@ -58,6 +58,7 @@ class VOICED(DepthModel):
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(image_filters=image_filters, depth_filters=depth_filters)
+        check_levels(levels=LEVELS - 1, decoder_filters=decoder_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
         check_margin(margin)

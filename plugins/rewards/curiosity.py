@@ -9,11 +9,13 @@ from torch import Tensor, nn
 from deux.contracts import Episode, Experience, Reward
 from deux.environment.egocentric import egocentric_crop
 from deux.environment.memory import MOVES
+from deux.errors import check_range
 from deux.geometry.poses import camera_pose
 
 EDGE = 8.0  # metres of the map around the robot that the features are made of: all that a frame can change, and more
 PIXELS = 16  # along that edge
 KNOWN = 2  # free and occupied, the first two channels of a crop: an unknown map has features 0
+WIDEST = 16_384  # features or hidden units: a gigabyte of weights
 
 
 class CuriosityReward(Reward):
@@ -34,6 +36,9 @@ class CuriosityReward(Reward):
     """
 
     def __init__(self, features: int = 128, hidden: int = 256, learning_rate: float = 1e-3, learn: bool = True) -> None:
+        for name, width in (("features", features), ("hidden", hidden)):
+            check_range(f"curiosity's {name}", width, 1, WIDEST)
+        check_range("curiosity's learning_rate", learning_rate, 0.0, 1.0, ends=False)
         self._learn = learn
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(0)  # the features are the same wherever they are computed

@@ -6,6 +6,7 @@ from deux.contracts import SceneReference, SceneSource, SceneSplits
 from deux.errors import check_range
 from deux_plugins.scenes.apartments import Apartments
 from deux_plugins.scenes.houses import Houses
+from deux_plugins.scenes.parts.seeded_scenes import MOST_SCENES
 
 
 class Interiors(SceneSource):
@@ -29,7 +30,7 @@ class Interiors(SceneSource):
         self, train: int = 5, validation: int = 2, test: int = 5, houses: float = 0.4, draw: int | None = None
     ) -> None:
         for name, count in (("train", train), ("validation", validation), ("test", test)):
-            check_range(f"scenes.{name}", count, 0)
+            check_range(f"scenes.{name}", count, 0, MOST_SCENES)
         check_range("scenes.houses", houses, 0, 1)
         self._part = houses
         of_houses = [round(houses * count) for count in (train, validation, test)]

@@ -154,6 +154,7 @@ def test_a_material_that_no_library_describes_is_said(read, caplog):
         (SQUARE + "f 1 2 9\n", r"'1 2 9' has a vertex that is not there, there are 4"),
         (SQUARE + "f 1 2 3\nf 1/1 2/2 3/7\n", "'1/1 2/2 3/7' has a texture coordinate that is not there"),
         (SQUARE + "f 1 2 -5\n", "that is not there"),
+        (SQUARE + f"f {2**64 + 1} 2 3\n", "18446744073709551617"),  # 1, if 64 bits were all that is looked at
         (SQUARE + "f 0 1 2\n", "a face has the corners '0 1 2'"),
         (SQUARE + "f a b c\n", "a face has the corners 'a b c'"),
         ("v 0 0\nf 1 1 1\n", "a vertex has the numbers '0 0'"),

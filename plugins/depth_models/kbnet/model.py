@@ -11,7 +11,7 @@ from deux_plugins.depth_models.kbnet.sparse_to_dense import SparseToDensePool
 from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, depth_from_logits
 from deux_plugins.depth_models.parts.first_weights import FirstWeights, draw_he_weights
-from deux_plugins.depth_models.parts.levels import check_levels
+from deux_plugins.depth_models.parts.levels import check_channels, check_levels
 from deux_plugins.depth_models.parts.margin import (
     check_margin,
     crop,
@@ -70,6 +70,7 @@ class KBNet(DepthModel):
         super().__init__()
         check_depth_range(min_depth, max_depth)
         check_levels(image_filters=image_filters, depth_filters=depth_filters, decoder_filters=decoder_filters)
+        check_channels(pool_filters=pool_filters)
         self.min_depth = min_depth
         self.max_depth = max_depth
         check_margin(margin)

@@ -5,16 +5,32 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 
 LEVELS = 5
 
+MOST_CHANNELS = 65_536
+"""Of one layer; a single convolution between two such layers would have 150 GB."""
 
-def check_levels(**filters: Sequence[int]) -> None:
-    """Raise DeuxError unless each option holds one number of channels for every level."""
+
+def check_levels(levels: int = LEVELS, **filters: Sequence[int]) -> None:
+    """Raise DeuxError unless each option holds a number of channels for every level.
+
+    Args:
+        levels: number of levels.
+        filters: the options, by their names.
+    """
     for option, values in filters.items():
-        if len(values) != LEVELS:
-            raise DeuxError(f"{option}={values} has {len(values)} entries: the network has {LEVELS} levels.")
+        if len(values) != levels:
+            raise DeuxError(f"{option}={list(values)} has {len(values)} entries: the network has {levels} levels.")
+        for value in values:
+            check_channels(**{option: value})
+
+
+def check_channels(**numbers: int) -> None:
+    """Raise DeuxError for an option that is no number of channels."""
+    for option, number in numbers.items():
+        check_range(f"model.{option}", number, 1, MOST_CHANNELS)
 
 
 def joined(image_features: Sequence[Tensor], depth_features: Sequence[Tensor]) -> list[Tensor]:

@@ -64,7 +64,7 @@ class Houses(SeededScenes):
         most_area: int = MOST_AREA,
         draw: int | None = None,
     ) -> None:
-        if not (least_area >= LEAST_AREA and NARROWEST * least_area <= most_area <= MOST_AREA):
+        if not LEAST_AREA <= least_area <= most_area <= MOST_AREA or NARROWEST * least_area > most_area:
             raise DeuxError(
                 f"scenes.least_area is {least_area} and scenes.most_area {most_area}, but houses have {LEAST_AREA} to "
                 f"{MOST_AREA} square metres, and the greatest area must be {NARROWEST} times the least or more."

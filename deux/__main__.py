@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib
 import logging
 import os
@@ -64,6 +65,7 @@ class Jobs:
             # At level INFO the log file gets the stack trace and the console does not.
             log.info("the run ended with an error", exc_info=True)
             sentence = _report(error)
+            _release_frames(error)
             if not in_sweep():
                 raise SystemExit(1) from error
             self.failed += 1
@@ -219,6 +221,22 @@ def _report(error: Exception) -> str:
         sentence = f"{overrides}stopped by {type(error).__name__}, which is a fault of the program or of a plugin."
     _complain(sentence)
     return sentence
+
+
+def _release_frames(error: BaseException) -> None:
+    """Free what an error's frames hold, and let no complaint of half-made objects follow the sentence.
+
+    A loader of torch's whose processes could not be started is one: it fails again when it is deleted.
+    """
+    earlier, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        behind: BaseException | None = error
+        while behind is not None:
+            traceback.clear_frames(behind.__traceback__)
+            behind = behind.__cause__ or behind.__context__
+        gc.collect()
+    finally:
+        sys.unraisablehook = earlier
 
 
 def _first_failure(error: Exception) -> Exception:

@@ -1,5 +1,6 @@
 """Functions compiled by numba, with the machine code kept on disk where that is possible."""
 
+import functools
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -22,22 +23,27 @@ def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     try:
         dispatcher = njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no folder for its cache
-        warnings.warn(
-            "compiled code cannot be kept: the installation and the home folder are read-only, so every start takes "
-            "some seconds longer; set NUMBA_CACHE_DIR to a folder that can be written.",
-            stacklevel=2,
-        )
+        _warn_once()
         return njit(**options)(function)
     _kept.append(dispatcher)
     return dispatcher
 
 
+@functools.cache
+def _warn_once() -> None:
+    warnings.warn(
+        "compiled code cannot be kept: the installation and the home folder are read-only, so every start takes "
+        "some seconds longer; set NUMBA_CACHE_DIR to a folder that can be written.",
+        stacklevel=3,
+    )
+
+
 def nothing_compiled() -> bool:
-    """Whether no machine code is kept of any function imported so far, so that the first calls take many seconds.
+    """Whether no machine code is kept yet of any function imported so far, so that the first calls take many seconds.
 
     Only the names of files are looked at: code of an older version of a function counts as kept.
     """
-    return not any(
+    return bool(_kept) and not any(
         any(Path(dispatcher.stats.cache_path).glob(f"*{dispatcher.py_func.__qualname__}-*.nbi")) for dispatcher in _kept
     )
 

@@ -4,11 +4,13 @@ import json
 import os
 import subprocess
 import sys
+import weakref
 from pathlib import Path
 
 import pytest
 
-from deux.__main__ import main
+from deux.__main__ import _release_frames, main
+from deux.errors import DeuxError
 from deux.registry import registry
 
 STUB = """
@@ -299,3 +301,23 @@ def test_where_no_command_can_be_started(
     assert result.returncode == 1
     assert sentence in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+def test_objects_that_an_error_left_half_made_do_not_complain_after_its_sentence(monkeypatch) -> None:
+    class HalfMade:
+        def __del__(self) -> None:
+            raise AttributeError
+
+    def fail() -> None:
+        half_made = HalfMade()
+        left.append(weakref.ref(half_made))
+        raise DeuxError("it cannot be made")
+
+    complaints: list[object] = []
+    left: list[weakref.ref[HalfMade]] = []
+    monkeypatch.setattr(sys, "unraisablehook", complaints.append)
+    with pytest.raises(DeuxError) as raised:
+        fail()
+    assert left[0]() is not None
+    _release_frames(raised.value)
+    assert left[0]() is None and complaints == []

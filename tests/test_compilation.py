@@ -34,3 +34,16 @@ def test_it_is_known_whether_machine_code_is_kept(tmp_path: Path) -> None:
     assert use(tmp_path, tmp_path / "cache") == "True False\n"
     assert use(tmp_path, tmp_path / "cache") == "False False\n"
     assert use(tmp_path, tmp_path / "another") == "True False\n"
+
+
+def test_where_no_machine_code_can_be_kept_it_is_said_once() -> None:
+    # numba keeps nothing of functions that are in no file.
+    ended = subprocess.run(
+        [sys.executable, "-c", MODULE.replace("double", "f") + "print(f(2), unused(3), nothing_compiled())"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert ended.stdout == "4 3 False\n"
+    assert ended.stderr.count("compiled code cannot be kept") == 1

@@ -320,4 +320,5 @@ def test_objects_that_an_error_left_half_made_do_not_complain_after_its_sentence
         fail()
     assert left[0]() is not None
     _release_frames(raised.value)
-    assert left[0]() is None and complaints == []
+    assert left[0]() is None
+    assert complaints == []

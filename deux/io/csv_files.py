@@ -4,7 +4,7 @@ import csv
 import io
 from pathlib import Path
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
 from deux.io.arrays import said
 from deux.io.atomic import read_bytes
 
@@ -41,4 +41,6 @@ def number(row: dict[str, str], column: str, path: Path) -> float:
     try:
         return float(row[column])
     except ValueError as error:
-        raise DeuxError(f"{path} is damaged: its column {column} holds {row[column]!r} where a number is.") from error
+        raise DeuxError(
+            f"{path} is damaged: its column {column} holds {shown(row[column])} where a number is."
+        ) from error

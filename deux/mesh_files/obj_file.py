@@ -14,7 +14,7 @@ import numpy as np
 
 from deux.compilation import compiled
 from deux.contracts import Material
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
 from deux.io.atomic import read_bytes
 from deux.mesh_files.mesh_parts import GREY, MeshPart
 from deux.mesh_files.obj_materials import ObjMaterial, material_libraries, read_material_library
@@ -170,7 +170,7 @@ def _columns(lines: list[bytes], least: int, most: int) -> np.ndarray:
         widths = np.array([len(line.split()) for line in lines])
     if widths.min() < least or widths.max() > most or widths.sum() != len(values):
         wrong = lines[int(np.argmax((widths < least) | (widths > most)))]
-        raise ValueError(f"a vertex has the numbers {wrong.decode(errors='replace')!r}")
+        raise ValueError(f"a vertex has the numbers {shown(wrong.decode(errors='replace'))}")
     result = np.full((len(lines), most), np.nan)
     result[np.arange(most) < widths[:, None]] = values
     return result
@@ -197,7 +197,7 @@ def _faces(statements: _Statements, positions: int, coordinates: int) -> tuple[n
     wrong = _parse_faces(text, corners, lengths)
     lengths = lengths[:-1]
     if wrong >= 0:
-        raise ValueError(f"a face has the corners {statements.faces[wrong].decode(errors='replace')!r}")
+        raise ValueError(f"a face has the corners {shown(statements.faces[wrong].decode(errors='replace'))}")
     before = np.array([run[2:] for run in statements.runs], np.int64).reshape(-1, 2)
     before = np.repeat(np.repeat(before, statements.run_lengths, axis=0), lengths, axis=0)
     corners = np.where(corners < 0, before + corners, corners - 1)
@@ -207,7 +207,7 @@ def _faces(statements: _Statements, positions: int, coordinates: int) -> tuple[n
         if bad.any():
             face = int(np.searchsorted(np.cumsum(lengths), int(np.argmax(bad)), side="right"))
             line = statements.faces[face].decode(errors="replace")
-            raise ValueError(f"the face {line!r} has a {noun} that is not there, there are {count}")
+            raise ValueError(f"the face {shown(line)} has a {noun} that is not there, there are {count}")
     return corners, lengths
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deux.compilation import compiled
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
 from deux.io.atomic import read_bytes
 
 _TYPES = {
@@ -141,7 +141,7 @@ def _header(content: bytes) -> PlyHeader:
             case ["ply"] | []:
                 pass
             case _:
-                raise ValueError(f"its header has a line {line!r}")
+                raise ValueError(f"its header has a line {shown(line)}")
     if order is None:
         raise ValueError("its header names no format")
     return PlyHeader(order, comments, position, elements)

@@ -84,8 +84,9 @@ def ply_triangles(elements: dict[str, PlyElement]) -> tuple[np.ndarray, np.ndarr
             corner = np.arange(len(index)).reshape(-1, 3)
             return index.reshape(-1, 3), corner, np.arange(len(corner))
         vertex = elements["vertex"]
-        known = np.clip(index, 0, max(len(vertex["x"]) - 1, 0))  # the caller names those that are none
-        points = np.stack([np.asarray(vertex[name], np.float64)[known] for name in "xyz"], axis=1)
+        # Of indices that are none, which the caller names, any vertex will do; 0, 0, 0 if there is none at all.
+        table = np.stack([np.asarray(vertex[name], np.float64) for name in "xyz"], axis=1)
+        points = (table if len(table) else np.zeros((1, 3)))[np.clip(index, 0, max(len(table) - 1, 0))]
         corner, owner = triangulate(points, lists.lengths)
         return index[corner], corner, owner
     strips = _list(elements.get("tristrips", {}), _INDICES)

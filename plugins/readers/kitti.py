@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import FrameReference
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, shown
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_intrinsics, read_intrinsics
 from deux.io.frame_files import IMAGE_SUFFIXES, list_files
@@ -182,7 +182,7 @@ class Kitti(RecordedVideo):
             if not words:
                 continue
             if len(words) != 3:
-                raise DeuxError(f"{path} has the line {line!r}: date, drive and frame are expected.")
+                raise DeuxError(f"{path} has the line {shown(line)}: date, drive and frame are expected.")
             for number in self.cameras:
                 yield f"{words[1]}_image_{number:02d}", words[2]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.triplet_export import INTRINSICS, LISTED, source_name
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_pose
 from deux.io.camera_files import read_any_intrinsics
@@ -92,7 +92,7 @@ class TripletImages(Reader):
         parts = Path(line).parts
         if len(parts) < 4 or parts[-2] != LISTED[0] or not (is_file_name(parts[-3]) and is_file_name(parts[-1])):
             raise DeuxError(
-                f"{listed} names {line!r}, where a path like data/<sequence>/image/<frame>.png is expected."
+                f"{listed} names {shown(line)}, where a path like data/<sequence>/image/<frame>.png is expected."
             )
         name = Path(line).stem
         sources = (FrameReference(parts[-3], source_name(name, number)) for number in (1, 2))

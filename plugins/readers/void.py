@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import FrameReference
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, shown
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.frame_files import IMAGE_SUFFIXES, list_files
@@ -162,6 +162,6 @@ def _read_list(path: Path) -> Iterator[tuple[str, str]]:
             continue
         if len(parts) < 4 or parts[-4] != "data":
             raise DeuxError(
-                f"{path} has the line {line!r}: void_1500/data/<sequence>/image/<time stamp>.png is expected."
+                f"{path} has the line {shown(line)}: void_1500/data/<sequence>/image/<time stamp>.png is expected."
             )
         yield parts[-3], Path(parts[-1]).stem

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import Scene, SceneMesh
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
 from deux.mesh_files.mesh_reader import read_mesh
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReference
 from deux_plugins.scenes.surface_labels import LabelledSurface, look_up, surface_samples
@@ -139,7 +139,7 @@ def read_instances(path: Path) -> dict[int, tuple[int, str]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             if HEADER not in (first := file.readline()):
-                raise DeuxError(f"{path} begins with {first.strip()!r}, but a .semantic.txt does with {HEADER!r}.")
+                raise DeuxError(f"{path} begins with {shown(first.strip())}, but a .semantic.txt does with {HEADER!r}.")
             lines = [(k, fields) for k, fields in enumerate(csv.reader(file), start=2) if fields]
     except (OSError, UnicodeDecodeError) as error:
         raise DeuxError(f"{path} cannot be read: {error}.") from error

@@ -265,7 +265,7 @@ def test_ply(campaign):
     ]
     faces = "element face 1\nproperty list uchar int vertex_indices\nend_header\n4 0 0 0 0\n"
     vertices = "element vertex 0\nproperty float x\nproperty float y\nproperty float z\n"
-    others += texts(f"ply\nformat ascii 1.0\n{vertices}{faces}", f"ply\n{900 * "\0 "}\n")
+    others += texts(f"ply\nformat ascii 1.0\n{vertices}{faces}", "ply\n" + 900 * "\0 " + "\n")
     campaign.run(others, path, lambda: read(path))
     campaign.run(other_words(PLY)[-40 * len(TOKENS) :], path, lambda: read(path))
     campaign.run(damaged_bytes(binary.getvalue(), 120), path, lambda: read(path))

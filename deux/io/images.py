@@ -85,7 +85,7 @@ def check_png(content: bytes, path: Path) -> None:
     """
     if not content.startswith(_PNG_BEGIN):
         return
-    if _PNG_END not in content[-1024:]:
+    if _PNG_END not in content[-1024:] or len(content) <= _PNG_COLOR_TYPE:
         raise DeuxError(f"{path} is truncated ({len(content)} bytes).")
     if content[_PNG_BIT_DEPTH] == 16 and content[_PNG_COLOR_TYPE] != _GREY:
         raise DeuxError(

@@ -42,6 +42,7 @@ def test_pictures(campaign):
     bombs = [Case("text of 100 MB", whole[:33] + chunk(b"zTXt", b"a\0\0" + bomb(10**8)) + whole[33:])]
     sizes = ((30_000, 30_000), (2**31 - 1, 2**31 - 1), (0, 0), (1, 2**31 - 1))
     bombs += [Case(f"header of {width} x {height}", header(width, height)) for width, height in sizes]
+    bombs.append(Case("its ends alone", whole[:8] + whole[-8:]))
     for read in IMAGES:
         path = campaign.folder / "a.png"
         campaign.run([*damaged_bytes(whole, 60), *bombs], path, lambda: read(path))

@@ -14,7 +14,7 @@ from deux.errors import DeuxError
 from deux.io.progress import Progress
 from deux.registry import registry
 
-TINY = ExploreSettings(size=32, robots=2, steps=6, warm_up=3, rounds=2)
+TINY = ExploreSettings(size=32, robots=1, steps=4, warm_up=2, rounds=1)
 
 
 @pytest.mark.usefixtures("tiny_models")

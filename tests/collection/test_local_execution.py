@@ -58,7 +58,10 @@ def two_threads() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
-@pytest.mark.parametrize("explorer", ["random", "frontier", "deux"])
+@pytest.mark.parametrize(
+    "explorer",
+    [pytest.param("random", marks=pytest.mark.slow), pytest.param("frontier", marks=pytest.mark.slow), "deux"],
+)
 def test_the_frames_are_the_same_for_any_number_of_processes(explorer, tmp_path, two_threads):
     told: list[int] = []
     collect(tmp_path / "one", explorer, run_here)

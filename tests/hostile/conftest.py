@@ -15,7 +15,7 @@ from hostile import Campaign
 @pytest.fixture
 def campaign(request: pytest.FixtureRequest, tmp_path: Path) -> Campaign:
     """Runs cases in the test's folder: some of them, or all in a test that is marked as slow."""
-    return Campaign(tmp_path, most=None if request.node.get_closest_marker("slow") else 250)
+    return Campaign(tmp_path, most=None if request.node.get_closest_marker("slow") else 120)
 
 
 @pytest.fixture

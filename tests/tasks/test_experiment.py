@@ -92,6 +92,7 @@ def kill_when(command: list[str], reached, patience: float = 120.0) -> None:
     process.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_killed_at_three_stages_it_ends_with_the_same_frames_and_the_same_numbers(
     finished, command, experiment, tmp_path

@@ -55,7 +55,9 @@ def test_all_models_that_ship_are_tested():
     assert sorted(MODELS) == [plugin.name for plugin in registry().plugins("depth_models") if plugin.package == "deux"]
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in ("kbnet", "voiced") else pytest.mark.slow) for name in MODELS]
+)
 def test_the_file_predicts_what_the_model_predicts(export, model_file, name):
     outcome, path = export(model_file(name), f"export.height={HEIGHT}", f"export.width={WIDTH}")
     assert (outcome.code, outcome.err) == (0, "")

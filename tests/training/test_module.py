@@ -181,6 +181,8 @@ def on_a_card():
 
 
 COMBINATIONS = [(name, pose) for name in registry().names("depth_models") for pose in ("simulator", "learned")]
+QUICK = [("kbnet", "learned"), ("fusionnet", "simulator")]
+"""Those of every run of the tests; the others take minutes and are slow."""
 
 
 def watched_steps(fit, prepared_sample, name, pose, check, copies=5, model=None, cuda_graphs=False, **arguments):
@@ -197,7 +199,10 @@ def watched_steps(fit, prepared_sample, name, pose, check, copies=5, model=None,
     fit(module, batch, copies, max_steps=copies, callbacks=[watched, HealthCheck(every=2)], **arguments)
 
 
-@pytest.mark.parametrize(("name", "pose"), COMBINATIONS)
+@pytest.mark.parametrize(
+    ("name", "pose"),
+    [pytest.param(*pair, marks=() if pair in QUICK else pytest.mark.slow) for pair in COMBINATIONS],
+)
 def test_no_step_waits_for_the_device(fit, prepared_sample, name, pose):
     watched_steps(fit, prepared_sample, name, pose, refuse_host_waits)
 

@@ -87,7 +87,8 @@ def trained_models(folder: Path) -> dict[str, Any]:
     save_model(folder / RUN / "model.safetensors", model, "kbnet", {})
     save_published(model, "kbnet", folder / "kbnet-void1500.pth")
     (folder / "model.onnx").write_bytes(export_onnx(model.eval(), 64, 96).content)
-    return frame()
+    given = frame()
+    return {**given, "images": lambda: iter([given["image"]] * 3), "points": lambda: iter([given["sparse_depth"]] * 3)}
 
 
 def tensors() -> dict[str, Any]:
@@ -126,6 +127,10 @@ def recorded_frame(folder: Path) -> dict[str, Any]:
     return {"np": np, "Image": Image, "deux": deux}
 
 
+def one_frame(folder: Path) -> dict[str, Any]:
+    return frame()
+
+
 def nothing(folder: Path) -> dict[str, Any]:
     return {}
 
@@ -137,6 +142,7 @@ def habitat(folder: Path) -> dict[str, Any]:
 GIVEN: dict[str, Callable[[Path], dict[str, Any]]] = {
     "README.md": trained_models,
     "docs/using-a-model.md": trained_models,
+    "docs/shipped-models.md": one_frame,
     "docs/export.md": shards,
     "docs/plugins.md": example_explorer,
     "docs/habitat.md": habitat,
@@ -145,8 +151,15 @@ GIVEN: dict[str, Callable[[Path], dict[str, Any]]] = {
 """What the blocks of a page find; those of other pages need nothing."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name_of)
+SLOW = ("README.md", "docs/houses.md", "docs/using-a-model.md")
+"""Pages whose blocks export a model or make houses."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.slow if name_of(page) in SLOW else ()) for page in WITH_BLOCKS],
+    ids=name_of,
+)
 def test_the_blocks_of_a_page_run_one_after_the_other(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(os.getcwd())

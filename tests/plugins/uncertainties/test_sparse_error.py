@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -54,7 +56,7 @@ def test_relative_errors_are_fractions_of_the_points_depth():
     truth = torch.full((1, 1, 48, 64), 1.0)
     truth[..., 32:] = 4.0
     points = torch.where(point_grid(), truth, 0.0)
-    view = wall_view(1.1 * truth, points=point_grid())._replace(sparse_depth=points)
+    view = replace(wall_view(1.1 * truth, points=point_grid()), sparse_depth=points)
     relative, metres = SparseError(relative=True)(view)[0], SparseError()(view)[0]
     torch.testing.assert_close(relative, torch.full_like(relative, 0.1))
     assert metres[:, :16].max() < 0.11

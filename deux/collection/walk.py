@@ -100,6 +100,7 @@ class Walk:
             predicted_depth=seen.predicted_depth if Need.PREDICTED_DEPTH in needs else None,
             residual=seen.residual if judged else None,
             uncertainty=seen.uncertainty if judged else None,
+            depth_error=seen.depth_error if Need.PREDICTED_DEPTH in needs else None,
             labels=frame.labels.copy() if frame.labels is not None else None,
         )
 

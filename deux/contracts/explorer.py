@@ -63,6 +63,8 @@ class Observation:
             of this frame, images in [0, 1]. NaN where the measure has no value, all NaN before the third frame.
         uncertainty: delta of Eq. 8 in [0, 1], the residual as one number; NaN where the residual has no values.
             Comes with `residual`.
+        depth_error: median relative error of the predicted depth at the frame's sparse points, before any correction;
+            NaN without points. Comes with `predicted_depth`.
         labels: H x W int32, -1 = unlabelled.
     """
 
@@ -74,6 +76,7 @@ class Observation:
     predicted_depth: np.ndarray | None = None
     residual: np.ndarray | None = None
     uncertainty: float | None = None
+    depth_error: float | None = None
     labels: np.ndarray | None = None
 
 

@@ -37,7 +37,8 @@ class GoalExplorer(Explorer):
         depth_option: what the subclass calls its option `depth`, for the message.
         motion: "arcs", steps between turns where there is room; or "turns", turns on the spot.
         least_way: metres of path to a frontier at least, where there is one that far (`preferred_frontiers`).
-        depth_error: typical relative error of the depth that the map allows for; None for `PREDICTED` or `EXACT`.
+        depth_error: relative error of the depth that the map allows for. None is 0 for the sensor's depth; for
+            predicted depth it is what the sparse points show, averaged over frames (`Observation.depth_error`).
 
     Raises:
         DeuxError: `depth` or `motion` is neither of the two, or a number is out of its range.
@@ -60,6 +61,12 @@ class GoalExplorer(Explorer):
 
     most_targets_a_step = 10
     """Targets that are tried in one step; each may be reached already, or out of reach."""
+
+    remembered_errors = 20
+    """Frames over which the measured error of the depth is averaged."""
+
+    most_depth_error = 0.2
+    """Relative error above which a map shows nothing: obstacles lower than a quarter of a metre would be floor."""
 
     escape_distance = 1.0
     """Metres that the robot goes straight on, after a random turn, where the map confines it."""
@@ -86,6 +93,7 @@ class GoalExplorer(Explorer):
         self._depth = depth
         errors = PREDICTED if depth == "predicted" else EXACT
         self._errors = errors if depth_error is None else replace(errors, relative=depth_error)
+        self._measures_error = depth == "predicted" and depth_error is None
         self._resolution = resolution
         self._max_range = max_range
         self._safety_margin = safety_margin
@@ -129,10 +137,11 @@ class GoalExplorer(Explorer):
         field_of_view = math.radians(episode.camera.hfov)
         self.finished = FinishedFrontiers(self.frontier_reach, field_of_view)
         self._clearance = self._clearances()[0]
+        self._depth_errors: list[float] = []
 
     def act(self, observation: Observation) -> Action:
         """Map what is seen, then go on towards the target."""
-        self.occupancy.update(self.map_depth(observation), observation.pose)
+        self.occupancy.update(self.map_depth(observation), observation.pose, self.depth_error(observation))
         action = self._recovery.action(observation.pose, observation.collided)
         if self._recovery.failures > 0:
             self.occupancy.mark_contact(observation.pose)
@@ -143,6 +152,22 @@ class GoalExplorer(Explorer):
         depth = observation.predicted_depth if self._depth == "predicted" else observation.sensor_depth
         assert depth is not None
         return depth
+
+    def depth_error(self, observation: Observation) -> float | None:
+        """The relative error of the depth that is mapped now; None for the constructor's.
+
+        Of one frame it is uncertain, with some forty points, and does not change from one to the next: the mean of the
+        last `remembered_errors` frames.
+        """
+        if self._measures_error and observation.depth_error is not None and math.isfinite(observation.depth_error):
+            self._depth_errors = [*self._depth_errors[1 - self.remembered_errors :], observation.depth_error]
+        if not self._depth_errors:
+            return None
+        return min(float(np.mean(self._depth_errors)), self.most_depth_error)
+
+    def fingerprint(self) -> str | None:
+        """Whether the map allows for measured errors, which no option says."""
+        return "measured depth errors" if self._measures_error else None
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map as it stands, and the target; None before the first step."""

@@ -49,6 +49,7 @@ def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool)
         predicted_depth=frame.depth.copy() if Need.PREDICTED_DEPTH in needs else None,
         residual=residual if Need.RESIDUAL in needs else None,
         uncertainty=1.0 - float(np.exp(-residual.mean())) if Need.RESIDUAL in needs else None,
+        depth_error=0.0 if Need.PREDICTED_DEPTH in needs else None,
         labels=frame.labels if Need.LABELS in needs else None,
     )
 

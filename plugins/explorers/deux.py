@@ -39,9 +39,9 @@ class DeuxExplorer(GoalExplorer):
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
             and 3 for predicted depth, whose errors grow with the distance.
-        depth_error: typical relative error of the depth that the map allows for. None is 0 for the sensor's depth and
-            0.03 for predicted depth; 0.1 suits a model that was trained for some hundred steps, the errors of whose
-            floor are obstacles otherwise.
+        depth_error: relative error of the depth that the map allows for: with too little, errors of the floor become
+            obstacles, with too much, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth
+            it is what the frames' sparse points show (`Observation.depth_error`).
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.

@@ -120,6 +120,9 @@ def test_the_host_is_given_what_is_needed_in_one_transfer(needs, monkeypatch):
         assert (one.residual is None) == (one.uncertainty is None) == (Need.RESIDUAL not in needs)
         if one.predicted_depth is not None:
             np.testing.assert_array_equal(one.predicted_depth, percept.predicted_depth)
+            points = percept.view.sparse_depth[0, 0].numpy()
+            errors = np.abs(percept.view.depth[0, 0].numpy() - points)[points > 0] / points[points > 0]
+            assert one.depth_error == pytest.approx(np.median(errors), rel=0.1)
         if one.residual is not None:
             np.testing.assert_array_equal(one.residual, percept.residual)
             assert one.uncertainty == percept.uncertainty.item()

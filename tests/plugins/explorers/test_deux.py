@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from deux.configuration import compose
-from deux.contracts import Need
+from deux.contracts import Episode, Need, Robot
 from deux.errors import DeuxError
 from deux.mapping.frontier_targets import cell_centres
 from deux.mapping.occupancy import FREE
 from deux.testing.box_world import Box, BoxWorld
-from deux.testing.explorers import ExplorerSuite, run, two_rooms
+from deux.testing.explorers import ExplorerSuite, observe, run, two_rooms
 from deux_plugins.explorers.deux import DeuxExplorer
 
 PAPER = {option: value for option, value in compose(["explore=deux_paper"]).explore.items() if option != "name"}
@@ -161,10 +161,31 @@ def test_a_constant_uncertainty_knows_no_sides(target):
 
 
 def test_its_defaults_follow_the_depth_that_it_maps():
-    for depth, max_range, error in (("predicted", 3.0, 0.03), ("sensor", 5.0, 0.0)):
+    def measured(observation):
+        return replace(observation, depth_error=0.07)
+
+    for depth, max_range, error in (("predicted", 3.0, 0.07), ("sensor", 5.0, 0.0)):
         same = DeuxExplorer(map_depth=depth), DeuxExplorer(map_depth=depth, max_range=max_range, depth_error=error)
-        assert run(same[0], two_rooms(), 80) == run(same[1], two_rooms(), 80)
-        assert [explorer.occupancy.errors.relative for explorer in same] == [error, error]
+        assert run(same[0], two_rooms(), 80, 0, measured) == run(same[1], two_rooms(), 80, 0, measured)
+        np.testing.assert_array_equal(*(explorer.occupancy.cells for explorer in same))
+
+
+def test_its_map_allows_for_the_mean_of_the_errors_measured_lately():
+    explorer = DeuxExplorer()
+    explorer.reset(Episode(0, 100, two_rooms().camera, Robot()))
+    seen = observe(two_rooms(), explorer.needs, 0, False)
+
+    def allowed(error):
+        return explorer.depth_error(replace(seen, depth_error=error))
+
+    assert allowed(np.nan) is None
+    assert allowed(0.1) == pytest.approx(0.1)
+    assert allowed(0.0) == pytest.approx(0.05)
+    assert allowed(np.nan) == pytest.approx(0.05)
+    assert [allowed(0.02) for _ in range(20)][-1] == pytest.approx(0.02)
+    assert [allowed(9.0) for _ in range(20)][-1] == 0.2
+    assert explorer.fingerprint() != DeuxExplorer(depth_error=0.1).fingerprint()
+    assert DeuxExplorer(depth_error=0.1).fingerprint() == DeuxExplorer(map_depth="sensor").fingerprint()
 
 
 def test_a_floor_that_is_lifted_by_wrong_depth_confines_it_unless_its_map_allows_for_that():
@@ -209,7 +230,9 @@ def places_visited(distort, seed, steps=200):
 
     def predicted(observation):
         places.add(tuple(np.floor(observation.pose[[0, 2], 3] / 0.5)))
-        return replace(observation, predicted_depth=distort(observation.predicted_depth).astype(np.float32))
+        depth, truth = distort(observation.predicted_depth).astype(np.float32), observation.predicted_depth
+        error = float(np.median(np.abs(depth - truth)[truth > 0] / truth[truth > 0]))
+        return replace(observation, predicted_depth=depth, depth_error=error)
 
     run(DeuxExplorer(), two_rooms(), steps, seed, predicted)
     return len(places)

@@ -303,6 +303,7 @@ def test_a_truncated_file_is_one_sentence_whoever_reads_it(tmp_path: Path, worke
 @pytest.fixture
 def few_files() -> Iterator[None]:
     """This process may open ten files more, and no others."""
+    gc.collect()  # what other tests have left open and is closed meanwhile would be room
     least, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (len(os.listdir("/proc/self/fd")) + 10, most))
     yield

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import gc
 import importlib
 import logging
@@ -13,6 +14,7 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -88,7 +90,7 @@ def main() -> int:
         register_configuration()
         sys.argv[1:] = [quoted_digits(argument) for argument in sys.argv[1:]]
         check_names(argument for argument in sys.argv[1:] if "=" in argument and not argument.startswith("-"))
-        with _quiet_log_writers(), _termination_raised():
+        with _quiet_log_writers(), _termination_raised(), _help_unchecked():
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
     except KeyboardInterrupt as interrupt:
         if _was_terminated(interrupt):
@@ -175,6 +177,30 @@ def _termination_raised() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, earlier)
+
+
+@contextmanager
+def _help_unchecked() -> Iterator[None]:
+    """Let Hydra make its parser of the command line from Python 3.14 on, whose argparse checks help texts at once.
+
+    One of Hydra 1.3's is an object that becomes a text when it is shown (facebookresearch/hydra, issue 3121).
+    """
+    module: Any = sys.modules["hydra.main"]
+    parser: Any = argparse.ArgumentParser
+    make = module.get_args_parser
+
+    def make_unchecked() -> argparse.ArgumentParser:
+        parser._check_help = lambda *_: None  # in front of what it inherits
+        try:
+            return make()  # type: ignore[no-any-return]
+        finally:
+            del parser._check_help
+
+    module.get_args_parser = make_unchecked
+    try:
+        yield
+    finally:
+        module.get_args_parser = make
 
 
 def _unusable_surroundings() -> str | None:

@@ -192,7 +192,7 @@ def _help_unchecked() -> Iterator[None]:
     def make_unchecked() -> argparse.ArgumentParser:
         parser._check_help = lambda *_: None  # in front of what it inherits
         try:
-            return make()  # type: ignore[no-any-return]
+            return make()
         finally:
             del parser._check_help
 

@@ -1,6 +1,7 @@
 """Off-screen rendering of pyrender scenes by EGL, with corrections of what pyrender 0.1.45 gets wrong."""
 
 import os
+import sys
 import weakref
 from contextlib import suppress
 from ctypes import ArgumentError
@@ -14,6 +15,9 @@ from deux.errors import DeuxError
 
 REMEDY = "install the Debian packages libegl1 and libgl1, or set simulator.renderer=embree."
 """What a user can do who has no OpenGL."""
+
+NO_PYRENDER = (3, 12)
+"""The first version of Python with which pyrender draws no textures."""
 
 _creator: int | None = None
 """The process that made the first context."""
@@ -57,8 +61,13 @@ def load_pyrender() -> ModuleType:
     """Import pyrender for use without a screen.
 
     Raises:
-        DeuxError: the system's OpenGL libraries are missing.
+        DeuxError: the system's OpenGL libraries are missing, or Python is too new for pyrender.
     """
+    if sys.version_info >= NO_PYRENDER:
+        raise DeuxError(
+            f"simulator.renderer=pyrender works before Python {'.'.join(map(str, NO_PYRENDER))} only, because of PyOpenGL "
+            "3.1.0, which pyrender 0.1.45 asks for: set simulator.renderer=gl or simulator.renderer=embree."
+        )
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
     load_triton()
     # pyrender imports its viewer too, and that needs a library of X11 unless pyglet is told that there is no screen.
@@ -128,8 +137,7 @@ class EGLContext:
             with patch("pyrender.renderer.glRenderbufferStorageMultisample", single_sample):
                 color, depth = self._renderer.render(scene, flags)
         except (ArgumentError, Error) as cause:
-            # These errors hold pointers and cannot be sent from a worker process. PyOpenGL 3.1.0, which pyrender 0.1.45
-            # asks for, raises the first one with Python 3.12.
+            # These errors hold pointers and cannot be sent from a worker process.
             said = " ".join(str(cause).split())
             raise DeuxError(
                 f"OpenGL refuses to draw ({said}): set simulator.renderer=gl or simulator.renderer=embree."

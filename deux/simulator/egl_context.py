@@ -64,9 +64,10 @@ def load_pyrender() -> ModuleType:
         DeuxError: the system's OpenGL libraries are missing, or Python is too new for pyrender.
     """
     if sys.version_info >= NO_PYRENDER:
+        least = ".".join(map(str, NO_PYRENDER))
         raise DeuxError(
-            f"simulator.renderer=pyrender works before Python {'.'.join(map(str, NO_PYRENDER))} only, because of PyOpenGL "
-            "3.1.0, which pyrender 0.1.45 asks for: set simulator.renderer=gl or simulator.renderer=embree."
+            f"simulator.renderer=pyrender does not work with Python {least} or later, because of PyOpenGL 3.1.0, which "
+            "pyrender 0.1.45 asks for: set simulator.renderer=gl or simulator.renderer=embree."
         )
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
     load_triton()

@@ -40,7 +40,7 @@ from deux.collection.ray_execution import RayExecutor  # noqa: E402
 pytestmark = pytest.mark.timeout(240)
 STEPS = 24
 KEPT: list[Any] = []
-"""Clusters, which no process that a later test forks may take apart (`deux.collection.ray_cluster`)."""
+"""Machines, which no process that a later test forks may take apart (`deux.collection.ray_cluster`)."""
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +49,8 @@ def cluster() -> Iterator[Any]:
     before = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = str(Path(__file__).parent)  # where workers find what the tests are made of
     made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    KEPT.append(made)
     try:
-        made.add_node(num_cpus=1)
+        KEPT.extend([made.head_node, made.add_node(num_cpus=1)])
         yield made
     finally:
         made.shutdown()

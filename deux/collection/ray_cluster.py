@@ -23,14 +23,6 @@ _ATTEMPTS = 3
 """Of starting Ray on this machine: with a busy neighbour it may take longer than Ray waits."""
 
 
-_nodes: list[Any] = []
-"""What Ray started in this process, kept for as long as it lives.
-
-Ray's exit handlers hold it too. From Python 3.14 on, a forked process drops those first of all; were they the last to
-hold it, a process that loads frames would wait there for a thread of Ray's that was not forked.
-"""
-
-
 @contextmanager
 def connected(address: str | None) -> Iterator[None]:
     """Connect to a Ray cluster, in silence, unless this process is part of one.
@@ -44,7 +36,6 @@ def connected(address: str | None) -> Iterator[None]:
     # Where a machine is lost, Ray prints the end of its log to the console.
     with patch("ray._private.worker.print_to_stdstream", _to_log):
         _connect(address)
-        _nodes.append(ray._private.worker._global_node)
         try:
             yield
         finally:

@@ -40,7 +40,11 @@ from deux.collection.ray_execution import RayExecutor  # noqa: E402
 pytestmark = pytest.mark.timeout(240)
 STEPS = 24
 KEPT: list[Any] = []
-"""Machines, which no process that a later test forks may take apart (`deux.collection.ray_cluster`)."""
+"""Machines of a cluster in this process, which Ray's exit handlers hold too.
+
+From Python 3.14 on, a forked process drops those handlers first of all. Were they the last to hold a machine, a process
+that loads frames in a later test would wait there for a thread of Ray's that was not forked.
+"""
 
 
 @pytest.fixture(scope="module")

@@ -20,8 +20,17 @@ def test_an_unknown_renderer_is_named_with_what_was_meant(box: Scene) -> None:
 
 
 def test_missing_opengl_is_one_sentence_with_the_packages(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deux.simulator.egl_context.NO_PYRENDER", (4, 0))
     monkeypatch.setitem(sys.modules, "pyrender", None)  # makes its import fail
     with pytest.raises(DeuxError, match=r"cannot load OpenGL .*Debian packages libegl1 and libgl1"):
+        make_renderer("pyrender", box.mesh, Camera())
+
+
+def test_pyrender_is_refused_where_python_is_too_new_for_it(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("deux.simulator.egl_context.NO_PYRENDER", (3, 11))
+    with pytest.raises(
+        DeuxError, match=r"pyrender does not work with Python 3\.11 or later, .* set simulator.renderer=gl"
+    ):
         make_renderer("pyrender", box.mesh, Camera())
 
 

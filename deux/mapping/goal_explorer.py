@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from collections import deque
 from dataclasses import replace
 from typing import Literal
 
@@ -137,7 +138,7 @@ class GoalExplorer(Explorer):
         field_of_view = math.radians(episode.camera.hfov)
         self.finished = FinishedFrontiers(self.frontier_reach, field_of_view)
         self._clearance = self._clearances()[0]
-        self._depth_errors: list[float] = []
+        self._depth_errors: deque[float] = deque(maxlen=self.remembered_errors)
 
     def act(self, observation: Observation) -> Action:
         """Map what is seen, then go on towards the target."""
@@ -160,7 +161,7 @@ class GoalExplorer(Explorer):
         last `remembered_errors` frames.
         """
         if self._measures_error and observation.depth_error is not None and math.isfinite(observation.depth_error):
-            self._depth_errors = [*self._depth_errors[1 - self.remembered_errors :], observation.depth_error]
+            self._depth_errors.append(observation.depth_error)
         if not self._depth_errors:
             return None
         return min(float(np.mean(self._depth_errors)), self.most_depth_error)

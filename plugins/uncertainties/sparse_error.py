@@ -10,29 +10,20 @@ PRIOR_WEIGHT = 0.01
 
 
 class SparseError(Uncertainty):
-    """How far the prediction is from the sparse points nearby, in metres or relative to their depth.
+    """How far the prediction is from the sparse points nearby, in metres.
 
     A pixel takes the mean of the points' errors with the weights exp(-d^2 / (2 s^2)) for a point d pixels away; s is
     half the mean distance between the frame's points, so that mostly the nearest ones count. The model was given
     these points, but it is smooth: where it fits badly at them it does so between them. NaN for a frame without
     points.
-
-    Args:
-        relative: whether errors are fractions of the points' depth. In metres far surfaces are the most uncertain ones,
-            since errors grow with the distance; as fractions, near and far ones count alike.
     """
 
     needs_sources = False
 
-    def __init__(self, relative: bool = False) -> None:
-        self._relative = relative
-
     def __call__(self, view: View) -> Tensor:
-        """N x H x W, metres or fractions."""
-        sparse = view.sparse_depth[:, 0]
-        points = sparse > 0
-        scale = sparse if self._relative else 1.0
-        error = torch.where(points, (view.depth[:, 0] - sparse).abs() / scale, 0.0)
+        """N x H x W metres."""
+        points = view.sparse_depth[:, 0] > 0
+        error = torch.where(points, (view.depth - view.sparse_depth)[:, 0].abs(), 0.0)
         known = points.to(error.dtype)
         count = known.sum(dim=(1, 2), keepdim=True)
         sigma = 0.5 * (known[0].numel() / count.clamp(min=1.0)).sqrt()

@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import pytest
 import torch
 
@@ -49,15 +47,3 @@ def test_far_from_all_points_it_is_their_mean():
 
 def test_without_points_it_has_no_value():
     assert SparseError()(wall_view()).isnan().all()
-
-
-def test_relative_errors_are_fractions_of_the_points_depth():
-    """Near and far, the prediction misses by a tenth."""
-    truth = torch.full((1, 1, 48, 64), 1.0)
-    truth[..., 32:] = 4.0
-    points = torch.where(point_grid(), truth, 0.0)
-    view = replace(wall_view(1.1 * truth, points=point_grid()), sparse_depth=points)
-    relative, metres = SparseError(relative=True)(view)[0], SparseError()(view)[0]
-    torch.testing.assert_close(relative, torch.full_like(relative, 0.1))
-    assert metres[:, :16].max() < 0.11
-    assert metres[:, 48:].min() > 0.39

@@ -39,6 +39,8 @@ class PredictSettings:
         voxel: edge in metres of the voxels that merge the points of a sequence; 0 keeps all.
         keep: fraction of the pixels, the most confident ones, that become points; None for all.
         least_confidence: confidence in (0, 1] that a point needs; None for any.
+        agreement: greatest difference, as a fraction of the distance, between the depth of a pixel of a sequence and
+            that of two other frames with which it becomes a point; None for any.
         viewer: "rerun" for a recording that its viewer plays; None for none.
 
     Raises:
@@ -63,6 +65,7 @@ class PredictSettings:
     voxel: float = 0.02
     keep: float | None = None
     least_confidence: float | None = None
+    agreement: float | None = 0.03
     viewer: Literal["rerun"] | None = None
 
     def __post_init__(self) -> None:
@@ -71,6 +74,8 @@ class PredictSettings:
             check_range("predict.ground_truth_scale", self.ground_truth_scale, 0, ends=False)
         check_range("predict.batch_size", self.batch_size, 1)
         check_range("predict.voxel", self.voxel, 0)
+        if self.agreement is not None:
+            check_range("predict.agreement", self.agreement, 0, 1, ends=False)
         for name in ("keep", "least_confidence"):
             value = getattr(self, name)
             if value is None:

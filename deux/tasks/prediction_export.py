@@ -1,7 +1,7 @@
 """What is made of many frames' depth files: coloured videos, fused point clouds, recordings for a viewer."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
@@ -19,6 +19,7 @@ from deux.io.cloud_files import write_cloud
 from deux.io.images import write_image
 from deux.io.progress import Progress
 from deux.io.video_files import VideoWriter
+from deux.tasks.agreement_filter import AgreementFilter
 from deux.tasks.depth_completion import CompletedDepth
 from deux.tasks.predict_settings import PredictSettings
 from deux.tasks.prediction_folder import PredictionFolder
@@ -59,9 +60,10 @@ def export_sequences(
     for sequence, group in groupby(frames, key=lambda frame: frame.sequence):
         names = list(group)
         export = SequenceExport(results.folder, sequence, settings, _depth_range(results, names), least)
+        confirmed = _confirmed(results, reader, names, settings)
         with export:
             for name, frame in FrameStream(reader, depths=settings.viewer is not None)(names):
-                export.add(name.name, frame, results.read(name))
+                export.add(name.name, frame, results.read(name), confirmed(name))
                 done += 1
                 progress("export", done, len(frames))
         written += export.written
@@ -116,11 +118,20 @@ class SequenceExport:
         if self._clouds:
             self._write_clouds()
 
-    def add(self, name: str, frame: RecordedFrame, completed: CompletedDepth) -> None:
-        """The next frame, with what was predicted of it."""
+    def add(
+        self, name: str, frame: RecordedFrame, completed: CompletedDepth, confirmed: np.ndarray | None = None
+    ) -> None:
+        """The next frame, with what was predicted of it.
+
+        Args:
+            name: of the frame.
+            frame: as recorded.
+            completed: its depth.
+            confirmed: H x W bool, the pixels that may become points; None for all.
+        """
         if self._video is not None:
             self._video.write(draw_video_frame(frame.image, completed.depth, self._range, completed.confidence))
-        cloud = frame_cloud(frame, completed, self._least)
+        cloud = frame_cloud(frame, completed, self._least, confirmed)
         if frame.pose is None:
             self._without_pose += 1
         elif self._clouds:
@@ -144,15 +155,20 @@ class SequenceExport:
         self.written += [*self._clouds, picture]
 
 
-def frame_cloud(frame: RecordedFrame, completed: CompletedDepth, least: float = 0.0) -> PointCloud:
+def frame_cloud(
+    frame: RecordedFrame, completed: CompletedDepth, least: float = 0.0, confirmed: np.ndarray | None = None
+) -> PointCloud:
     """The coloured points of a frame whose confidence is at least `least`, in the world if it has a pose.
 
     Args:
         frame: as recorded.
         completed: its depth.
         least: confidence that a point needs; above 0 it leaves out the pixels that have none.
+        confirmed: H x W bool, the pixels that may become points; None for all.
     """
     kept = completed.depth > 0
+    if confirmed is not None:
+        kept &= confirmed
     if completed.confidence is not None:
         kept &= completed.confidence >= least
     points = unproject(completed.depth, frame.intrinsics, frame.pose)[kept]
@@ -162,7 +178,9 @@ def frame_cloud(frame: RecordedFrame, completed: CompletedDepth, least: float = 
 def check_not_empty(cloud: PointCloud, path: Path) -> None:
     """Raise DeuxError if a cloud that is to be written has no point."""
     if len(cloud.points) == 0:
-        raise DeuxError(f"{path} would hold no point: lower predict.least_confidence, or raise predict.keep.")
+        raise DeuxError(
+            f"{path} would hold no point: lower predict.least_confidence, or raise predict.keep or predict.agreement."
+        )
 
 
 def least_confidence(maps: Iterator[np.ndarray], settings: PredictSettings) -> float:
@@ -178,6 +196,15 @@ def least_confidence(maps: Iterator[np.ndarray], settings: PredictSettings) -> f
         quantile = float(np.quantile(values, 1.0 - settings.keep)) if values.size else 1.0
         least = max(least, quantile, float(np.finfo(np.float32).tiny))
     return least
+
+
+def _confirmed(
+    results: PredictionFolder, reader: Reader, frames: Sequence[FrameReference], settings: PredictSettings
+) -> Callable[[FrameReference], np.ndarray | None]:
+    """Which pixels of a frame of a sequence may become points; None for all."""
+    if settings.agreement is None or not (settings.cloud_formats or settings.viewer):
+        return lambda frame: None
+    return AgreementFilter(results, reader, frames, settings.agreement)
 
 
 def _least_confidence(results: PredictionFolder, frames: Sequence[FrameReference], settings: PredictSettings) -> float:

@@ -92,8 +92,12 @@ class PredictionFolder:
 
     def read(self, frame: FrameReference) -> CompletedDepth:
         """What was written of a frame, as the files hold it."""
-        depth, confidence = self.file("depth", frame), self.file("confidence", frame)
-        return CompletedDepth(read_any_depth(depth), self.read_confidence(frame) if confidence.exists() else None)
+        confidence = self.read_confidence(frame) if self.file("confidence", frame).exists() else None
+        return CompletedDepth(self.read_depth(frame), confidence)
+
+    def read_depth(self, frame: FrameReference) -> np.ndarray:
+        """H x W float32 metres."""
+        return read_any_depth(self.file("depth", frame))
 
     def read_confidence(self, frame: FrameReference) -> np.ndarray:
         """H x W float32 in [0, 1]."""

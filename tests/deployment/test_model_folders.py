@@ -142,7 +142,10 @@ def test_a_copy_saves_itself(kbnet, tmp_path, copied):
         ({"settings": [1]}, "settings must be names"),
         ({"settings": {"command": "rm"}}, "command is not an option of KBNet"),
         ({"settings": {"image_filters": "os.system"}}, "image_filters must be a list"),
-        ({"settings": {"image_filters": [-1, 8, 8, 8, 8]}}, "cannot be made here: model.image_filters is -1: it must be at least 1"),
+        (
+            {"settings": {"image_filters": [-1, 8, 8, 8, 8]}},
+            "cannot be made here: model.image_filters is -1: it must be at least 1",
+        ),
         ({"settings": {"max_depth": float("nan")}}, "max_depth=nan are no depth range"),
         ({"auto_map": {"AutoModel": "code.Model"}}, "auto_map is not an option"),
     ],

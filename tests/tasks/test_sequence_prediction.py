@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from scipy.spatial import cKDTree
 
 import deux as package
 from deux.contracts import Action
 from deux.deployment.model_files import load_model
 from deux.geometry.camera import Camera
+from deux.geometry.point_cloud import unproject
 from deux.io.atomic import write_atomically
 from deux.io.camera_files import read_any_depth
 from deux.io.images import quantise_depth, read_fraction, write_depth
@@ -156,7 +158,7 @@ def test_what_was_done_before_a_kill_is_not_done_again(predict, room_folder, mon
     assert len((run / "frames.jsonl").read_text().splitlines()) == FRAMES
     assert len(table(run)) == FRAMES
     monkeypatch.undo()
-    outcome = predict(batch_size=5, export="ply")  # what takes nothing anew
+    outcome = predict(batch_size=5, export="ply", agreement="null")  # what takes nothing anew
     assert ", 7 of them before" in outcome.out
     assert (run / "clouds" / "room.ply").exists()
 
@@ -190,7 +192,7 @@ def test_images_or_a_video_beside_points(predict, room_folder, recorded, form):
 
 @pytest.mark.parametrize("form", ["ply", "glb"])
 def test_the_cloud_is_made_of_the_depth_files(predict, room_folder, recorded, form):
-    outcome = predict(export=form, voxel=0, uncertainty="sparse_error", keep=0.5)
+    outcome = predict(export=form, voxel=0, uncertainty="sparse_error", keep=0.5, agreement="null")
     assert (outcome.code, outcome.err) == (0, "")
     run = room_folder.parent / "run"
     expected, colors, sure = [], [], []
@@ -208,6 +210,27 @@ def test_the_cloud_is_made_of_the_depth_files(predict, room_folder, recorded, fo
     kept = sure >= sure[kept[-1]]
     np.testing.assert_allclose(cloud.vertices, points[kept], atol=1e-4)
     np.testing.assert_array_equal(cloud.colors[:, :3], colors[kept])
+
+
+def test_points_need_other_frames_that_agree(predict, room_folder, recorded):
+    """The depth files are replaced by the true depth, but for one frame that errs by a tenth."""
+    assert predict(format="npy").code == 0
+    run = room_folder.parent / "run"
+    wrong = 4
+    for number, frame in enumerate(recorded):
+        np.save(run / "depth" / "room" / f"{number:03d}.npy", frame.ground_truth * (1.1 if number == wrong else 1.0))
+    counts, errors = {}, {}
+    for agreement in ("null", 0.03):
+        outcome = predict(format="npy", export="ply", voxel=0, agreement=agreement)
+        assert (outcome.code, outcome.err) == (0, "")
+        points = trimesh.load(run / "clouds" / "room.ply").vertices
+        truth = np.concatenate(
+            [unproject(one.ground_truth, one.intrinsics, one.pose).reshape(-1, 3) for one in recorded]
+        )
+        counts[agreement], errors[agreement] = len(points), cKDTree(truth).query(points)[0]
+    assert counts["null"] == FRAMES * SIZE[0] * SIZE[1]
+    assert 0.3 * counts["null"] < counts[0.03] < 0.9 * counts["null"]
+    assert np.mean(errors[0.03] > 0.1) < 0.2 * np.mean(errors["null"] > 0.1)
 
 
 def test_a_video_has_all_frames(predict, room_folder):

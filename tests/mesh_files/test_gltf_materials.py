@@ -7,7 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from PIL import Image, features
+from PIL import Image
 
 from deux.errors import DeuxError
 from deux.mesh_files.gltf_file import read_gltf, referenced_by_gltf
@@ -201,7 +201,7 @@ def test_large_images_are_no_attack(gltf, form, monkeypatch):
 
 @pytest.mark.parametrize("form", ["WEBP", "AVIF"])
 def test_an_image_of_another_extension(gltf, form):
-    if not features.check(form.lower()):
+    if form not in Image.registered_extensions().values():
         pytest.skip(f"this build of Pillow reads no {form}")
     (gltf.folder / "wall.img").write_bytes(encoded(FLAT, "RGB", form))
     material = gltf.textured({"uri": "wall.img"})

@@ -37,7 +37,8 @@ from ray.cluster_utils import Cluster  # noqa: E402
 from deux.collection import ray_execution  # noqa: E402
 from deux.collection.ray_execution import RayExecutor  # noqa: E402
 
-pytestmark = pytest.mark.timeout(240)
+# Ray 2.45 leaves /dev/null open.
+pytestmark = [pytest.mark.timeout(240), pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")]
 STEPS = 24
 KEPT: list[Any] = []
 """Machines of a cluster in this process, which Ray's exit handlers hold too.

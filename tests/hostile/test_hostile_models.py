@@ -102,7 +102,11 @@ def test_weights_that_are_no_numbers_or_of_another_type(campaign, kbnet, model_f
     with safetensors.safe_open(model_file, "pt") as file:
         metadata = file.metadata()
     name, weights = changed({key: tensor.contiguous() for key, tensor in kbnet.state_dict().items()})
-    model_file.write_bytes(with_metadata(weights, metadata))
+    try:
+        content = with_metadata(weights, metadata)
+    except KeyError:  # before 0.7
+        pytest.skip(f"this safetensors writes no {change}")
+    model_file.write_bytes(content)
     with pytest.raises(DeuxError, match=rf"model\.safetensors .* has 1 tensor {problem} \({re.escape(name)}"):
         load_model(model_file)
 

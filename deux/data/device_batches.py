@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from deux.contracts import Augmentation, Batch
-from deux.data.device_cache import FrameStack, Shipment, StoredFrame, colors, metres_on_device
+from deux.data.device_cache import FrameStack, Shipment, StoredFrame, colors, indexable, metres_on_device
 from deux.data.drawn_windows import Window, draw, is_drawn
 from deux.data.transforms import augment_tensors
 from deux.errors import DeuxError
@@ -234,7 +234,8 @@ def _plan(
         parts = [cut(sent) for cut in cuts]
         if len({part.dtype for part in parts}) > 1:  # depth that 16 bits hold, and depth that they do not
             parts = [metres_on_device(part) for part in parts]
-        return torch.cat(parts)[sent[order]]
+        kind = parts[0].dtype
+        return torch.cat([part.view(indexable(kind)) for part in parts])[sent[order]].view(kind)
 
     return cut_all
 

@@ -14,6 +14,11 @@ from deux.data.frame_cache import FrameCache, FrameKey, compact, read_frame
 from deux.io.images import DEPTH_SCALE
 
 
+def indexable(dtype: torch.dtype) -> torch.dtype:
+    """The type as which a tensor is indexed: torch before 2.10 and cards index no uint16; int16 has the same bits."""
+    return torch.int16 if dtype == torch.uint16 else dtype
+
+
 class FrameStack:
     """Arrays of one type and size in one tensor, so that one operation cuts parts out of many of them.
 
@@ -25,9 +30,7 @@ class FrameStack:
     def __init__(self, like: np.ndarray, device: torch.device) -> None:
         self._shape = like.shape
         self._type = torch.from_numpy(like[:0]).dtype
-        # Torch indexes no uint16 on a card; int16 has the same bits.
-        stored = torch.int16 if self._type == torch.uint16 else self._type
-        self.planes = torch.empty((0, *self.size), dtype=stored, device=device)
+        self.planes = torch.empty((0, *self.size), dtype=indexable(self._type), device=device)
         self.free: list[int] = []
 
     @property

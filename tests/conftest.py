@@ -3,6 +3,7 @@
 import io
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections import Counter
@@ -16,6 +17,10 @@ from hydra.core.hydra_config import HydraConfig
 if "PYTEST_XDIST_WORKER" in os.environ:
     # As many workers as cores: threads of torch, OpenCV and the commands that tests start would wait for each other.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    # A shell starts its background jobs so, and the commands that tests interrupt would inherit it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 from deux.contracts import Scene
 from deux.scenes.ray_caster import RayCaster

@@ -24,9 +24,6 @@ from deux.geometry.source_frames import SourceRule
 REACH = 10
 """Frames before and after, of those with poses, among which the frames that confirm are chosen."""
 
-_EACH_SIDE = 2
-"""Frames that are chosen before, and as many after."""
-
 _CONFIRMATIONS = 2
 """Frames that must agree with a pixel; fewer where fewer stand apart."""
 
@@ -59,7 +56,7 @@ def confirming_frames(poses: Sequence[np.ndarray], index: int) -> list[int]:
     chosen: list[int] = []
     for side in (range(index - 1, index - REACH - 1, -1), range(index + 1, index + REACH + 1)):
         apart = [other for other in side if 0 <= other < len(poses) and rule.apart(poses[index], poses[other])]
-        chosen += [*apart[:1], *apart[1:][-(_EACH_SIDE - 1) :]]
+        chosen += apart if len(apart) < 2 else [apart[0], apart[-1]]
     return chosen
 
 

@@ -28,7 +28,9 @@ class AgreementFilter:
         posed = [(frame, pose) for frame in frames if (pose := reader.pose(frame)) is not None]
         self._frames, self._poses = [frame for frame, _ in posed], [pose for _, pose in posed]
         self._places = {frame: place for place, frame in enumerate(self._frames)}
-        self._depth = lru_cache(maxsize=2 * REACH + 1)(results.read_depth)
+        self._results = results
+        # What confirms one frame is confirmed by it a few frames later.
+        self._view = lru_cache(maxsize=2 * REACH + 1)(self._read)
 
     def __call__(self, frame: FrameReference) -> np.ndarray | None:
         """The pixels that are confirmed, H x W bool; None for a frame without a pose.
@@ -42,6 +44,6 @@ class AgreementFilter:
         others = (self._view(other) for other in confirming_frames(self._poses, place))
         return agreeing_pixels(self._view(place), others, self._tolerance)
 
-    def _view(self, place: int) -> PosedDepth:
+    def _read(self, place: int) -> PosedDepth:
         frame = self._frames[place]
-        return PosedDepth(self._depth(frame), self._reader.intrinsics(frame), self._poses[place])
+        return PosedDepth(self._results.read_depth(frame), self._reader.intrinsics(frame), self._poses[place])

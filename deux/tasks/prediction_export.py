@@ -147,7 +147,7 @@ class SequenceExport:
                 f"{self._without_pose} of the {self._number} frames have no pose and are not in {self._clouds[0]}."
             )
         cloud = self._fusion.cloud()
-        check_not_empty(cloud, self._clouds[0])
+        check_not_empty(cloud, self._clouds[0], "predict.agreement or predict.keep")
         for path in self._clouds:
             write_cloud(path, cloud)
         picture = self._clouds[0].with_suffix(".png")
@@ -175,12 +175,10 @@ def frame_cloud(
     return PointCloud(points.astype(np.float32), frame.image[kept])
 
 
-def check_not_empty(cloud: PointCloud, path: Path) -> None:
-    """Raise DeuxError if a cloud that is to be written has no point."""
+def check_not_empty(cloud: PointCloud, path: Path, limits: str = "predict.keep") -> None:
+    """Raise DeuxError if a cloud that is to be written has no point; `limits` are the options that let more pass."""
     if len(cloud.points) == 0:
-        raise DeuxError(
-            f"{path} would hold no point: lower predict.least_confidence, or raise predict.keep or predict.agreement."
-        )
+        raise DeuxError(f"{path} would hold no point: raise {limits}, or lower predict.least_confidence.")
 
 
 def least_confidence(maps: Iterator[np.ndarray], settings: PredictSettings) -> float:

@@ -203,7 +203,7 @@ def test_errors_are_those_of_the_pixels_that_were_not_given(predict, frame, trut
         (row,) = (line for line in outcome.out.splitlines() if name in line)
         numbers = [float(number) for number in re.findall(r"[\d.]+", row)]
         # Four points on a circle are joined in two ways, which depends on the release of SciPy.
-        assert numbers == pytest.approx(expected, rel=0.03, abs=0.1)
+        assert numbers == pytest.approx(expected, rel=0.01 if name == "kbnet" else 0.03, abs=0.1)
 
 
 def test_a_published_checkpoint_completes_a_frame(predict, frame, model_file):

@@ -286,7 +286,10 @@ def test_without_poses_some_things_cannot_be(predict, room_folder, options, sent
 
 def test_a_filter_that_leaves_nothing_is_said(predict):
     outcome = predict(uncertainty="sparse_error", least_confidence=1, export="ply")
-    assert re.match(r".*/clouds/room\.ply would hold no point: lower predict\.least_confidence", outcome.sentence)
+    assert re.match(
+        r".*/clouds/room\.ply would hold no point: raise predict\.agreement or predict\.keep, or lower",
+        outcome.sentence,
+    )
 
 
 def test_one_frame_with_confidence_cloud_and_filter(predict, room_folder, recorded):

@@ -52,7 +52,7 @@ class JobPart(NamedTuple):
 
 def package_versions() -> dict[str, str]:
     """The versions, by name, that must be the same wherever frames of one dataset are made."""
-    packages = ("deux", "torch", "numpy", "opencv-python-headless", "embreex")
+    packages = ("deux", "torch", "numpy", "scipy", "numba", "kornia", "opencv-python-headless", "embreex")
     return {"Python": platform.python_version(), **{name: version(name) for name in packages}}
 
 

@@ -71,8 +71,9 @@ def build_dataset(
         log.info("collecting %s", spec.folder_name)
         make_folder(partial / "data")
         clock = _Clock()
-        _check_names(spec)
+        _check_names(spec, [scene.name for scene in spec.scenes])
         floors = count_all_floors(spec.scenes, partial / _FLOORS, make_simulator, execute, progress)
+        _check_names(spec, [place_name(scene, k) for scene in spec.scenes for k in range(floors[scene.name])])
         if spec.explorer == VIEWPOINTS:
             collect_viewpoints(_viewpoint_plans(spec, partial, floors), make_simulator, execute, progress)
         else:
@@ -222,11 +223,12 @@ def _viewpoint_plans(spec: DatasetSpec, partial: Path, floors: Mapping[str, int]
     ]
 
 
-def _check_names(spec: DatasetSpec) -> None:
-    twice = [name for name, count in Counter(scene.name for scene in spec.scenes).items() if count > 1]
+def _check_names(spec: DatasetSpec, names: list[str]) -> None:
+    twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise DeuxError(
-            f"Two scenes of dataset {spec.name} are named {twice[0]}: their frames need names of their own."
+            f"Two scenes of dataset {spec.name}, or a scene and a floor of another, are named {twice[0]}: their frames "
+            "need names of their own."
         )
 
 

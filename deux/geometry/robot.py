@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from deux.errors import check_range
+from deux.errors import DeuxError, check_range
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,8 @@ class Robot:
         camera_height: height of the camera above the floor.
         forward_step: length of one forward action.
         turn_angle: angle of one turn in degrees.
-        max_climb: highest step in the floor that the robot rolls over.
+        max_climb: highest step in the floor that the robot rolls over; lower than the body, for only what lies between
+            the two is an obstacle.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -35,3 +36,8 @@ class Robot:
         check_range("robot.forward_step", self.forward_step, 0, ends=False)
         check_range("robot.turn_angle", self.turn_angle, 0, 180, ends=False)
         check_range("robot.max_climb", self.max_climb, 0)
+        if self.max_climb >= self.height:
+            raise DeuxError(
+                f"robot.max_climb is {self.max_climb} and robot.height {self.height}: a robot that climbs what is as "
+                "high as itself meets no obstacle, so robot.max_climb must be lower."
+            )

@@ -48,11 +48,11 @@ class GoalExplorer(Explorer):
     frontier_reach = 0.3
     """Metres from a frontier cell within which the robot may stop to look at it."""
 
-    min_frontier = 6
-    """Cells that a frontier must have; smaller ones are gaps between pixels."""
+    min_frontier = 0.3
+    """Metres that a frontier must be long; shorter ones are gaps between pixels."""
 
-    preferred_frontier = 12
-    """Cells of a frontier that is preferred to smaller ones."""
+    preferred_frontier = 0.6
+    """Metres of a frontier that is preferred to shorter ones."""
 
     least_area = 3.0
     """Square metres of floor within reach, with no frontier on it, below which the map counts as wrong.
@@ -88,6 +88,9 @@ class GoalExplorer(Explorer):
             raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
         if motion not in ("arcs", "turns"):
             raise DeuxError(f'explore.motion is "{motion}": it must be "arcs" or "turns".')
+        check_range("explore.resolution", resolution, 0.0, 0.5, ends=False)
+        check_range("explore.max_range", max_range, 0.0, 1000.0, ends=False)
+        check_range("explore.safety_margin", safety_margin, 0.0, 10.0)
         check_range("explore.least_way", least_way, 0.0)
         check_range("explore.depth_error", depth_error or 0.0, 0.0, 1.0)
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
@@ -181,13 +184,17 @@ class GoalExplorer(Explorer):
         """The frontier cells that can be reached and are not finished."""
         cells, frame = self.occupancy.cells, self.occupancy.frame
         finished = self.finished.mask(frame)
-        return frontier_candidates(cells, frame, distance, self.min_frontier, self.frontier_reach, finished)
+        least = self._in_cells(self.min_frontier)
+        return frontier_candidates(cells, frame, distance, least, self.frontier_reach, finished)
 
     def preferred_frontiers(self, candidates: FrontierCandidates) -> FrontierCandidates:
         """Those of the frontiers in reach that are worth walking to; all of them where `least_way` is 0."""
         if self._least_way == 0.0:
             return candidates
-        return candidates.preferred(self._least_way / self._resolution, self.preferred_frontier)
+        return candidates.preferred(self._least_way / self._resolution, self._in_cells(self.preferred_frontier))
+
+    def _in_cells(self, metres: float) -> int:
+        return max(1, round(metres / self._resolution))
 
     def frontier_target(self, candidates: FrontierCandidates, index: int) -> Target:
         """The target for one of the candidates; remembers its frontier cell as `self.frontier`."""

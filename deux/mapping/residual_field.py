@@ -52,6 +52,9 @@ class PoseResidualField:
         prior_weight: the weight of the mean, in poses at distance 0.
     """
 
+    _negligible = 9.0
+    """Bandwidths at which a weight is lost in the rounding of the sum."""
+
     def __init__(self, bandwidth: float = 0.5, prior_weight: float = 0.01) -> None:
         self._bandwidth = bandwidth
         self._prior_weight = prior_weight
@@ -64,27 +67,33 @@ class PoseResidualField:
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Uncertainty near N x 2 world points (x, z)."""
-        values, _ = self._average(points)
+        if not self._records:
+            return np.zeros(len(points))
+        records = np.array(self._records)
+        values, _ = self._average(points, records, records[:, 2].mean())
         return values
 
     def grid(self, frame: GridFrame) -> np.ndarray:
         """The field over a grid; NaN beyond two bandwidths of the only pose."""
+        result = np.full(frame.shape, np.nan, np.float32)
+        if not self._records:
+            return result
+        records = np.array(self._records)
+        mean = records[:, 2].mean()
         x = frame.origin_x + (np.arange(frame.columns) + 0.5) * frame.resolution
         z = frame.origin_z + (np.arange(frame.rows) + 0.5) * frame.resolution
-        points = np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
-        values, weight = self._average(points)
-        return np.where(weight > np.exp(-2.0), values, np.nan).reshape(frame.shape).astype(np.float32)
+        for row in range(frame.rows):  # cells x poses at once would be gigabytes
+            near = records[np.abs(records[:, 1] - z[row]) < self._negligible * self._bandwidth]
+            values, weight = self._average(np.column_stack([x, np.full(len(x), z[row])]), near, mean)
+            result[row] = np.where(weight > np.exp(-2.0), values, np.nan)
+        return result
 
-    def _average(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted average at each point, and the weight of the poses in it."""
-        if not self._records:
-            return np.zeros(len(points)), np.zeros(len(points))
-        records = np.array(self._records)
+    def _average(self, points: np.ndarray, records: np.ndarray, mean: float) -> tuple[np.ndarray, np.ndarray]:
+        """Weighted average of some records at each point, and their weight in it."""
         # |a - b|^2 expanded: a product of matrices is many times faster than all differences on a whole grid.
         squares = (points**2).sum(1)[:, None] + (records[:, :2] ** 2).sum(1) - 2.0 * points @ records[:, :2].T
         weights = np.exp(-0.5 * squares / self._bandwidth**2)
         total = weights.sum(axis=1)
-        mean = records[:, 2].mean()
         values = (weights @ records[:, 2] + self._prior_weight * mean) / (total + self._prior_weight)
         return values, total
 

@@ -156,7 +156,13 @@ def _joined_lines(content: bytes) -> list[bytes]:
     text = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ").replace(b"\t", b" ")
     if b"\0" in text[:1024]:
         raise ValueError("it is no text")
-    return [line.partition(b"#")[0] for line in text.split(b"\n")] if b"#" in text else text.split(b"\n")
+    lines = text.split(b"\n")
+    return [_without_comment(line) for line in lines] if b"#" in text else lines
+
+
+def _without_comment(line: bytes) -> bytes:
+    """A line without the comment at its end; the name of a material may hold a "#"."""
+    return line if b"#" not in line or _keyword(line) == b"usemtl" else line.partition(b"#")[0]
 
 
 def _columns(lines: list[bytes], least: int, most: int) -> np.ndarray:

@@ -4,6 +4,7 @@ import functools
 import os
 import re
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,8 @@ def material_libraries(path: Path) -> list[Path]:
             found.append(path.parent / name)
         else:
             # Several names on one line; a blank within a name does not follow its suffix.
-            found += [find_part(part, path) for part in re.split(r"(?<=\.mtl)\s+", name, flags=re.IGNORECASE)]
+            parts = re.split(r"(?<=\.mtl)\s+", name, flags=re.IGNORECASE)
+            found += [find_part(part, path) for part in takewhile(lambda part: not part.startswith("#"), parts)]
     return list(dict.fromkeys(found))
 
 
@@ -62,7 +64,7 @@ def material_libraries(path: Path) -> list[Path]:
 def _library_names(path: Path, size: int, modified: int) -> list[str]:
     # Size and time are there for the cache: a file that changes is read again.
     content = read_bytes(path).replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")
-    lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n#]+)", content, re.MULTILINE | re.IGNORECASE)
+    lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", content, re.MULTILINE | re.IGNORECASE)
     return [os.fsdecode(line.strip()) for line in lines]
 
 
@@ -85,6 +87,8 @@ def read_material_library(library: Path, owner: Path) -> dict[str, ObjMaterial]:
             value = rest[0] if rest else ""
             if key == "newmtl":
                 settings = found.setdefault(value.encode(errors="surrogateescape").decode(errors="replace"), {})
+            elif not value:
+                continue  # an empty statement says nothing
             elif key == "kd" and value.split()[0] not in ("spectral", "xyz"):
                 rgb = [float(word) for word in value.split()[:3]]
                 settings["color"] = _rgb(rgb if len(rgb) == 3 else rgb[:1] * 3)  # one number stands for all three
@@ -125,7 +129,12 @@ def _statements(path: Path) -> list[list[str]]:
     # Names are decoded as the file system's are, so that those in an older encoding are found.
     stripped = (os.fsdecode(line.strip()) for line in lines)
     words = [line.split(maxsplit=1) for line in stripped if line[:1] not in ("#", "")]
-    return [[w[0].lower(), *(part.partition(" #")[0].strip() for part in w[1:])] for w in words]
+    return [[key.lower(), *(_value(key.lower(), part) for part in rest)] for key, *rest in words]
+
+
+def _value(key: str, text: str) -> str:
+    """What a statement says, without a comment behind it; a material's name may hold a "#"."""
+    return text.strip() if key == "newmtl" else text.partition(" #")[0].strip()
 
 
 def _rgb(fractions: list[float]) -> tuple[int, int, int]:

@@ -42,4 +42,9 @@ class PPOSettings:
     def __post_init__(self) -> None:
         for name in ("steps", "episode", "environments", "rollout", "epochs", "checkpoint"):
             check_range(f"explorer_training.{name}", getattr(self, name), 1)
+        check_range("explorer_training.learning_rate", self.learning_rate, 0, 1, ends=False)
+        for name in ("discount", "gae"):
+            check_range(f"explorer_training.{name}", getattr(self, name), 0, 1)
+        check_range("explorer_training.clip", self.clip, 0, 1, ends=False)
+        check_range("explorer_training.entropy", self.entropy, 0, 1)
         check_range("explorer_training.batch_size", self.batch_size, 2, self.environments * self.rollout)

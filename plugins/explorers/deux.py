@@ -105,7 +105,7 @@ class DeuxExplorer(GoalExplorer):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')
         if target not in ("sampled", "greedy", "informative"):
             raise DeuxError(f'deux\'s target is "{target}": it must be "sampled", "greedy" or "informative".')
-        if temperature <= 0.0:
+        if not temperature > 0.0:  # NaN neither
             raise DeuxError(
                 f'deux\'s temperature is {temperature}: it must be positive (target="greedy" is its limit).'
             )

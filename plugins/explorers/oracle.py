@@ -6,7 +6,7 @@ import numpy as np
 from scipy import ndimage
 
 from deux.contracts import Action, Episode, Explorer, Need, Observation
-from deux.errors import DeuxError
+from deux.errors import DeuxError, check_range
 from deux.geometry.stratify import stratify
 from deux.mapping.navigation import Motion
 from deux.mapping.planning import distance_field
@@ -38,6 +38,7 @@ class OracleExplorer(Explorer):
             raise DeuxError(f"oracle's targets is {targets}: it must be at least 1.")
         if motion not in ("arcs", "turns"):
             raise DeuxError(f'explore.motion is "{motion}": it must be "arcs" or "turns".')
+        check_range("explore.safety_margin", safety_margin, 0.0, 10.0)
         self._count = targets
         self._safety_margin = safety_margin
         self._motion = motion

@@ -336,8 +336,15 @@ def test_a_dataset_without_a_usable_frame_is_an_error(tmp_path: Path) -> None:
 
 def test_two_scenes_of_one_name_are_an_error(tmp_path: Path) -> None:
     spec = specification(scenes=(ToyScene("a", "1"), ToyScene("a", "2")))
-    with pytest.raises(DeuxError, match="Two scenes of dataset toy are named a"):
+    with pytest.raises(DeuxError, match=r"Two scenes of dataset toy, .* are named a:"):
         build(tmp_path, spec)
+
+
+@pytest.mark.parametrize("explorer", [VIEWPOINTS, "wanderer"])
+def test_a_scene_that_is_named_as_another_ones_floor_is_an_error(tmp_path: Path, explorer: str) -> None:
+    scenes = (ToyScene("a", "1", area=SceneArea("all")), ToyScene("a-floor1", "2"))
+    with pytest.raises(DeuxError, match=r"a floor of another, are named a-floor1:"):
+        build(tmp_path, specification(scenes=scenes, explorer=explorer))
 
 
 def test_viewpoints_become_a_test_split_of_one_triplet_each(tmp_path: Path) -> None:

@@ -16,3 +16,9 @@ def test_the_defaults_are_the_papers_robot():
 def test_impossible_bodies_are_named(name, value):
     with pytest.raises(DeuxError, match=rf"robot\.{name} is {value}: it must be"):
         Robot(**{name: value})
+
+
+def test_a_robot_that_climbs_its_own_height_would_meet_no_obstacle():
+    Robot(height=0.3, camera_height=0.2)
+    with pytest.raises(DeuxError, match=r"robot\.max_climb is 0\.2 and robot\.height 0\.2"):
+        Robot(height=0.2, camera_height=0.18)

@@ -106,3 +106,18 @@ def test_the_surface_grid_follows_the_frame_that_is_asked_for():
     expected = field.grid(FRAME)[top : top + 60, left : left + 50]
     assert np.isfinite(expected).any()
     assert np.array_equal(field.grid(moved), expected, equal_nan=True)
+
+
+def test_the_pose_grid_of_a_long_walk_is_that_of_all_cells_and_poses_at_once():
+    rng = np.random.default_rng(0)
+    walk, deltas = np.cumsum(rng.normal(0.0, 0.25, (400, 2)), axis=0), rng.random(400)
+    field = PoseResidualField()
+    for (x, z), delta in zip(walk, deltas, strict=True):
+        field.update(camera_pose(x, 1.25, z, 0), NOTHING, NOTHING, float(delta))
+    frame = GridFrame(walk[:, 0].min() - 6.0, walk[:, 1].min() - 6.0, 300, 200, resolution=0.1)
+    z, x = np.mgrid[:300, :200]
+    centres = np.stack([frame.origin_x + (x + 0.5) * 0.1, frame.origin_z + (z + 0.5) * 0.1], axis=-1)
+    weights = np.exp(-((centres[:, :, None] - walk) ** 2).sum(-1) / (2 * 0.5**2))
+    expected = (weights @ deltas + 0.01 * deltas.mean()) / (weights.sum(-1) + 0.01)
+    expected[weights.sum(-1) <= np.exp(-2.0)] = np.nan
+    np.testing.assert_allclose(field.grid(frame), expected, rtol=1e-5)

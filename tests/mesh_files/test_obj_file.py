@@ -88,6 +88,21 @@ def test_a_library_with_blanks_in_its_name(read):
     assert part.material.color == (0, 0, 255)
 
 
+@pytest.mark.parametrize("names", [("wall#1", "wall#2"), ("Material #1", "Material #2"), ("#f00", "#0f0")])
+def test_names_of_materials_may_hold_a_hash(read, names):
+    first, second = names
+    library = f"# two\nnewmtl {first} \nKd 1 0 0 # red\nnewmtl {second}\nKd 0 1 0\n"
+    faces = f"usemtl {first}\nf 1/1 2/2 3/3 # half\nusemtl {second}\nf 1/1 3/3 4/4\n"
+    parts = read("mtllib m.mtl # of this file\n" + SQUARE + faces, m=library)
+    assert {part.material.name: part.material.color for part in parts} == {first: (255, 0, 0), second: (0, 255, 0)}
+
+
+@pytest.mark.parametrize("statement", ["map_Kd", "map_Kd ", "Kd"])
+def test_an_empty_statement_of_a_library_says_nothing(read, statement):
+    (part,) = read("mtllib m.mtl\n" + SQUARE + "usemtl m\nf 1 2 3\n", m=f"newmtl m\nKd 1 0 0\n{statement}\n")
+    assert (part.material.color, part.material.texture) == ((255, 0, 0), None)
+
+
 @pytest.mark.parametrize(
     ("value", "name", "uv"),
     [

@@ -196,6 +196,7 @@ def test_an_unknown_motion_is_refused():
         OracleExplorer(motion="sideways")
 
 
-def test_an_impossible_number_of_targets_is_refused():
-    with pytest.raises(DeuxError, match="targets is 0"):
-        OracleExplorer(targets=0)
+@pytest.mark.parametrize(("option", "value"), [("targets", 0), ("safety_margin", -1.0)])
+def test_impossible_numbers_are_refused(option, value):
+    with pytest.raises(DeuxError, match=f"{option} is {value}"):
+        OracleExplorer(**{option: value})

@@ -140,7 +140,7 @@ class Datasets:
         return self._build(spec, explorer, predictor if guided else None, root)
 
     def viewpoints(self, split: Literal["validation", "test"], count: int) -> Path:
-        """Frames from free poses spread evenly over held-out scenes: the same for every explorer and every seed.
+        """Frames from free poses spread evenly over held-out scenes, the same for every explorer.
 
         Args:
             split: whose scenes.

@@ -10,6 +10,7 @@ from deux.data.chosen_sources import list_triplets
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder
 from deux.io.calibration import write_matrix
+from deux.io.file_names import check_frame_path
 from deux.io.images import write_depth, write_image
 from deux.io.layout import SourceChoice
 
@@ -26,12 +27,19 @@ class ExportedSplit:
         reader: of the folder that holds them.
         triplets: the targets with their source frames.
         suffix: what makes the names of its sequences differ from those of the other splits.
+
+    Raises:
+        DeuxError: the files of a frame would lie outside the export.
     """
 
     name: str
     reader: Reader
     triplets: tuple[Triplet, ...]
     suffix: str = ""
+
+    def __post_init__(self) -> None:
+        for target, _ in self.triplets:
+            check_frame_path(target.sequence, target.name, f"the export of {self.reader.folder}")
 
     def sequence(self, frame: FrameReference) -> str:
         """The name of a frame's sequence in the export."""

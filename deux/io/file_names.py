@@ -2,6 +2,8 @@
 
 import os
 
+from deux.errors import DeuxError, shown
+
 _LONGEST = 255
 """Bytes of a name that file systems take."""
 
@@ -28,6 +30,26 @@ def is_within(name: str) -> bool:
     """
     path = os.path.normpath(name)
     return 0 < len(name) <= _LONGEST_PATH and not os.path.isabs(path) and all(map(is_file_name, path.split(os.sep)))
+
+
+def is_frame_path(sequence: str, name: str) -> bool:
+    """Whether `<sequence>/<name>` can be a frame's file within a folder: the sequence may be a path, without "..".
+
+    Example:
+        >>> [is_frame_path(*frame) for frame in (("house/hall", "1"), ("../hall", "1"), ("hall", "../1"), ("", "1"))]
+        [True, False, False, False]
+    """
+    # A way out and back in would give two sequences one folder.
+    return is_within(sequence) and ".." not in sequence.split("/") and is_file_name(name)
+
+
+def check_frame_path(sequence: str, name: str, folder: object) -> None:
+    """Raise DeuxError unless a frame's files can be written into a folder, as `is_frame_path` says."""
+    if not is_frame_path(sequence, name):
+        raise DeuxError(
+            f"{folder} can hold no file of the frame {shown(name)} of {shown(sequence)}: the reader must give a "
+            "sequence that is a relative path without .. and a frame that can be the name of a file."
+        )
 
 
 def _length(name: str) -> int:

@@ -58,7 +58,8 @@ def draw_runs(runs: ComparableRuns, names: DisplayNames, folder: Path, name: str
     figures = []
     for explorer, run in shown.items():
         if image := _read(run.path / "figures" / "test_frames.png"):
-            file = folder / f"{name}_frames_{explorer.name}{'_' * bool(explorer.label)}{_file_part(explorer.label)}.jpg"
+            part = "_".join(_file_part(text) for text in explorer if text)
+            file = folder / f"{name}_frames_{part}.jpg"
             _save_jpeg(image, file)
             trained = f"trained on {names.explorer(explorer)} frames (seed {run.conditions.seed})"
             what = "image, sparse depth, prediction, ground truth, error, uncertainty"
@@ -177,4 +178,5 @@ def _save_jpeg(image: Image.Image, path: Path) -> None:
 
 
 def _file_part(text: str) -> str:
+    """A text from a run's results, which may have been written elsewhere, as a part of a file's name."""
     return "".join(character if character.isalnum() else "_" for character in text)

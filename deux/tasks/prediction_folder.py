@@ -12,7 +12,7 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_failure
 from deux.io.camera_files import read_any_depth
-from deux.io.file_names import is_file_name, is_within
+from deux.io.file_names import check_frame_path, is_frame_path
 from deux.io.images import encode_depth, encode_fraction, read_fraction
 from deux.io.json_files import checked_record, decode_json
 from deux.metrics.depth_errors import METRICS
@@ -70,7 +70,12 @@ class PredictionFolder:
         write_atomically(folder / JOURNAL, lines.encode())  # without a last line that was cut short
 
     def file(self, kind: str, frame: FrameReference) -> Path:
-        """Where a frame's "depth" or "confidence" lies."""
+        """Where a frame's "depth" or "confidence" lies.
+
+        Raises:
+            DeuxError: the frame's names, which may come from a file from outside, would lead out of the folder.
+        """
+        check_frame_path(frame.sequence, frame.name, self.folder)
         return self.folder / kind / frame.sequence / f"{frame.name}.{self._format}"
 
     def write(self, batch: Sequence[tuple[FrameReference, CompletedDepth, FrameRecord]]) -> None:
@@ -131,7 +136,7 @@ class PredictionFolder:
             whole = all(
                 not errors or METRICS.keys() <= errors.keys() for errors in (record.errors, record.interpolated)
             )
-            if not (whole and is_within(record.sequence) and is_file_name(record.name)):
+            if not (whole and is_frame_path(record.sequence, record.name)):
                 continue
             if self.file("depth", FrameReference(record.sequence, record.name)).exists():
                 yield record

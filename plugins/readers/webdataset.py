@@ -12,6 +12,7 @@ import numpy as np
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.errors import DeuxError, shown
 from deux.io.calibration import checked_intrinsics, checked_pose
+from deux.io.file_names import is_frame_path
 from deux.io.images import decode_depth, decode_image
 from deux.io.json_files import checked_object, decode_json
 
@@ -112,6 +113,11 @@ class Shards(Reader):
                     for member in (member for member in archive if member.isfile()):
                         folder, _, file = member.name.rpartition("/")
                         stem, _, kind = file.partition(".")
+                        if not is_frame_path(folder, stem):  # results are written under these names
+                            raise DeuxError(
+                                f"{shard} holds {shown(member.name)}: <sequence>/<frame>.<kind> is expected, a "
+                                "relative path without .. in it."
+                            )
                         place = _Member(shard, member.offset_data, member.size)
                         samples.setdefault(f"{folder}/{stem}", {})[kind] = place
             except (tarfile.TarError, OSError) as error:

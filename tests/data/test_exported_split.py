@@ -4,9 +4,10 @@ import pytest
 from exported import splits
 from void_layout import dataset, walk, write
 
+from deux.contracts import FrameReference, Triplet
 from deux.data.chosen_sources import list_triplets
 from deux.data.dataset_reader import DatasetReader
-from deux.data.exported_split import read_splits
+from deux.data.exported_split import ExportedSplit, read_splits
 from deux.errors import DeuxError
 
 
@@ -45,3 +46,10 @@ def test_without_any_such_target_there_is_nothing_to_export(tmp_path: Path):
         DeuxError, match=r"no frame of the train split of .* has 2 source frames at the offsets \[-9, -8"
     ):
         read_splits({"train": DatasetReader(folder)}, (-9, -8))
+
+
+@pytest.mark.parametrize("frame", [("../../hall", "0"), ("/hall", "0"), ("hall", "../0"), ("hall", "a/0")])
+def test_frames_whose_files_would_lie_outside_the_export_are_refused(tmp_path: Path, frame):
+    reader = DatasetReader(write(tmp_path / "recorded", {"hall-00": walk("hall", 5)}))
+    with pytest.raises(DeuxError, match=r"the export of .*recorded can hold no file of the frame"):
+        ExportedSplit("test", reader, (Triplet(FrameReference(*frame), ()),))

@@ -48,6 +48,14 @@ def test_the_runs_pictures_are_shown_in_order(drawn, names, tmp_path):
     assert [0, 255, 0] not in pixels  # the scene that only one of them drew
 
 
+def test_an_explorers_name_leads_to_no_other_folder(write_run, outputs, names, tmp_path):
+    picture(write_run("../../out", "kbnet", 0, 20.0) / "figures" / "test_frames.png", "red")
+    (runs,) = group_comparable(find_runs(outputs), [])
+    (drawn,) = draw_runs(runs, names, tmp_path / "figures", "table1")
+    assert drawn.file == tmp_path / "figures" / "table1_frames_______out.jpg"
+    assert drawn.file.is_file()
+
+
 def test_runs_without_pictures_have_no_figures(write_run, outputs, names, tmp_path):
     write_run("random", "kbnet", 0, 20.0)
     (runs,) = group_comparable(find_runs(outputs), [])

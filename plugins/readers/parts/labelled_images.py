@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import scipy.io
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
+from deux.io.file_names import is_file_name
 
 LABELLED = "nyu_depth_v2_labeled.mat"
 
@@ -39,9 +40,13 @@ class LabelledImages:
         with self._open() as file:
             try:
                 references = np.asarray(file["scenes"]).ravel()
-                return ["".join(map(chr, np.asarray(file[reference]).ravel())) for reference in references]
-            except (KeyError, OSError, RuntimeError, TypeError, ValueError) as error:
+                found = ["".join(map(chr, np.asarray(file[reference]).ravel())) for reference in references]
+            except (KeyError, OSError, RuntimeError, TypeError, ValueError, OverflowError) as error:
                 raise DeuxError(f"{self.path} does not list the scenes of its images: {error}.") from error
+        for scene in found:
+            if not is_file_name(scene):  # results are written into folders of these names
+                raise DeuxError(f"{self.path} calls a scene {shown(scene)}: a name like kitchen_0004 is expected.")
+        return found
 
     def split(self, name: str) -> list[int]:
         """Numbers of the images of a split.

@@ -129,6 +129,13 @@ def test_damaged_matlab_files_are_named(tmp_path: Path) -> None:
         NyuV2(tmp_path).triplets("test", ())
 
 
+@pytest.mark.parametrize("scene", ["../../out", "/out", "..", "a/b", ""])
+def test_a_scene_whose_results_would_lie_elsewhere_is_refused(tmp_path: Path, scene: str) -> None:
+    write_labelled(tmp_path, list(video(5)), ["kitchen_0004"] * 4 + [scene])
+    with pytest.raises(DeuxError, match=r"labeled\.mat calls a scene '.*': a name like kitchen_0004 is expected\.$"):
+        NyuV2(tmp_path).triplets("test", ())
+
+
 def test_h5py_is_asked_for_where_it_is_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_labelled(tmp_path, list(video(5)), ["a"] * 5)
     monkeypatch.setitem(sys.modules, "h5py", None)

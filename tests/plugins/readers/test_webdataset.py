@@ -1,4 +1,6 @@
+import io
 import pickle
+import tarfile
 
 import pytest
 from exported import splits
@@ -41,3 +43,28 @@ def test_damaged_shards(exported):
         shard.write_bytes(content)
         with pytest.raises(DeuxError, match=r"test-000000\.tar is damaged or no tar file"):
             Shards(folder).triplets("test", (-1, -2))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../../hall/0.image.png", "/hall/0.image.png", "hall/../../0.image.png", "a/../hall/0.image.png", "0.image.png"],
+)
+def test_members_that_lead_out_of_a_folder_are_refused(exported, name):
+    folder, _ = exported
+    with tarfile.open(folder / "test-000000.tar", "a") as shard:
+        shard.addfile(tarfile.TarInfo(name), io.BytesIO())
+    with pytest.raises(DeuxError, match=r"test-000000\.tar holds '.*0\.image\.png': <sequence>/<frame>\.<kind>"):
+        Shards(folder).triplets("test", (-1, -2))
+
+
+def test_sequences_may_lie_in_folders(exported):
+    folder, given = exported
+    for path in folder.glob("*.tar"):
+        with tarfile.open(path) as shard, tarfile.open(f"{path}.new", "w") as moved:
+            for member in shard:
+                content = shard.extractfile(member)
+                member.name = f"house/{member.name}"
+                moved.addfile(member, content)
+        path.with_name(f"{path.name}.new").replace(path)
+    found = {target.sequence for target, _ in Shards(folder).triplets("train", ())}
+    assert found == {f"house/{sequence}" for sequence in given[0].sequences()}

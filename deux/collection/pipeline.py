@@ -21,11 +21,9 @@ from deux.contracts import DepthPredictor
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_json
 from deux.io.json_files import read_json_object
-from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, TRIPLET_LISTS, SourceChoice, list_file, sequences
+from deux.io.layout import MANIFEST, PUBLISHED_KINDS, SUFFIXES, TRIPLET_LISTS, SourceChoice, list_file, sequences
 from deux.io.locking import clear_abandoned, locked
 from deux.io.progress import Progress, ignore_progress
-
-MANIFEST = "manifest.json"
 
 _FLOORS = "floors"
 """Folder of an unfinished dataset, whose name follows from scenes, areas and simulator: the floors of each scene."""

@@ -1,5 +1,6 @@
 """The contract of a reader: frames on disk, recorded or collected, in somebody's layout."""
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
@@ -112,6 +113,14 @@ class Reader(ABC):
         if missing is not None and not found:
             raise missing
         return [*found]
+
+    def place(self, frame: FrameReference) -> str:
+        """The scene, or floor of a scene, that a frame shows; errors are kept by it, and intervals are over these.
+
+        By default it is the frame's sequence. Free viewpoints are sequences of one frame, <place>-view0012, of which a
+        scene has many.
+        """
+        return re.sub(r"-view\d+$", "", frame.sequence)
 
     def chosen_triplets(self, split: str) -> list[Triplet] | None:
         """The targets of a split with source frames chosen by parallax; None where the folder has no list of these."""

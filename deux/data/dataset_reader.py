@@ -3,11 +3,12 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
 
+from deux.collection.specification import place_of_sequence
 from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
 from deux.errors import DeuxError, check_range, counted, near_matches, plural
 from deux.io.atomic import read_bytes
@@ -15,7 +16,15 @@ from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.camera_files import read_any_image
 from deux.io.file_names import is_file_name
 from deux.io.images import DEPTH_SCALE, read_depth
-from deux.io.layout import TRIPLET_LISTS, SequencePaths, list_file, neighbours, sequences, without_suffix
+from deux.io.layout import (
+    MANIFEST,
+    TRIPLET_LISTS,
+    SequencePaths,
+    list_file,
+    neighbours,
+    sequences,
+    without_suffix,
+)
 
 log = logging.getLogger(__name__)
 
@@ -100,6 +109,10 @@ class DatasetReader(Reader):
             raise DeuxError(f"{self.folder} has no frames with sparse depth.")
         return found
 
+    def place(self, frame: FrameReference) -> str:
+        """In a collected dataset the floor of a scene, of which each episode and each viewpoint is a sequence."""
+        return place_of_sequence(frame.sequence) if self._is_collected else super().place(frame)
+
     def image(self, frame: FrameReference) -> np.ndarray:
         """H x W x 3 uint8."""
         return read_any_image(self._paths(frame).recorded_image(frame.name))
@@ -121,6 +134,11 @@ class DatasetReader(Reader):
         """4 x 4 float64; None for a sequence without a folder of them."""
         file = self._optional(frame, "absolute_pose")
         return None if file is None else read_pose(file)
+
+    @cached_property
+    def _is_collected(self) -> bool:
+        """Recorded sequences such as seq-01 and seq-02 may show two scenes, whatever their names end with."""
+        return (self.folder / MANIFEST).is_file()
 
     def _optional(self, frame: FrameReference, kind: str) -> Path | None:
         """The frame's file of a kind; None if its sequence has no folder of that kind."""

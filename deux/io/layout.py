@@ -42,6 +42,9 @@ SUFFIXES = {
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 """File suffixes that a recorded image may have, the first that there is."""
 
+MANIFEST = "manifest.json"
+"""What a collected dataset is made of; a recorded one has none."""
+
 PUBLISHED_KINDS = ("image", "sparse_depth", "validity_map", "ground_truth", "absolute_pose")
 """The kinds that the release has for each frame."""
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from deux.collection.specification import place_of_sequence
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.chosen_sources import PAPER_OFFSETS, list_triplets
 from deux.errors import DeuxError, shown
@@ -179,7 +178,7 @@ def score(
         moved_share(depth, reader.intrinsics(one.target), [_motion(poses, one, frame) for frame in one.sources])
         for one, depth in zip(sampled, depths, strict=True)
     ]
-    places = [(place_of_sequence(one.target.sequence), *_place(poses[one.target])) for one in triplets]
+    places = [(reader.place(one.target), *_place(poses[one.target])) for one in triplets]
     views = {(place, _heading(poses[one.target])) for place, one in zip(places, triplets, strict=True)}
     shares, distance, test_shares = depth_shares(depths), None, {}
     if tests is not None:

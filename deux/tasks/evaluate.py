@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from omegaconf import DictConfig
 
-from deux.collection.specification import place_of_sequence
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel, Reader
 from deux.data.dataset_reader import DatasetReader
@@ -94,7 +93,7 @@ class Evaluator:
                 report("evaluation", done, len(frames))
 
             near, far = self._camera.min_depth, self._camera.max_depth
-            scenes = [place_of_sequence(triplet.target.sequence) for _, triplet in frames.triplets]
+            scenes = [reader.place(triplet.target) for reader, triplet in frames.triplets]
             found = evaluate(model, loader, near, far, count, scenes)
         save_figure(draw_depth_panels(self._panels(model, frames)), run.figures / "test_frames.png")
         return found

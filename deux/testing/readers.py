@@ -144,6 +144,17 @@ class ReaderSuite:
             assert names == sorted(names, key=natural_order), f"the frames of {sequence} are not in the order of time"
         assert reader.sparse_depth(found[0]).shape == reader.image(found[0]).shape[:2]
 
+    def test_says_where_each_frame_was_taken(self, folder: Path) -> None:
+        """`place` is a name, and the walks, which were taken in two rooms, have two."""
+        reader = self.make_reader(folder)
+        places: dict[str, str] = {}
+        for frame in self._frames(reader):
+            place = reader.place(frame)
+            assert isinstance(place, str), f"the place of {frame} is {place!r}"
+            assert place, f"the place of {frame} has no name"
+            assert places.setdefault(frame.sequence, place) == place, f"the frames of {frame.sequence} lie apart"
+        assert len(set(places.values())) == len(places), f"different rooms are one place: {places}"
+
     def test_reads_what_was_recorded(self, folder: Path, recordings: Recordings) -> None:
         """Images, intrinsics, depth and poses of every frame, in the types and units of the contract."""
         reader = self.make_reader(folder)

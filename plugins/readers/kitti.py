@@ -98,6 +98,12 @@ class Kitti(RecordedVideo):
         drive, camera = _parts(frame.sequence)
         return _rectified(self._raw_root / drive[:10] / "calib_cam_to_cam.txt", camera)
 
+    def place(self, frame: FrameReference) -> str:
+        """The drive, which both its cameras show; of a single frame its file's name tells it."""
+        name = frame.name if frame.sequence == self.test else frame.sequence
+        drive, found, _ = name.partition("_image_")
+        return drive if found else frame.sequence
+
     def _find(self) -> Frames:
         found: Frames = {}
         usable = missing = 0

@@ -13,7 +13,7 @@ from void_layout import dataset, walk, write
 from deux.contracts import FrameReference
 from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
-from deux.io.layout import list_file
+from deux.io.layout import MANIFEST, list_file
 from deux.testing.readers import ReaderSuite, Recordings
 
 
@@ -55,6 +55,18 @@ def test_the_void_release_is_read_with_its_frame_offset(tmp_path: Path) -> None:
     assert [target.name[-4:] for target, _ in found] == [f"{i:04d}" for i in range(3, 9)]
     assert [source.name[-4:] for source in found[0].sources] == ["0000", "0006"]
     assert [target.name[-4:] for target, _ in reader.triplets("test", (-1, -2))] == ["0004", "0005"]
+
+
+@pytest.mark.parametrize("collected", [True, False])
+def test_numbers_of_episodes_are_no_part_of_a_place(tmp_path: Path, collected: bool) -> None:
+    """A collected dataset has a manifest; names of recordings are taken as they are."""
+    names = ("hall-00", "hall-floor1-01", "b-view0002")
+    folder = write(tmp_path / "dataset", {name: walk("hall", 3) for name in names})
+    if collected:
+        (folder / MANIFEST).write_text("{}")
+    places = {target.sequence: DatasetReader(folder).place(target) for target in DatasetReader(folder).frames()}
+    episodes = {"hall-00": "hall", "hall-floor1-01": "hall-floor1"}
+    assert places == {**(episodes if collected else {name: name for name in episodes}), "b-view0002": "b"}
 
 
 def test_where_the_release_was_listed_does_not_matter(tmp_path: Path) -> None:

@@ -132,6 +132,11 @@ def test_places_are_those_of_a_scene_and_not_of_an_episode():
     assert score(Wall(Path("d"), tuple(poses))).places == 2
 
 
+def test_recordings_whose_names_differ_in_a_number_are_two_scenes():
+    poses = [(f"seq-{1 + k // 3:02d}", 0.1, 0.1, 0.0) for k in range(9)]
+    assert score(Wall(Path("d"), tuple(poses))).places == 3
+
+
 def test_large_datasets_are_sampled_for_pixels_only():
     card = score(Wall(Path("d"), along(50, 0.25)), most_frames=5)
     assert (card.frames, card.sampled) == (48, 5)

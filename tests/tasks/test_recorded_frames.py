@@ -212,3 +212,16 @@ def test_a_model_that_brings_its_weights_is_evaluated_without_a_checkpoint(deux,
     found = results(tmp_path / "run")
     assert found["model"] == wall
     assert len(found["trained"]["weights"]) == 16
+
+
+def test_errors_are_kept_for_each_recorded_sequence(deux, tmp_path, wall):
+    """Their names differ in a number alone, as those of the episodes of one collected scene do."""
+    for sequence in ("seq-01", "seq-02"):
+        record(tmp_path / "video", "test", sequence, Camera(48, 48))
+    given = [f"evaluation.data={tmp_path}/video", f"model={wall}", "model.distance=1.5", "trainer.accelerator=cpu"]
+    outcome = deux("task=evaluate", *given, f"paths.outputs={tmp_path}", f"hydra.run.dir={tmp_path}/run")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert [(scene["scene"], scene["frames"]) for scene in results(tmp_path / "run")["scenes"]] == [
+        ("seq-01", FRAMES),
+        ("seq-02", FRAMES),
+    ]

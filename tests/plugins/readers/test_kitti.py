@@ -176,6 +176,21 @@ def test_the_selection_is_a_test_split_of_single_frames(tmp_path: Path) -> None:
         with_sources(reader, (-1, 1))
 
 
+def test_a_drive_is_one_place_whichever_camera_sees_it(tmp_path: Path) -> None:
+    for number in (1, 3):
+        write_drive(tmp_path, drive_name(number), list(video(3)), cameras=(2, 3))
+    for number in (2, 4):
+        frames = list(video(2))
+        write_selection(tmp_path / "depth_selection/val_selection_cropped", frames, drive_name(number))
+    reader = Kitti(tmp_path)
+    listed = [*reader.triplets("train", (-1,)), *reader.triplets("test", ())]
+    places = {target: reader.place(target) for target, _ in listed}
+    assert len({frame.sequence for frame in places}) == 5
+    assert set(places.values()) == {drive_name(number) for number in (1, 2, 3, 4)}
+    anonymous = Kitti(tmp_path, test="test_depth_completion_anonymous")
+    assert anonymous.place(FrameReference(anonymous.test, "0000000000")) == anonymous.test
+
+
 def test_the_anonymous_test_set_has_no_ground_truth(tmp_path: Path) -> None:
     frames = list(video(2))
     write_selection(tmp_path / "test_depth_completion_anonymous", frames, "", truth=False)

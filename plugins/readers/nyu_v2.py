@@ -1,5 +1,6 @@
 """`data=nyu_v2`: NYU Depth V2 (Silberman et al., ECCV 2012), indoor images and video of a Kinect."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -92,6 +93,8 @@ class NyuV2(RecordedVideo):
         {train,test}/<scene>/rgb_<n>.jpg and sync_depth_<n>.png, millimetres
         testing/{images,depths}/*.png, metres x 256
 
+    Video of a scene of which the test split has an image is left out of training and validation.
+
     The depth is the ground truth, and sparse points are sampled from it at the image's corners. A file K.txt beside the
     images, in the folder above or in that of the data set takes the place of the Kinect's matrix; images of another
     size than 640 x 480 need it. The recordings as they are published (r-*.ppm, d-*.pgm) must be synchronised first,
@@ -177,11 +180,22 @@ class NyuV2(RecordedVideo):
     def _clips(self, split: str) -> list[Clip]:
         if split == "test":
             return self._single_frames("test")
-        clips = self._video() or self._single_frames("train")
+        clips = self._training_video or self._single_frames("train")
         scenes = sorted({clip.sequence for clip in clips}, key=natural_order)
         training, validation = held_out(scenes, self.validation, "scenes", self.folder) if scenes else ([], [])
         chosen = set(training if split == "train" else validation)
         return [clip for clip in clips if clip.sequence in chosen]
+
+    @cached_property
+    def _training_video(self) -> list[Clip]:
+        """The video of scenes of which the test split has no image: the published recordings are of all scenes."""
+        clips = self._video()
+        tested = {_place(clip.sequence.partition("_")[2]) for clip in self._single_frames("test")} if clips else set()
+        kept = [clip for clip in clips if _place(clip.sequence) not in tested]
+        if len(kept) < len(clips):
+            frames, usable = (sum(len(clip.targets) for clip in some) for some in (clips, kept))
+            report_skipped(f"{self.folder}, video", usable, {"of scenes in the test split": frames - usable})
+        return kept
 
     def _video(self) -> list[Clip]:
         clips = []
@@ -231,6 +245,11 @@ class NyuV2(RecordedVideo):
                 if any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.glob(layout.image_names)):
                     scene = folder.parent.name if folder.name in ("rgb", "images") else folder.name
                     yield scene if layout.single is None else f"{layout.single}_{scene}", layout, folder
+
+
+def _place(scene: str) -> str:
+    """A scene's name without the letter that tells its recordings apart: living_room_0086a shows what 0086b does."""
+    return re.sub(r"(?<=\d)[a-z]$", "", scene)
 
 
 def _depth_folder(root: Path, images: Path, layout: _Layout) -> Path:

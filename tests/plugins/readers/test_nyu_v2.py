@@ -159,6 +159,33 @@ def test_labelled_images_as_extracted_beside_video(tmp_path: Path) -> None:
     np.testing.assert_allclose(depth, frames[2].ground_truth, atol=0.0005)
 
 
+def test_video_of_scenes_in_the_test_split_is_left_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """The recordings have all scenes, so that a model would be trained, or chosen, by what it is tested on."""
+    frames = list(video(5))
+    write_labelled(tmp_path, frames, ["kitchen_0001", "kitchen_0003", "office_0006", "kitchen_0002", "store_0001"])
+    kept = ("kitchen_0001", "kitchen_0002", "kitchen_0030", "nyu_office_0")
+    for scene in (*kept, "kitchen_0003", "office_0006a", "office_0006b", "store_0001", "bath_0001"):
+        for number, frame in enumerate(frames[:2]):
+            save_image(tmp_path / "sync" / scene / f"rgb_{number}.jpg", frame.image)
+            save_depth(tmp_path / "sync" / scene / f"sync_depth_{number}.png", frame.ground_truth, 1000.0)
+    save_image(tmp_path / "test/bath_0001/rgb_0.jpg", frames[0].image)
+    save_depth(tmp_path / "test/bath_0001/sync_depth_0.png", frames[0].ground_truth, 1000.0)
+    reader = NyuV2(tmp_path, validation=1)
+    with caplog.at_level(logging.WARNING):
+        found = {
+            split: {triplet.target.sequence for triplet in reader.triplets(split, (-1,))}
+            for split in ("train", "validation", "test")
+        }
+    assert found == {
+        "train": {"kitchen_0001", "kitchen_0002", "kitchen_0030"},
+        "validation": {"nyu_office_0"},
+        "test": {"labelled_kitchen_0003", "labelled_office_0006", "labelled_store_0001", "test_bath_0001"},
+    }
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{tmp_path}, video: 8 of 18 frames: 10 of scenes in the test split"
+    ]
+
+
 def test_the_test_images_of_the_kbnet_family(tmp_path: Path) -> None:
     for number, frame in enumerate(video(2)):
         save_image(tmp_path / f"testing/images/{number:04d}.png", frame.image)

@@ -35,7 +35,7 @@ def read_pose(path: Path) -> np.ndarray:
     return checked_pose(_read_numbers(path), path)
 
 
-def checked_pose(numbers: np.ndarray, path: Path) -> np.ndarray:
+def checked_pose(numbers: np.ndarray, path: Path | str) -> np.ndarray:
     """Numbers as a camera-to-world matrix, 4 x 4 float64; `path` is where they were read. Raises as `read_pose`."""
     if numbers.size not in (12, 16) or not np.isfinite(numbers).all():
         raise DeuxError(f"{path} does not hold a pose: 3 or 4 rows of 4 finite numbers are expected.")

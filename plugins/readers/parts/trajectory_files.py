@@ -10,14 +10,13 @@ from scipy.spatial.transform import Rotation
 from deux.errors import DeuxError
 from deux.geometry.poses import inverse
 from deux.io.atomic import read_bytes
+from deux.io.calibration import checked_pose
 
 TRAJECTORY_FILES = ("poses.txt", "groundtruth.txt", "trajectory.txt", "poses", "pose")
 """Names under which poses are looked for; the last two are folders with a file for each frame."""
 
 TOLERANCE = 0.02
 """Seconds by which a pose may be apart from its image."""
-
-_ORTHOGONAL = 1e-3
 
 
 def read_trajectory(path: Path, stems: Sequence[str], world_to_camera: bool = False) -> dict[str, np.ndarray]:
@@ -38,11 +37,12 @@ def read_trajectory(path: Path, stems: Sequence[str], world_to_camera: bool = Fa
         numbers are not finite, by which recordings mark lost tracking.
 
     Raises:
-        DeuxError: the file is missing, its lines are of another form, or a matrix is not rigid.
+        DeuxError: the file is missing, its lines are of another form, or a matrix is not rigid, which a transposed one
+            is not.
     """
     if path.is_dir():
         rows = {stem: _numbers(file) for stem in stems if (file := path / f"{stem}.txt").exists()}
-        found = {stem: _matrix(row, path / f"{stem}.txt") for stem, row in rows.items() if np.isfinite(row).all()}
+        found = {stem: checked_pose(row, path / f"{stem}.txt") for stem, row in rows.items() if np.isfinite(row).all()}
     else:
         table = _table(path)
         found = _by_time(table, path, stems) if table.shape[1] == 8 else _by_order(table, path, stems)
@@ -53,7 +53,7 @@ def _by_order(table: np.ndarray, path: Path, stems: Sequence[str]) -> dict[str, 
     if len(table) != len(stems):
         raise DeuxError(f"{path} has {len(table)} lines for {len(stems)} images: one line for each is expected.")
     named = zip(stems, table, strict=True)
-    return {stem: _matrix(row, path) for stem, row in named if np.isfinite(row).all()}
+    return {stem: checked_pose(row, f"{path}, line of {stem},") for stem, row in named if np.isfinite(row).all()}
 
 
 def _by_time(table: np.ndarray, path: Path, stems: Sequence[str]) -> dict[str, np.ndarray]:
@@ -68,30 +68,20 @@ def _by_time(table: np.ndarray, path: Path, stems: Sequence[str]) -> dict[str, n
         return {}
     nearest = KDTree(table[:, :1]).query(times, distance_upper_bound=TOLERANCE)[1]
     return {
-        stem: _from_quaternion(table[i, 1:], path) for stem, i in zip(stems, nearest, strict=True) if i < len(table)
+        stem: _from_quaternion(table[i, 1:], f"{path}, line of {stem},")
+        for stem, i in zip(stems, nearest, strict=True)
+        if i < len(table)
     }
 
 
-def _from_quaternion(row: np.ndarray, path: Path) -> np.ndarray:
+def _from_quaternion(row: np.ndarray, where: str) -> np.ndarray:
     """Tx ty tz qx qy qz qw as a matrix."""
     pose = np.eye(4)
     try:
         pose[:3, :3], pose[:3, 3] = Rotation.from_quat(row[3:]).as_matrix(), row[:3]
     except ValueError as error:
-        raise DeuxError(f"{path} has a pose with a quaternion of zero length.") from error
-    return pose
-
-
-def _matrix(row: np.ndarray, path: Path) -> np.ndarray:
-    """12 or 16 numbers as a 4 x 4 matrix."""
-    if row.size not in (12, 16):
-        raise DeuxError(f"{path} has {row.size} numbers for a pose: 12 or 16, the rows of its matrix, are expected.")
-    pose = np.eye(4)
-    pose[:3] = row[:12].reshape(3, 4)
-    rotation = pose[:3, :3]
-    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=_ORTHOGONAL) or np.linalg.det(rotation) < 0:
-        raise DeuxError(f"{path} has a pose whose first three columns are no rotation: {np.round(row, 3).tolist()}.")
-    return pose
+        raise DeuxError(f"{where} has a quaternion of zero length.") from error
+    return checked_pose(pose, where)
 
 
 def _table(path: Path) -> np.ndarray:

@@ -72,15 +72,26 @@ def test_a_pose_too_far_in_time_belongs_to_no_frame(tmp_path: Path) -> None:
         ("1 2 3\n", "has lines of 3 numbers: a pose is 12 or 16"),
         ("", "has lines of no numbers"),
         ("a b c d e f g h\n", "is not a text file of numbers"),
-        ("1 0 0 0 0 2 0 0 0 0 1 0\n" * 3, "first three columns are no rotation"),
-        ("1 0 0 0 0 1 0 0 0 0 -1 0\n" * 3, "first three columns are no rotation"),
+        ("1 0 0 0 0 2 0 0 0 0 1 0\n" * 3, f"line of {STAMPS[0]}, .* first 3 x 3 numbers are not a rotation"),
+        ("1 0 0 0 0 1 0 0 0 0 -1 0\n" * 3, "first 3 x 3 numbers mirror"),
+        ("1 0 0 2e8 0 1 0 0 0 0 1 0\n" * 3, r"holds a position of 2e\+08 m"),
         (f"{STAMPS[0]} 1 2 3 0 0 0 0\n", "quaternion of zero length"),
+        (f"{STAMPS[0]} 1 2 -2e8 0 0 0 1\n", rf"line of {STAMPS[0]}, holds a position of 2e\+08 m"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "poses.txt"
     path.write_text(text)
     with pytest.raises(DeuxError, match=said):
+        read_trajectory(path, STAMPS)
+
+
+@pytest.mark.parametrize("form", ["4 x 4", "folder"])
+def test_transposed_matrices_are_refused(tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Column by column, as some devices write them, they would be read as turns about the origin."""
+    monkeypatch.setattr(f"{__name__}.POSES", [pose.T for pose in POSES])
+    path = write_form(form, tmp_path)
+    with pytest.raises(DeuxError, match=rf"{STAMPS[0]}.* its fourth row is not 0 0 0 1, so it may be transposed\.$"):
         read_trajectory(path, STAMPS)
 
 

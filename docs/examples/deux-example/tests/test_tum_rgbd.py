@@ -114,6 +114,7 @@ def test_videos_that_no_split_names_are_for_training(folder: Path) -> None:
         ("now 1 2 3 0 0 0 1\n", "begin with a time stamp"),
         ("nan 1 2 3 0 0 0 1\n", "begin with a time stamp"),
         ("10.0 1 2 3 0 0 0 0\n", "no translation and quaternion"),
+        ("10.0 1 2 3e9 0 0 0 1\n", r"a position of 3e\+09 m"),
     ],
 )
 def test_a_damaged_list_is_named(folder: Path, content: str, message: str) -> None:

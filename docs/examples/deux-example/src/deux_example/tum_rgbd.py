@@ -13,6 +13,7 @@ from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.errors import DeuxError, near_matches
 from deux.io.atomic import read_bytes
+from deux.io.calibration import checked_pose
 from deux.io.images import read_depth, read_image
 
 DEPTH_SCALE = 5000.0
@@ -166,4 +167,4 @@ def _pose(numbers: list[str], path: Path) -> np.ndarray:
         pose[:3, :3], pose[:3, 3] = Rotation.from_quat(values[3:]).as_matrix(), values[:3]
     except ValueError as error:
         raise DeuxError(f"{path} holds {' '.join(numbers)}, which is no translation and quaternion.") from error
-    return pose
+    return checked_pose(pose, path)

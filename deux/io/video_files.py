@@ -27,6 +27,9 @@ log = logging.getLogger(__name__)
 class VideoReader:
     """The frames of a video file by their number. Going forward is fast, going back begins at the first frame.
 
+    The pixels are taken as they are stored, as those of pictures are (`deux.io.camera_files`): a phone's note that the
+    video is to be turned is not followed, since the intrinsics belong to the stored pixels.
+
     Args:
         path: the file.
 
@@ -64,6 +67,7 @@ class VideoReader:
     def _open(self) -> None:
         with _quiet():
             self._capture = cv2.VideoCapture(str(self.path))
+            self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         self._next = 0
         if not self._capture.isOpened():
             raise DeuxError(f"{self.path} is no video that OpenCV can decode.")

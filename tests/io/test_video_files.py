@@ -1,5 +1,6 @@
 """Videos: what was written is read back, in any order; and files that are none."""
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,31 @@ def test_sizes_that_are_odd_or_change_are_fitted(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mp4", [*pictures(1, 49, 65), *pictures(1, 90, 60), *pictures(1, 48, 64)])
     reader = VideoReader(path)
     assert [reader.read(number).shape for number in range(3)] == [(48, 64, 3)] * 3
+
+
+TURNS = {
+    "by 90 degrees": (0, 1, 0, -1, 0, 0, 48, 0),
+    "upside down": (-1, 0, 0, 0, -1, 0, 64, 48),
+}
+"""The upper left entries of the matrix in a track's header, by row; phones write it to tell how they were held."""
+
+
+@pytest.mark.parametrize("turn", TURNS)
+def test_pixels_are_taken_as_they_are_stored(tmp_path: Path, turn: str) -> None:
+    image = np.full((48, 64, 3), 20, np.uint8)
+    image[:16] = 235
+    path = write(tmp_path / "a.mp4", [image] * 3)
+    content = bytearray(path.read_bytes())
+    start = content.index(b"tkhd") + 44
+    unit, identity = 1 << 16, (1, 0, 0, 0, 1, 0, 0, 0)
+    assert content[start : start + 32] == struct.pack(">8i", *(unit * entry for entry in identity))
+    content[start : start + 32] = struct.pack(">8i", *(unit * entry for entry in TURNS[turn]))
+    path.write_bytes(content)
+    reader = VideoReader(path)
+    for number in (2, 0):  # the second makes the reader begin anew
+        found = reader.read(number)
+        assert found.shape == image.shape
+        assert np.abs(found.astype(int) - image)[[0, 8, 24, 40, 47]].max() <= 12
 
 
 def test_what_is_no_video_is_said(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Images, depth maps and label maps as PNG files.
 
-Depth is stored as 16-bit PNG, metres x 256, 0 = none, which is how the VOID release and KITTI store it.
+Depth is stored as 16-bit PNG, metres x 256, 0 = none, which is how the VOID release and KITTI store it. 65535 is none
+as well: sensors and recordings, such as those of 7-Scenes, write it where nothing was measured or the range ended.
 
 Pillow reads and OpenCV writes. torchvision's own reading and writing of images is deprecated since 0.29 and will be
 removed; its encoder knows 8 bits a channel only, and its decoder ends the process, by a fault in libpng's error path,
@@ -21,7 +22,7 @@ DEPTH_SCALE = 256.0
 """Stored depth values per metre."""
 
 _LARGEST_CODE = np.iinfo(np.uint16).max
-LARGEST_DEPTH = _LARGEST_CODE / DEPTH_SCALE
+LARGEST_DEPTH = (_LARGEST_CODE - 1) / DEPTH_SCALE
 """In metres, the farthest that a file can hold."""
 
 # Fast to write; on rendered and recorded frames run-length matching also gives the smaller files.
@@ -107,6 +108,8 @@ def encode_depth(depth: np.ndarray) -> bytes:
 def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
     """Read a depth map, H x W float32 metres, 0 = none; `scale` is the number of stored values per metre.
 
+    At every scale the stored values 0 and 65535 are none.
+
     Raises:
         DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
     """
@@ -115,7 +118,9 @@ def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
 
 def decode_depth(content: bytes, path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
     """As `read_depth`, from a file's content; `path` is where it was read."""
-    return _decode_png(content, path, _16_BIT_MODES, "a 16-bit depth map").astype(np.float32) / np.float32(scale)
+    code = _decode_png(content, path, _16_BIT_MODES, "a 16-bit depth map")
+    code[code == _LARGEST_CODE] = 0
+    return code.astype(np.float32) / np.float32(scale)
 
 
 def encode_fraction(fraction: np.ndarray) -> bytes:
@@ -151,7 +156,7 @@ def read_labels(path: Path) -> np.ndarray:
 def _depth_code(depth: np.ndarray) -> np.ndarray:
     """Depth as uint16 multiples of 1/256 m."""
     code = np.rint(np.nan_to_num(depth.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0) * DEPTH_SCALE)
-    return np.where((code < 0) | (code > _LARGEST_CODE), 0, code).astype(np.uint16)
+    return np.where((code < 0) | (code >= _LARGEST_CODE), 0, code).astype(np.uint16)
 
 
 def _encode_png(pixels: np.ndarray) -> bytes:

@@ -103,6 +103,6 @@ def test_a_bomb_is_refused(tmp_path, monkeypatch, rgb):
 
 @pytest.mark.parametrize("scale", [256, 1000, 5000.5])
 def test_stored_values_over_the_scale_are_metres(tmp_path, scale):
-    stored = np.array([[0, 1, 65535], [256, 1000, 5000]], np.uint16)
+    stored = np.array([[0, 1, 65534], [256, 1000, 5000]], np.uint16)
     Image.fromarray(stored).save(tmp_path / "d.png")
     np.testing.assert_allclose(read_any_depth(tmp_path / "d.png", scale), stored / scale, rtol=1e-6)

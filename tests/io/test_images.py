@@ -29,6 +29,21 @@ def test_depth_is_stored_as_metres_times_256(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stored, [[0, 256, 640, 2560], [0, 0, 0, 0]])
 
 
+@pytest.mark.parametrize("scale", [256.0, 1000.0, 5000.0])
+def test_the_largest_stored_value_is_no_depth(tmp_path: Path, scale: float) -> None:
+    """Recordings mark with it what was not measured: as a distance it would be 65.5 m in a room."""
+    Image.fromarray(np.array([[0, 2000, 65534, 65535]], np.uint16)).save(tmp_path / "d.png")
+    expected = np.array([[0, 2000, 65534, 0]], np.float32) / np.float32(scale)
+    np.testing.assert_array_equal(images.read_depth(tmp_path / "d.png", scale), expected)
+
+
+def test_the_largest_stored_value_is_never_written(tmp_path: Path) -> None:
+    depth = np.array([[65534, 65535, 65535.4, 65536]], np.float32) / np.float32(256)
+    images.write_depth(tmp_path / "d.png", depth)
+    np.testing.assert_array_equal(images.read_depth(tmp_path / "d.png"), [[images.LARGEST_DEPTH, 0, 0, 0]])
+    np.testing.assert_array_equal(images.quantise_depth(depth), [[images.LARGEST_DEPTH, 0, 0, 0]])
+
+
 def test_quantised_depth_is_what_reading_returns(tmp_path: Path) -> None:
     depth = np.random.default_rng(1).uniform(0.0, 12.0, (30, 40)).astype(np.float32)
     images.write_depth(tmp_path / "d.png", depth)

@@ -101,6 +101,17 @@ def test_one_video_is_named_after_its_folder(tmp_path: Path) -> None:
     np.testing.assert_allclose(reader.pose(target), frames[10].pose)
 
 
+def test_no_point_is_sampled_where_the_sensor_stored_its_largest_value(tmp_path: Path) -> None:
+    """7-Scenes' mark for no depth: 65.5 m at a scale of 1000, and at corners of the image as likely as anywhere."""
+    folder = write_video(tmp_path / "hall", list(video(2)))
+    marked = np.random.default_rng(0).random((16, 24)) < 0.5
+    save_depth(folder / "depth" / "frame_1.png", np.where(marked, 65.535, 2.0), 1000.0)
+    reader = whole(folder, density=0.2)
+    frame = FrameReference("hall", "frame_1")
+    np.testing.assert_array_equal(reader.ground_truth(frame), np.where(marked, 0, 2).astype(np.float32))
+    assert set(np.unique(reader.sparse_depth(frame))) == {0.0, 2.0}
+
+
 def test_gap(tmp_path: Path) -> None:
     found = with_sources(whole(write_video(tmp_path / "hall", list(video(12))), gap=4), (-1, 1))
     assert [(t.target.name, *(s.name for s in t.sources)) for t in found] == [

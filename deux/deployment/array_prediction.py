@@ -55,7 +55,8 @@ def predict_arrays(
 
     Args:
         image: H x W x 3 or N x H x W x 3, RGB: uint8, or floats in [0, 1]. Any size. Or a stream of H x W x 3.
-        sparse_depth: H x W or N x H x W metres, floats, 0 = none. Or a stream of H x W.
+        sparse_depth: H x W or N x H x W metres, floats; 0, and what a masked array masks, is none. Or a stream of
+            H x W.
         intrinsics: 3 x 3, [[fx, s, cx], [0, fy, cy], [0, 0, 1]] in pixels of this image; or N x 3 x 3. One for all
             frames of a stream, or a stream of them.
         model: a depth model, or the path of a run folder or model file. For many frames load it once, by `deux.load`.
@@ -184,6 +185,9 @@ def _loaded(model: str | PathLike[str]) -> DepthModel:
 
 def _array(name: str, value: ArrayLike) -> np.ndarray:
     """The value as an array of numbers."""
+    # numpy would drop the mask without a word and take what lies under it.
+    if any(map(np.ma.is_masked, value if isinstance(value, list | tuple) else (value,))):
+        raise DeuxError(f"{name} has masked values, which no model can be given: fill them, by .filled(0) or better.")
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, RuntimeError) as error:
@@ -205,13 +209,18 @@ def _image(value: ArrayLike) -> np.ndarray:
 
 
 def _sparse_depth(value: ArrayLike) -> np.ndarray:
-    depth = _array("sparse_depth", value)
+    depth = _array("sparse_depth", [*map(_filled, value)] if isinstance(value, list | tuple) else _filled(value))
     if depth.dtype.kind != "f":
         raise DeuxError(
             f"sparse_depth is of the type {depth.dtype}: it is metres in floating point, so divide millimetres by "
             "1000.0 and the values of a 16-bit PNG in metres x 256 by 256.0."
         )
     return _float32(depth)
+
+
+def _filled(value: Any) -> Any:
+    """A masked array with 0, which is no point, where it is masked; anything else as it is."""
+    return value.filled(0) if isinstance(value, np.ma.MaskedArray) else value
 
 
 def _intrinsics(value: ArrayLike) -> np.ndarray:

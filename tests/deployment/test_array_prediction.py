@@ -103,6 +103,21 @@ def test_arrays_of_any_make(model):
     assert all(np.array_equal(data[name], value) for name, value in frame().items())
 
 
+def test_what_is_masked_is_no_point(model):
+    """numpy drops a mask where an array is expected, and the model would be given what lies under it."""
+    data = frame()
+    masked = np.ma.masked_where(np.arange(WIDTH) % 2 * np.ones((HEIGHT, 1)) > 0, data["sparse_depth"])
+    expected = deux.predict(**{**data, "sparse_depth": masked.filled(0)}, model=model)
+    assert (expected != deux.predict(**data, model=model)).any()
+    masked.data[masked.mask] = np.nan
+    np.testing.assert_array_equal(deux.predict(**{**data, "sparse_depth": masked}, model=model), expected)
+    batch = {"image": [data["image"]] * 2, "sparse_depth": [masked, masked.filled(0)]}
+    for depth in deux.predict(**batch, intrinsics=data["intrinsics"], model=model):
+        np.testing.assert_allclose(depth, expected, rtol=1e-5)
+    unmasked = np.ma.masked_array(data["image"])
+    deux.predict(**{**data, "image": unmasked}, model=model)
+
+
 def test_half_precision_around_it_changes_nothing(model):
     expected = deux.predict(**frame(), model=model)
     with torch.autocast("cpu", torch.bfloat16):
@@ -166,6 +181,16 @@ MISTAKES = {
     "16 bits": ("image", lambda x: x.astype(np.uint16), "image is of the type uint16: it is uint8, or floating point"),
     "bytes as floats": ("image", lambda x: x.astype(float), "image goes from 0 to 255: its values lie in [0, 1]"),
     "not a number": ("image", lambda x: x * np.nan, "image goes from nan to nan: its values lie in [0, 1]"),
+    "masked": (
+        "image",
+        lambda x: np.ma.masked_equal(x, x[0, 0, 0]),
+        "image has masked values, which no model can be given: fill them, by .filled(0) or better.",
+    ),
+    "masked row": (
+        "intrinsics",
+        lambda x: [np.ma.masked_equal(row, 0.0) for row in x],
+        "intrinsics has masked values, which no model can be given",
+    ),
     "text": ("image", lambda x: "photo.png", "image is of the type <U9: it is an array of numbers."),
     "ragged": ("image", lambda x: [[1, 2], [3]], "image cannot be made an array (setting an array element"),
     "other size": (

@@ -23,8 +23,8 @@ class LooseFrames(Reader):
     """One sequence of a folder of images, or of a video, that has sparse points in a folder of its own and no poses.
 
     Points belong to the image of the same name, or number. In a video they belong to the frames in their order if there
-    are as many files as frames; otherwise by the last number in a file's name, counted from 0. A frame without points
-    is left out.
+    are as many files as frames; otherwise by the last number in a file's name, counted from 0, if no two files have the
+    same. A frame without points is left out.
 
     Args:
         folder: the folder of images, or the video file.
@@ -114,7 +114,10 @@ class LooseFrames(Reader):
             return matching(self._images, files)
         if len(files) == len(self._video):
             return {frame_name(number): path for number, path in enumerate(files.values())}
-        return matching(map(frame_name, range(len(self._video))), {_last_number(name): files[name] for name in files})
+        numbered = {_last_number(name): path for name, path in files.items()}
+        if len(numbered) < len(files):  # their numbers do not tell them apart
+            return {}
+        return matching(map(frame_name, range(len(self._video))), numbered)
 
 
 def _last_number(name: str) -> str:

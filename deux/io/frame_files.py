@@ -38,7 +38,8 @@ def matching(stems: Iterable[str], files: Mapping[str, Path]) -> dict[str, Path]
     """Which of the files belongs to which frame.
 
     A frame's file has its name. Where no file has the name of a frame, the numbers in the names decide: rgb_00012
-    and depth_12 belong together.
+    and depth_12 belong together, unless two files have the same numbers, or two frames those of one file, as left_12
+    and right_12 have.
 
     Args:
         stems: the frames' file names without suffix.
@@ -50,9 +51,10 @@ def matching(stems: Iterable[str], files: Mapping[str, Path]) -> dict[str, Path]
     stems = list(stems)
     if not any(stem in files for stem in stems):
         numbered = {_numbers(stem): path for stem, path in files.items()}
-        if len(numbered) < len(files):  # their numbers do not tell them apart
+        found = {stem: numbered[_numbers(stem)] for stem in stems if _numbers(stem) in numbered}
+        if len(numbered) < len(files) or len(set(found.values())) < len(found):  # numbers do not tell them apart
             return {}
-        return {stem: numbered[_numbers(stem)] for stem in stems if _numbers(stem) in numbered}
+        return found
     return {stem: files[stem] for stem in stems if stem in files}
 
 

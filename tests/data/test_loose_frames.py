@@ -80,6 +80,11 @@ def test_frames_of_a_video_have_points_in_order_or_by_number(
         np.testing.assert_array_equal(reader.sparse_depth(frame), points(number))
 
 
+def test_points_whose_last_numbers_are_equal_belong_to_no_frame_of_a_video(tmp_path: Path) -> None:
+    with pytest.raises(DeuxError, match=r"points has no points of the frames of the video .*clip\.mp4"):
+        write(tmp_path, ["left_1.png", "right_1.png"], [1, 2], video=True)
+
+
 def test_ground_truth_has_a_folder_and_a_scale_of_its_own(tmp_path: Path) -> None:
     write(tmp_path, ["rgb_8.png"], [0])
     (tmp_path / "truth").mkdir()

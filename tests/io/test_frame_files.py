@@ -24,3 +24,10 @@ def test_files_belong_to_frames_by_name_and_otherwise_by_number() -> None:
     assert matching(["rgb_1", "rgb_2"], {"d0002": Path("b"), "d0003": Path("c")}) == {"rgb_2": Path("b")}
     assert matching(["rgb_1"], {"d_1": Path("a"), "e_1": Path("b")}) == {}
     assert matching(["rgb_1"], {}) == {}
+
+
+def test_two_frames_of_one_number_have_no_file_by_it() -> None:
+    """Which of the two cameras the depth belongs to, the numbers do not tell."""
+    depths = {f"depth_{number}": Path(f"d{number}") for number in (1, 2)}
+    assert matching(["left_1", "left_2", "right_1", "right_2"], depths) == {}
+    assert matching(["left_1", "left_2", "cover", "back"], depths) == {"left_1": Path("d1"), "left_2": Path("d2")}

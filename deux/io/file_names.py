@@ -7,6 +7,9 @@ from deux.errors import DeuxError, shown
 _LONGEST = 255
 """Bytes of a name that file systems take."""
 
+_ADDED = 16
+"""Bytes that a file's ending, and its temporary name while it is written, add to a frame's name."""
+
 _LONGEST_PATH = 1000
 """Characters of a relative path."""
 
@@ -39,8 +42,9 @@ def is_frame_path(sequence: str, name: str) -> bool:
         >>> [is_frame_path(*frame) for frame in (("house/hall", "1"), ("../hall", "1"), ("hall", "../1"), ("", "1"))]
         [True, False, False, False]
     """
-    # A way out and back in would give two sequences one folder.
-    return is_within(sequence) and ".." not in sequence.split("/") and is_file_name(name)
+    if ".." in sequence.split("/"):  # a way out and back in would give two sequences one folder
+        return False
+    return is_within(sequence) and is_file_name(name) and _length(name) <= _LONGEST - _ADDED
 
 
 def check_frame_path(sequence: str, name: str, folder: object) -> None:

@@ -40,6 +40,8 @@ def test_paths_within_a_folder_stay_there_when_they_are_resolved(tmp_path, name)
         ("hall", "..", False),
         ("hall", "a/1", False),
         ("hall", "", False),
+        ("hall", "n" * 239, True),
+        ("hall", "n" * 240, False),
     ],
 )
 def test_frames_have_a_file_of_their_own(sequence, name, whole):

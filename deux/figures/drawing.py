@@ -1,8 +1,10 @@
 """What all figures share: colours, sizes, and writing them whole or not at all."""
 
 import io
+from collections.abc import Iterable
 from pathlib import Path
 
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -26,6 +28,11 @@ def hide_ticks(axes: Axes) -> None:
     """Leave only the picture: pixel coordinates tell a reader nothing."""
     axes.set_xticks([])
     axes.set_yticks([])
+
+
+def legend_entries(panels: Iterable[Axes]) -> dict[str, Artist]:
+    """What the legend of several panels shows, by label, each label once: not every panel has every line."""
+    return {label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:

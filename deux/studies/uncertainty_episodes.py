@@ -19,7 +19,7 @@ from deux.io.atomic import make_folder, read_bytes, write_json
 from deux.io.progress import Progress, ignore_progress
 from deux.registry import PluginChoice, registry
 from deux.simulator.simulation import Simulation
-from deux.studies.judged_scene import JudgedSample, JudgedScene, SceneJudge
+from deux.studies.judged_walk import JudgedSample, JudgedWalk, WalkJudge
 from deux.studies.uncertainty_study import UncertaintyStudy
 
 SAMPLES = 5
@@ -122,11 +122,11 @@ class _Walks:
     seed: int
     steps: int
 
-    def judge(self, scene: SceneReference, floor: int) -> tuple[JudgedScene, list[JudgedSample]]:
+    def judge(self, scene: SceneReference, floor: int) -> tuple[JudgedWalk, list[JudgedSample]]:
         """Let the explorer walk on a floor of a scene, and judge every frame that has all its source frames."""
         seed = episode_seed(self.seed, scene, 0)
         walk = Walk(self.simulation.make(scene), self.explorer.create(), seed, self.steps, floor)
-        judge = SceneJudge(place_name(scene, floor), self.simulation.camera, self.measures, seed)
+        judge = WalkJudge(scene.name, self.simulation.camera, self.measures, seed, floor)
         shown = np.linspace(SOURCES, self.steps - 1, SAMPLES, dtype=int)
         samples: list[JudgedSample] = []
         for (step,) in run_walks([walk], self.perception):
@@ -136,7 +136,7 @@ class _Walks:
                     samples.append(_sample(step, maps))
         return judge.result(), samples
 
-    def _see(self, judge: SceneJudge, step: Step) -> dict[str, np.ndarray]:
+    def _see(self, judge: WalkJudge, step: Step) -> dict[str, np.ndarray]:
         assert step.percept is not None
         moved, turned = motion(step.frames[SOURCES].pose, step.frame.pose)
         residual = step.percept.residual
@@ -155,8 +155,8 @@ def _sample(step: Step, maps: Mapping[str, np.ndarray]) -> JudgedSample:
     return JudgedSample(step.frame.rgb, error, maps)
 
 
-def _read(record: Path) -> JudgedScene:
+def _read(record: Path) -> JudgedWalk:
     try:
-        return JudgedScene.from_json(json.loads(read_bytes(record)))
+        return JudgedWalk.from_json(json.loads(read_bytes(record)))
     except (ValueError, TypeError, KeyError) as error:
-        raise DeuxError(f"{record} is damaged, it holds no judged scene ({error}): delete it.") from error
+        raise DeuxError(f"{record} is damaged, it holds no judged walk ({error}): delete it.") from error

@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
-from deux.figures.drawing import ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, new_figure
+from deux.figures.drawing import ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, legend_entries, new_figure
 from deux.metrics.sparsification import REMOVED
-from deux.studies.judged_scene import CONTROLS, JudgedSample
+from deux.studies.judged_walk import CONTROLS, JudgedSample
 from deux.studies.uncertainty_study import MOVED, Kept, UncertaintyStudy
 
 
@@ -47,8 +47,8 @@ def draw_frames(study: UncertaintyStudy) -> Figure:
         for moved, color, label in ((True, "C0", "the camera moved"), (False, "C1", "it turned only")):
             points = [
                 (frame.judgements[name].delta, frame.error)
-                for scene in study.scenes
-                for frame in scene.frames
+                for walk in study.walks
+                for frame in walk.frames
                 if name in frame.judgements and (frame.moved >= MOVED) == moved
             ]
             if points:
@@ -60,11 +60,14 @@ def draw_frames(study: UncertaintyStudy) -> Figure:
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter("")
             axis.set_tick_params(labelsize=8)
-        axes.set_title(f"{name}: rank correlation {study.frames(name).mean:.2f}", fontsize=10)
+        correlation = study.frames(name).mean
+        known = f"rank correlation {correlation:.2f}" if np.isfinite(correlation) else "no rank correlation"
+        axes.set_title(f"{name}: {known}", fontsize=10)
         axes.set_xlabel("uncertainty of the frame (Eq. 8)", fontsize=9)
         axes.set_ylabel("mean error [mm]", fontsize=9)
         axes.grid(alpha=0.3)
-    panels[0, 0].legend(fontsize=8, markerscale=3.0)
+    entries = legend_entries(panels.flat)
+    panels[0, 0].legend(entries.values(), entries.keys(), fontsize=8, markerscale=3.0)
     return figure
 
 

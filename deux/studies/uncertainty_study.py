@@ -1,5 +1,6 @@
 """Which measure of uncertainty follows the true errors: the numbers of a study over the walks of several scenes."""
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from deux.metrics.intervals import Estimate, estimate
 from deux.metrics.tables import csv_text
-from deux.studies.judged_scene import CONTROLS, JudgedFrame, JudgedScene, Judgement, rank_correlation
+from deux.studies.judged_walk import CONTROLS, JudgedFrame, JudgedWalk, Judgement, rank_correlation
 
 MOVED = 0.1
 """Metres that the camera must have moved since the first source frame, for the images to know about depth."""
@@ -20,15 +21,20 @@ CAUSES = ("error", "moved", "distance", "texture")
 
 
 class UncertaintyStudy:
-    """The numbers of a study. Scenes are what differs independently: each gives one value, the intervals are over them.
+    """The numbers of a study.
+
+    Scenes are what differs independently: the walks of one scene, one on each of its floors, are averaged first, and
+    the intervals are over scenes. A walk of which a number is not known does not count in it.
 
     Args:
-        scenes: at least one.
+        walks: at least one.
         measures: names of the measures that were judged.
     """
 
-    def __init__(self, scenes: Sequence[JudgedScene], measures: Sequence[str]) -> None:
-        self.scenes = scenes
+    def __init__(self, walks: Sequence[JudgedWalk], measures: Sequence[str]) -> None:
+        self.walks = walks
+        self.scenes = tuple(dict.fromkeys(walk.scene for walk in walks))
+        """The names of the scenes."""
         self.measures = tuple(measures)
         self.names = (*measures, *CONTROLS)
         """The rows: measures, then controls."""
@@ -36,10 +42,11 @@ class UncertaintyStudy:
     def coverage(self, name: str, kept: Kept = "all") -> Estimate:
         """The fraction of the pixels with true depth for which a measure has a value."""
 
-        def value(frames: Sequence[JudgedFrame]) -> float:
-            return float(np.mean([f.judgements[name].coverage if name in f.judgements else 0.0 for f in frames]))
+        def value(walk: JudgedWalk) -> float:
+            shares = [f.judgements[name].coverage if name in f.judgements else 0.0 for f in _kept(walk, kept)]
+            return float(np.mean(shares)) if shares else np.nan
 
-        return self._over_scenes(value, kept)
+        return self._over_scenes(value)
 
     def pixels(self, name: str, kept: Kept = "all") -> Estimate:
         """Rank correlation of uncertainty and error over the pixels of a frame, mean over the frames."""
@@ -50,24 +57,23 @@ class UncertaintyStudy:
         return self._mean(name, lambda judgement: judgement.ause, kept)
 
     def frames(self, name: str, cause: str = "error", kept: Kept = "all") -> Estimate:
-        """Rank correlation of a frame's uncertainty with one of `CAUSES`, over the frames of a scene."""
+        """Rank correlation of a frame's uncertainty with one of `CAUSES`, over the frames of a walk."""
 
-        def value(frames: Sequence[JudgedFrame]) -> float:
-            known = [frame for frame in frames if name in frame.judgements]
+        def value(walk: JudgedWalk) -> float:
+            known = [frame for frame in _kept(walk, kept) if name in frame.judgements]
             deltas = [frame.judgements[name].delta for frame in known]
             return rank_correlation(deltas, [getattr(frame, cause) for frame in known])
 
-        return self._over_scenes(value, kept)
+        return self._over_scenes(value)
 
     def places(self, name: str) -> Estimate:
-        """Rank correlation of mean uncertainty and mean error over the places of a scene."""
-        return estimate(
-            [
-                rank_correlation([place.uncertainty for place in places], [place.error for place in places])
-                for scene in self.scenes
-                if len(places := scene.places.get(name, [])) > 1
-            ]
-        )
+        """Rank correlation of mean uncertainty and mean error over the places of a walk."""
+
+        def value(walk: JudgedWalk) -> float:
+            places = walk.places.get(name, [])
+            return rank_correlation([place.uncertainty for place in places], [place.error for place in places])
+
+        return self._over_scenes(value)
 
     def curve(self, name: str, kept: Kept = "all") -> tuple[np.ndarray, np.ndarray]:
         """The mean sparsification curve of a measure and that of the oracle, each as a fraction of the whole error."""
@@ -83,15 +89,21 @@ class UncertaintyStudy:
 
     def frames_csv(self) -> str:
         """One row for each frame and measure, as CSV."""
+        walk_columns = ("scene", "floor")
         frame_columns = ("step", "moved", "turned", "distance", "texture", "error")
         columns = ("delta", "coverage", "rank_correlation", "ause")
         rows = [
-            [scene.scene, *(getattr(frame, c) for c in frame_columns), name, *(getattr(judged, c) for c in columns)]
-            for scene in self.scenes
-            for frame in scene.frames
+            [
+                *(getattr(walk, column) for column in walk_columns),
+                *(getattr(frame, column) for column in frame_columns),
+                name,
+                *(getattr(judged, column) for column in columns),
+            ]
+            for walk in self.walks
+            for frame in walk.frames
             for name, judged in frame.judgements.items()
         ]
-        return csv_text(["scene", *frame_columns, "measure", *columns], rows)
+        return csv_text([*walk_columns, *frame_columns, "measure", *columns], rows)
 
     def summary(self) -> dict[str, dict[str, float | None]]:
         """The means of all numbers over the scenes, as JSON values."""
@@ -106,19 +118,23 @@ class UncertaintyStudy:
         return {name: {k: v if np.isfinite(v) else None for k, v in values.items()} for name, values in means.items()}
 
     def _frames(self, kept: Kept) -> list[JudgedFrame]:
-        return [frame for scene in self.scenes for frame in _kept(scene, kept)]
+        return [frame for walk in self.walks for frame in _kept(walk, kept)]
 
     def _mean(self, name: str, number: Callable[[Judgement], float], kept: Kept) -> Estimate:
-        def value(frames: Sequence[JudgedFrame]) -> float:
-            values = [number(frame.judgements[name]) for frame in frames if name in frame.judgements]
+        def value(walk: JudgedWalk) -> float:
+            values = [number(frame.judgements[name]) for frame in _kept(walk, kept) if name in frame.judgements]
             return float(np.mean(values)) if values else np.nan
 
-        return self._over_scenes(value, kept)
+        return self._over_scenes(value)
 
-    def _over_scenes(self, value: Callable[[Sequence[JudgedFrame]], float], kept: Kept) -> Estimate:
-        values = [value(frames) for scene in self.scenes if (frames := _kept(scene, kept))]
-        return estimate([one for one in values if np.isfinite(one)])
+    def _over_scenes(self, value: Callable[[JudgedWalk], float]) -> Estimate:
+        """A number of the walks over the scenes; NaN is that of a walk of which it is not known."""
+        known = defaultdict(list)
+        for walk in self.walks:
+            if np.isfinite(one := value(walk)):
+                known[walk.scene].append(one)
+        return estimate([float(np.mean(values)) for values in known.values()])
 
 
-def _kept(scene: JudgedScene, kept: Kept) -> list[JudgedFrame]:
-    return [frame for frame in scene.frames if kept == "all" or frame.moved >= MOVED]
+def _kept(walk: JudgedWalk, kept: Kept) -> list[JudgedFrame]:
+    return [frame for frame in walk.frames if kept == "all" or frame.moved >= MOVED]

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from deux.metrics.intervals import Estimate
 from deux.metrics.tables import Cell, Column, ResultTable, Row
-from deux.studies.judged_scene import CONTROLS
+from deux.studies.judged_walk import CONTROLS
 from deux.studies.uncertainty_study import CAUSES, MOVED, Kept, UncertaintyStudy
 
 _MEAN = "mean ± half the 95 % t interval over the scenes"
@@ -22,7 +22,7 @@ def agreement_table(study: UncertaintyStudy, kept: Kept = "all") -> ResultTable:
     """How well each measure follows the true error; the best measure of each column in bold.
 
     Args:
-        study: the judged scenes.
+        study: the judged walks.
         kept: which frames count.
     """
     names = study.names

@@ -9,7 +9,7 @@ from deux.errors import counted
 from deux.figures.drawing import save_figure
 from deux.io.atomic import write_atomically, write_json
 from deux.report.results import RESULTS_FILE
-from deux.studies.judged_scene import JudgedSample
+from deux.studies.judged_walk import JudgedSample
 from deux.studies.uncertainty_episodes import installed_measures, study_uncertainty
 from deux.studies.uncertainty_figures import draw_frames, draw_sparsification, draw_uncertainty_maps
 from deux.studies.uncertainty_study import UncertaintyStudy
@@ -110,7 +110,7 @@ class Studying:
                 "model": judged.name,
                 "explore": self._explorer.name,
                 "seed": self._training.seed,
-                "scenes": [scene.scene for scene in study.scenes],
+                "scenes": list(study.scenes),
                 "frames": study.count(),
                 "measures": study.summary(),
                 "seconds": run.seconds,

@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from box_scenes import BoxRoomSimulator
 from compared_episodes import episode
-from judged_walks import scene
+from judged_walks import walk
 
 from deux.contracts import Floor
 from deux.studies.explorer_comparison import ExplorerComparison
@@ -22,7 +22,7 @@ from deux.testing.box_world import BoxWorld
 @pytest.fixture
 def study() -> UncertaintyStudy:
     """Two scenes; `flip` was asked for and has no value anywhere."""
-    return UncertaintyStudy([scene("a", 1.0, 0.6), scene("b", 1.0, 0.8)], ("l1", "sparse_error", "parallax", "flip"))
+    return UncertaintyStudy([walk("a", 1.0, 0.6), walk("b", 1.0, 0.8)], ("l1", "sparse_error", "parallax", "flip"))
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deux.studies.judged_scene import JudgedFrame, JudgedScene, Judgement, Place
+from deux.studies.judged_walk import JudgedFrame, JudgedWalk, Judgement, Place
 
 
 def judgement(delta: float, rank: float) -> Judgement:
@@ -10,7 +10,7 @@ def judgement(delta: float, rank: float) -> Judgement:
     return Judgement(delta, 0.5, rank, (1.0 - rank) / 2.0, (rank * oracle + (1.0 - rank)).tolist(), oracle.tolist())
 
 
-def scene(name: str, sign: float, rank: float) -> JudgedScene:
+def walk(scene: str, sign: float, rank: float, floor: int = 0) -> JudgedWalk:
     """Ten frames whose l1 goes with the motion, and whose sparse_error goes with the error (or against it)."""
     rng = np.random.default_rng(0)
     frames = [
@@ -31,4 +31,4 @@ def scene(name: str, sign: float, rank: float) -> JudgedScene:
         for step in range(10)
     ]
     places = [Place(uncertainty=float(i), error=float(i * i)) for i in range(5)]
-    return JudgedScene(name, frames, {"l1": places[::-1], "sparse_error": places})
+    return JudgedWalk(scene, frames, {"l1": places[::-1], "sparse_error": places}, floor)

@@ -8,7 +8,7 @@ from deux.collection.sparse import SparseSettings
 from deux.contracts import SceneArea
 from deux.errors import DeuxError
 from deux.registry import registry
-from deux.studies.judged_scene import CONTROLS
+from deux.studies.judged_walk import CONTROLS
 from deux.studies.uncertainty_episodes import installed_measures, study_uncertainty
 
 MEASURES = [measure("l1"), measure("sparse_error")]
@@ -37,15 +37,18 @@ def study():
 def test_every_frame_with_two_before_it_is_judged_by_every_measure(study, tmp_path):
     found = study(tmp_path)
     assert found.names == ("l1", "sparse_error", *CONTROLS)
-    for scene, reference in zip(found.scenes, SCENES, strict=True):
-        assert scene.scene == reference.name
-        assert [frame.step for frame in scene.frames] == list(range(2, 8))
-        assert all(set(frame.judgements) >= {"sparse_error", *CONTROLS} for frame in scene.frames)
+    assert found.scenes == tuple(reference.name for reference in SCENES)
+    for walk, reference in zip(found.walks, SCENES, strict=True):
+        assert walk.scene == reference.name
+        assert [frame.step for frame in walk.frames] == list(range(2, 8))
+        assert all(set(frame.judgements) >= {"sparse_error", *CONTROLS} for frame in walk.frames)
 
 
 def test_every_floor_is_walked_where_all_are_asked_for(study, tmp_path, two_floors):
     found = study(tmp_path, scenes=(replace(SCENES[0], area=SceneArea(floor="all")), SCENES[1]))
-    assert [scene.scene for scene in found.scenes] == ["short", "short-floor1", "long"]
+    assert [(walk.scene, walk.floor) for walk in found.walks] == [("short", 0), ("short", 1), ("long", 0)]
+    assert found.scenes == ("short", "long")
+    assert {path.name for path in tmp_path.glob("*.json")} == {"short.json", "short-floor1.json", "long.json"}
 
 
 @pytest.mark.parametrize("guided", [False, True])
@@ -94,12 +97,12 @@ def test_a_finished_scene_is_read(study, tmp_path):
     BoxRoomSimulator.loaded.clear()
     shown, told = [], []
     again = study(tmp_path, show=shown.extend, progress=lambda stage, done, total: told.append((stage, done, total)))
-    assert again.scenes == whole.scenes
+    assert again.walks == whole.walks
     assert BoxRoomSimulator.loaded == ["long"]
     assert shown == []
     assert told == [("scenes", 1, 2), ("scenes", 2, 2)]
     (tmp_path / "long.json").write_text("{}")
-    with pytest.raises(DeuxError, match=r"long\.json is damaged, it holds no judged scene"):
+    with pytest.raises(DeuxError, match=r"long\.json is damaged, it holds no judged walk"):
         study(tmp_path)
 
 

@@ -6,6 +6,7 @@ from deux.studies.uncertainty_figures import (
     draw_sparsification,
     draw_uncertainty_maps,
 )
+from deux.studies.uncertainty_study import UncertaintyStudy
 
 
 def test_figures_show_the_measures_that_say_something(study):
@@ -22,6 +23,16 @@ def test_each_measure_has_a_panel_with_a_point_for_each_of_its_frames(study):
     drawn = [sum(len(group.get_offsets()) for group in panel.collections) for panel in axes if panel.axison]
     assert drawn == [20, 20, 10, 0]  # l1, sparse_error, parallax (where the camera moved), flip
     assert [panel.get_title().partition(":")[0] for panel in axes[:4]] == ["l1", "sparse_error", "parallax", "flip"]
+    assert axes[3].get_title() == "flip: no rank correlation"
+
+
+def test_the_legend_names_what_any_panel_shows(study):
+
+    figure = draw_frames(UncertaintyStudy(study.walks, ("parallax", "sparse_error")))
+    assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [
+        "the camera moved",
+        "it turned only",
+    ]
 
 
 def test_maps_have_a_column_for_each_measure_and_a_scale_of_its_own():

@@ -1,4 +1,4 @@
-"""Measures of uncertainty against the depth model's true error, frame by frame along one walk through a scene."""
+"""Measures of uncertainty against the depth model's true error, frame by frame along one walk on a floor of a scene."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -98,18 +98,20 @@ class JudgedSample:
 
 
 @dataclass(frozen=True)
-class JudgedScene:
+class JudgedWalk:
     """A walk's frames and places.
 
     Args:
         scene: the scene's name.
         frames: in order of time.
         places: the cells that were seen often enough, for each measure.
+        floor: the floor that it took place on, as the simulator numbers them.
     """
 
     scene: str
     frames: Sequence[JudgedFrame]
     places: Mapping[str, Sequence[Place]]
+    floor: int = 0
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
@@ -119,10 +121,10 @@ class JudgedScene:
             for frame in content["frames"]
         ]
         places = {name: [Place(**place) for place in places] for name, places in content["places"].items()}
-        return cls(content["scene"], frames, places)
+        return cls(content["scene"], frames, places, content.get("floor", 0))  # earlier versions told no floor
 
 
-class SceneJudge:
+class WalkJudge:
     """Judges the frames of one walk as they come.
 
     Args:
@@ -130,11 +132,14 @@ class SceneJudge:
         camera: the robot's camera.
         measures: that are judged, by name.
         seed: of the order by chance.
+        floor: the floor's number.
     """
 
-    def __init__(self, scene: str, camera: Camera, measures: Mapping[str, Uncertainty], seed: int = 0) -> None:
+    def __init__(
+        self, scene: str, camera: Camera, measures: Mapping[str, Uncertainty], seed: int = 0, floor: int = 0
+    ) -> None:
         self._measures = measures
-        self._scene = scene
+        self._scene, self._floor = scene, floor
         self._camera = camera
         self._rng = torch.Generator().manual_seed(seed)
         self._frames: list[JudgedFrame] = []
@@ -196,7 +201,7 @@ class SceneJudge:
         maps |= dict(zip(CONTROLS, (view.depth[0, 0], by_chance), strict=True))
         return {name: uncertainty.cpu().numpy() for name, uncertainty in maps.items()}
 
-    def result(self) -> JudgedScene:
+    def result(self) -> JudgedWalk:
         """All that was seen."""
         places = {
             name: [
@@ -206,7 +211,7 @@ class SceneJudge:
             ]
             for name, cells in self._cells.items()
         }
-        return JudgedScene(self._scene, self._frames, places)
+        return JudgedWalk(self._scene, self._frames, places, self._floor)
 
     def _cells_of(self, truth: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """The cell of the floor plan that each pixel shows: H x W x 2 integers."""
@@ -242,7 +247,9 @@ def _judgement(error: np.ndarray, uncertainty: np.ndarray, coverage: float) -> J
 
 
 def rank_correlation(first: Sequence[float] | np.ndarray, second: Sequence[float] | np.ndarray) -> float:
-    """Spearman's coefficient; 0 where one side is constant and so orders nothing."""
-    if len(first) < 2 or np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
+    """Spearman's coefficient; 0 where one side is constant and so orders nothing, NaN for fewer than two values."""
+    if len(first) < 2:
+        return np.nan
+    if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
         return 0.0
     return float(stats.spearmanr(first, second).statistic)

@@ -1,7 +1,7 @@
 """A camera that looks along -Z at a wall 2 m away, and a depth that is wrong on the right half of the image."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from deux.frame_uncertainty import make_view
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
 from deux.registry import registry
-from deux.studies.judged_scene import CONTROLS, JudgedScene, SceneJudge, rank_correlation
+from deux.studies.judged_walk import CONTROLS, JudgedWalk, WalkJudge, rank_correlation
 
 CAMERA = Camera(width=64, height=48, hfov=60.0)
 MEASURES: dict[str, Uncertainty] = {
@@ -38,8 +38,8 @@ def view(error: float) -> View:
 
 
 @pytest.fixture
-def judged() -> JudgedScene:
-    judge = SceneJudge("wall", CAMERA, MEASURES)
+def judged() -> JudgedWalk:
+    judge = WalkJudge("wall", CAMERA, MEASURES)
     truth = np.full((48, 64), 2.0, np.float32)
     truth[0] = 0.0  # not known
     for step in range(2, 6):
@@ -76,11 +76,15 @@ def test_places_are_cells_of_the_wall(judged):
 
 
 def test_it_survives_json(judged):
-    assert JudgedScene.from_json(json.loads(json.dumps(asdict(judged)))) == judged
+    upstairs = replace(judged, floor=1)
+    assert JudgedWalk.from_json(json.loads(json.dumps(asdict(upstairs)))) == upstairs
+    earlier = asdict(judged)
+    del earlier["floor"]
+    assert JudgedWalk.from_json(json.loads(json.dumps(earlier))) == judged
 
 
 def test_a_frame_without_true_depth_is_passed_over():
-    judge = SceneJudge("dark", CAMERA, MEASURES)
+    judge = WalkJudge("dark", CAMERA, MEASURES)
     assert judge.see(2, view(0.1), np.zeros((48, 64), np.float32), camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 0.0) == {}
     assert judge.result().frames == []
 
@@ -91,7 +95,7 @@ def test_what_is_computed_already_is_not_computed_again(judged):
             raise AssertionError("it was computed already")
 
     given = torch.full((48, 64), 0.3)
-    judge = SceneJudge("wall", CAMERA, {"given": Never(), "flip": MEASURES["flip"]})
+    judge = WalkJudge("wall", CAMERA, {"given": Never(), "flip": MEASURES["flip"]})
     truth = np.full((48, 64), 2.0, np.float32)
     maps = judge.see(2, view(0.1), truth, camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 10.0, {"given": given})
     assert set(maps) == {"given", "flip", *CONTROLS}
@@ -99,6 +103,8 @@ def test_what_is_computed_already_is_not_computed_again(judged):
     assert judge.result().frames[0].judgements["given"].delta == pytest.approx(1.0 - np.exp(-0.3))
 
 
-def test_a_constant_orders_nothing():
+def test_a_constant_orders_nothing_and_one_value_has_no_order():
     assert rank_correlation([1.0, 1.0, 1.0], [1.0, 2.0, 3.0]) == 0.0
     assert rank_correlation([1.0, 2.0, 3.0], [1.0, 4.0, 9.0]) == pytest.approx(1.0)
+    assert np.isnan(rank_correlation([1.0], [2.0]))
+    assert np.isnan(rank_correlation([], []))

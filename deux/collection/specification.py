@@ -110,6 +110,16 @@ def place_name(scene: SceneReference, floor: int) -> str:
     return scene.name if floor == 0 else f"{scene.name}-floor{floor}"
 
 
+def scene_of_place(place: str) -> str:
+    """The scene that a `place_name` is of: floors of one building are one scene.
+
+    Example:
+        >>> scene_of_place("house_1-floor2"), scene_of_place("house_1")
+        ('house_1', 'house_1')
+    """
+    return re.sub(r"(-floor\d+)+$", "", place)  # twice where the scene's own name ends in it
+
+
 def place_of_sequence(sequence: str) -> str:
     """The `place_name` that a collected sequence's own name begins with, before the number of episode or viewpoint.
 

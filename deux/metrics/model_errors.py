@@ -18,10 +18,10 @@ from deux.metrics.mean_errors import DepthErrors
 
 @dataclass(frozen=True)
 class SceneErrors:
-    """Mean errors over the frames of one scene, rounded to a thousandth.
+    """Mean errors over the frames of one scene, or of one floor of it, rounded to a thousandth.
 
     Args:
-        scene: its name.
+        scene: its name, or that of the floor, as of `deux.collection.specification.place_name`.
         frames: number of frames in the means: those with ground truth in range.
         metrics: the model's, by the names of `deux.metrics.depth_errors.METRICS`.
         baseline: linear interpolation's.

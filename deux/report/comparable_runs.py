@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from deux.collection.specification import scene_of_place
 from deux.errors import DeuxError
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate, estimate
@@ -293,12 +294,22 @@ def _check_alike(one: Run, other: Run) -> None:
 
 
 def _scene_differences(run: Run, other: Run) -> dict[str, SceneValue]:
-    """How much higher a run's MAE is than another's on the test scenes of both, weighed by their frames."""
+    """How much higher a run's MAE is than another's on the test scenes of both, weighed by their frames.
+
+    Results have a value for each floor; those of one scene are not independent and make one value.
+    """
     assert run.results is not None
     assert other.results is not None
     theirs = {scene["scene"]: scene["metrics"]["mae"] for scene in other.results.scenes}
-    return {
-        scene["scene"]: SceneValue(scene["metrics"]["mae"] - theirs[scene["scene"]], scene["frames"])
-        for scene in run.results.scenes
-        if scene["scene"] in theirs
-    }
+    floors: dict[str, list[SceneValue]] = defaultdict(list)
+    for floor in run.results.scenes:
+        if floor["scene"] in theirs:
+            difference = floor["metrics"]["mae"] - theirs[floor["scene"]]
+            floors[scene_of_place(floor["scene"])].append(SceneValue(difference, floor["frames"]))
+    return {scene: _mean_value(values) for scene, values in floors.items()}
+
+
+def _mean_value(values: Sequence[SceneValue]) -> SceneValue:
+    """The weighted mean of the values, with the weight of them all."""
+    frames = sum(value.weight for value in values)
+    return SceneValue(sum(value.value * value.weight for value in values) / frames, frames)

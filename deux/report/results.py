@@ -40,8 +40,8 @@ class Results:
         images: number of test frames; None in results of earlier versions.
         without_truth: number of test frames that count in no mean, since they have no ground truth in range.
         without_points: number of test frames that have no sparse point.
-        scenes: the errors of each test scene, as of `deux.metrics.model_errors.SceneErrors`: scene, frames, metrics and
-            baseline; none in results of earlier versions.
+        scenes: the errors of each floor of each test scene, as of `deux.metrics.model_errors.SceneErrors`: scene,
+            frames, metrics and baseline; none in results of earlier versions.
     """
 
     model: str

@@ -181,25 +181,45 @@ def test_a_model_that_is_tested_in_the_scenes_of_another_seed_is_no_run_of_its_o
     assert sorted((runs.transferred, len(runs.finished)) for runs in compare(outputs)) == [(False, 2), (True, 1)]
 
 
+def scene_errors(seed, gain, floors=1):
+    """Eight scenes of 40 frames, those with floors with as much to gain over all of them."""
+    errors = {"rmse": 1.0, "imae": 1.0, "irmse": 1.0}
+    shares = {1: [(40, 0)], 4: [(4, -2), (8, -1), (12, 0), (16, 1)]}[floors]  # frames, and what more is gained
+    return [
+        {
+            "scene": f"s{seed}{k}" + (f"-floor{floor}" if floor else ""),
+            "frames": frames,
+            "metrics": {**errors, "mae": 100.0 + 50.0 * k - gain * (1 + k % 2 + more)},
+            "baseline": {**errors, "mae": 1.0},
+        }
+        for k in range(8)
+        for floor, (frames, more) in enumerate(shares)
+    ]
+
+
 def test_the_difference_by_scene_pairs_seed_and_scene(write_run, outputs, here):
     """Scenes differ by 50 mm in the errors and by 2 mm in the gain, which the interval is of."""
-    errors = {"rmse": 1.0, "imae": 1.0, "irmse": 1.0}
     for seed in range(2):
         for explorer, gain in (("random", 0.0), ("deux", 4.0)):
-            scenes = [
-                {
-                    "scene": f"s{seed}{k}",
-                    "frames": 10,
-                    "metrics": {**errors, "mae": 100.0 + 50.0 * k - gain * (1 + k % 2)},
-                    "baseline": {**errors, "mae": 1.0},
-                }
-                for k in range(8)
-            ]
             path = write_run(explorer, "kbnet", seed, 100.0, place=drawn(here, seed))
-            with_results(path, scenes=scenes)
+            with_results(path, scenes=scene_errors(seed, gain))
     (runs,) = compare(outputs)
     found = runs.scene_difference(DEUX, RANDOM, KBNET)
     assert found.mean == pytest.approx(-6.0)
     assert 0.3 < found.half_width < 2.5
     with_results(path, scenes=[])
     assert compare(outputs)[0].scene_difference(DEUX, RANDOM, KBNET) is None
+
+
+def test_floors_of_a_scene_count_as_one_scene(write_run, outputs, here):
+    """However many floors they have, eight scenes with equal means over their frames have one interval."""
+    found = []
+    for name, floors in (("whole", 1), ("floors", 4)):
+        for seed in range(2):
+            for explorer, gain in (("random", 0.0), ("deux", 4.0)):
+                path = write_run(explorer, "kbnet", seed, 100.0, place=drawn(here, seed), folder=name)
+                with_results(path, scenes=scene_errors(seed, gain, floors))
+        (runs,) = compare(outputs / name)
+        found.append(runs.scene_difference(DEUX, RANDOM, KBNET))
+    assert found[0] == pytest.approx(found[1])
+    assert found[0].half_width > 0.3

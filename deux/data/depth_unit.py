@@ -58,9 +58,11 @@ def unit_warning(depth: np.ndarray, scale: float, max_depth: float, what: str, o
     if other is None:
         return None
     median = float(np.median(depth[depth > 0]))
+    outdoors = f", or max_depth={max_depth:g} too small" if median > max_depth else ""
     return (
         f"the median depth of {what} is {median:.2f} m with {option}={scale:g} and would be "
-        f"{median * scale / other:.2f} m with {option}={other:g} ({COMMON_SCALES[other]}): is the unit right?"
+        f"{median * scale / other:.2f} m with {option}={other:g} ({COMMON_SCALES[other]}): is the unit "
+        f"right{outdoors}?"
     )
 
 

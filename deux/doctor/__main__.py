@@ -82,10 +82,11 @@ def _run(checkup: Checkup, overrides: Sequence[str], load: bool) -> None:
 
 
 def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -> None:
-    """Check the recorded frames of a folder; previews are written below `paths.outputs`/doctor."""
+    """Check the recorded frames that an option names; previews are written into `paths.outputs`/doctor/<option>."""
     from deux.configuration import user_path
     from deux.contracts import Reader
     from deux.doctor.frame_checks import check_frames
+    from deux.geometry.camera import Camera
     from deux.options import construct
     from deux.registry import registry
     from deux.training.training_settings import TrainingSettings
@@ -95,7 +96,9 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
         reader: Reader = registry().choose("readers", cfg.data).create(user_path(folder))
         checkup.fact("folder", str(reader.folder))
         offsets = construct(TrainingSettings, cfg.training, "training").offsets
-        checks = check_frames(reader, offsets, user_path(cfg.paths.outputs) / "doctor", show=checkup.line)
+        camera = construct(Camera, cfg.camera, "camera")
+        previews = user_path(cfg.paths.outputs) / "doctor" / option
+        checks = check_frames(reader, offsets, previews, (camera.min_depth, camera.max_depth), checkup.line)
         for check in checks:
             for problem in check.problems:
                 checkup.count(problem)

@@ -24,7 +24,7 @@ PREVIEWED = 3
 """Frames of a split that the preview shows."""
 
 RANGE = (0.1, 10.0)
-"""Metres between which the depth of indoor scenes lies."""
+"""Metres between which the depth of indoor scenes lies; `camera.min_depth` and `camera.max_depth` by default."""
 
 
 @dataclass
@@ -52,7 +52,7 @@ def check_frames(
     reader: Reader,
     offsets: tuple[int, ...] = (-1, -2),
     previews: Path | None = None,
-    max_depth: float = RANGE[1],
+    depth_range: tuple[float, float] = RANGE,
     show: Callable[[str], None] = print,
 ) -> list[SplitCheck]:
     """Read some frames of each split and say what they are like.
@@ -61,7 +61,7 @@ def check_frames(
         reader: of the recorded frames.
         offsets: the source frames of a training, in frames from the target, where the folder does not list them.
         previews: takes a figure of each split, `<split>.png`; None for no figures.
-        max_depth: farthest depth in metres of the scenes, by which the unit of depth is judged.
+        depth_range: nearest and farthest depth in metres of the scenes, by which the unit of depth is judged.
         show: prints a line.
 
     Returns:
@@ -72,7 +72,7 @@ def check_frames(
     """
     found = []
     for split in SPLITS:
-        check = _check_split(reader, split, offsets, previews, max_depth)
+        check = _check_split(reader, split, offsets, previews, depth_range)
         show(f"{split}: {counted(check.frames, 'frame')}" if check.frames else f"{split}: none")
         for line in check.facts:
             show(f"  {line}")
@@ -83,7 +83,7 @@ def check_frames(
 
 
 def _check_split(
-    reader: Reader, split: str, offsets: tuple[int, ...], previews: Path | None, max_depth: float
+    reader: Reader, split: str, offsets: tuple[int, ...], previews: Path | None, depth_range: tuple[float, float]
 ) -> SplitCheck:
     try:
         triplets = reader.triplets(split, offsets)
@@ -98,8 +98,10 @@ def _check_split(
             "not trained on"
         )
     chosen = _spread(triplets, CHECKED)
-    _check_cameras(reader, [one.target for one in chosen], check)
-    _check_depth(reader, [one.target for one in chosen], max_depth, check)
+    targets = [one.target for one in chosen]
+    _check_cameras(reader, targets, check)
+    _check_sizes(reader, targets, check)
+    _check_depth(reader, targets, depth_range, check)
     neighbours = _neighbours(reader, split)
     _check_poses(reader, neighbours, check)
     _check_warp(reader, neighbours, check)
@@ -144,46 +146,64 @@ def _check_cameras(reader: Reader, frames: Sequence[FrameReference], check: Spli
         check.facts.append(line if len(cameras) == 1 else f"{sequence}: {line}")
 
 
-def _check_depth(reader: Reader, frames: Sequence[FrameReference], max_depth: float, check: SplitCheck) -> None:
+def _check_sizes(reader: Reader, frames: Sequence[FrameReference], check: SplitCheck) -> None:
+    """Whether the depth maps are of their images' size."""
+    for kind, read in (("sparse depth", reader.sparse_depth), ("ground truth", reader.ground_truth)):
+        others = []
+        for frame in frames:
+            depth, image = read(frame), reader.image(frame)
+            if depth is not None and depth.shape != image.shape[:2]:
+                sizes = f"{depth.shape[1]} x {depth.shape[0]} pixels and its image {image.shape[1]} x {image.shape[0]}"
+                others.append(f"the {kind} of frame {frame.name} of {frame.sequence} has {sizes}")
+        if others:
+            count = f"{len(others)} of the {counted(len(frames), 'frame')} that were read"
+            check.problems.append(f"{others[0]}: depth must be registered to the image, pixel by pixel ({count}).")
+
+
+def _check_depth(
+    reader: Reader, frames: Sequence[FrameReference], depth_range: tuple[float, float], check: SplitCheck
+) -> None:
     """Range, share of valid pixels and unit of the sparse points and of the ground truth."""
-    points = [reader.sparse_depth(frame).ravel() for frame in frames]
-    truths = [truth.ravel() for frame in frames if (truth := reader.ground_truth(frame)) is not None]
+    points = [reader.sparse_depth(frame) for frame in frames]
+    truths = [truth for frame in frames if (truth := reader.ground_truth(frame)) is not None]
     counts = [int(np.count_nonzero(depth)) for depth in points]
     check.facts.append(
-        f"{np.median(counts):.0f} sparse points a frame ({min(counts)} to {max(counts)}), {_range(points)}"
+        f"{np.median(counts):.0f} sparse points a frame ({min(counts)} to {max(counts)}), {_range(points, depth_range)}"
     )
     if empty := counts.count(0):
         read = counted(len(counts), "frame")
         check.problems.append(f"{empty} of the {read} that were read {plural('has', empty)} no sparse point.")
     if truths:
         valid = np.mean([np.mean(truth > 0) for truth in truths])
-        check.facts.append(f"ground truth at {valid:.0%} of the pixels, {_range(truths)}")
+        check.facts.append(f"ground truth at {valid:.0%} of the pixels, {_range(truths, depth_range)}")
     else:
         check.facts.append("no ground truth: no errors can be measured")
     scale = getattr(reader, "scale", None)
     sentences = []
     if scale is not None:
-        sentences.append(unit_warning(np.concatenate(points), scale, max_depth, "the sparse points", "data.scale"))
-    if len(truths) == len(points) and all(map(_same_size, truths, points)):
-        both = np.concatenate(truths), np.concatenate(points)
+        sentences.append(unit_warning(_flat(points), scale, depth_range[1], "the sparse points", "data.scale"))
+    if [truth.shape for truth in truths] == [depth.shape for depth in points]:
+        both = _flat(truths), _flat(points)
         sentences.append(ratio_warning(*both, "the ground truth", "data.ground_truth_scale"))
     check.problems.extend(sentence for sentence in sentences if sentence is not None)
 
 
-def _same_size(one: np.ndarray, other: np.ndarray) -> bool:
-    return one.size == other.size
+def _flat(maps: Sequence[np.ndarray]) -> np.ndarray:
+    """All pixels of all maps."""
+    return np.concatenate([depth.ravel() for depth in maps])
 
 
-def _range(maps: Sequence[np.ndarray]) -> str:
-    values = np.concatenate(maps)
+def _range(maps: Sequence[np.ndarray], depth_range: tuple[float, float]) -> str:
+    near, far = depth_range
+    values = _flat(maps)
     values = values[values > 0]
     if not values.size:
         return "no depth at all"
     least, median, most = np.percentile(values, (1, 50, 99))
-    inside = np.mean((values >= RANGE[0]) & (values <= RANGE[1]))
+    inside = np.mean((values >= near) & (values <= far))
     return (
         f"{least:.2f} to {most:.2f} m (1st to 99th percentile), {median:.2f} m in the median, {inside:.0%} within "
-        f"{RANGE[0]:g} to {RANGE[1]:g} m"
+        f"{near:g} to {far:g} m"
     )
 
 
@@ -201,16 +221,17 @@ def _check_poses(reader: Reader, neighbours: Sequence[Triplet], check: SplitChec
 
 
 def _pair(reader: Reader, triplet: Triplet) -> FramePair | None:
-    """A frame and its neighbour; None if there is no pose or no ground truth, or nothing beside the frame."""
+    """A frame and its neighbour; None without poses, ground truth or a neighbour, or where these differ in size."""
     target, sources = triplet
     if not sources:
         return None
     depth, pose, source_pose = reader.ground_truth(target), reader.pose(target), reader.pose(sources[0])
     if depth is None or pose is None or source_pose is None:
         return None
-    return FramePair(
-        reader.image(target), reader.image(sources[0]), depth, reader.intrinsics(target), pose, source_pose
-    )
+    image, source = reader.image(target), reader.image(sources[0])
+    if not image.shape[:2] == depth.shape == source.shape[:2]:
+        return None
+    return FramePair(image, source, depth, reader.intrinsics(target), pose, source_pose)
 
 
 def _check_warp(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck) -> None:

@@ -45,6 +45,16 @@ def test_the_unit_that_fits_is_named(depth: np.ndarray, right: float, wrong: flo
     assert f"would be {median:.2f} m with predict.sparse_scale={right:g}" in sentence
 
 
+@pytest.mark.parametrize(
+    ("depth", "asked"),
+    [(1.5 * HALL, "(millimetres): is the unit right?"), (ROAD, ": is the unit right, or max_depth=10 too small?")],
+)
+def test_beyond_the_largest_depth_it_may_be_that_which_is_wrong(depth: np.ndarray, asked: str) -> None:
+    sentence = unit_warning(depth, 256.0, 10.0, "a.png", "data.scale")
+    assert sentence is not None
+    assert sentence.endswith(asked)
+
+
 def test_nothing_is_said_of_no_depth_or_of_what_no_unit_explains() -> None:
     assert likely_scale(np.zeros((4, 4)), 256.0, 10.0) is None
     assert likely_scale(np.full((4, 4), 1e6), 256.0, 10.0) is None

@@ -1,5 +1,6 @@
 """Datasets in VOID's layout, written without anything that reads them."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -63,3 +64,12 @@ def dataset(folder: Path, split: str = "train", frames: int = 8, **options: obje
     """Twelve triplets of two rooms."""
     recordings = {f"{scene}-00": walk(scene, frames) for scene in ("hall", "kitchen")}
     return write(folder, recordings, split, **({"triplets": True} | options))  # type: ignore[arg-type]
+
+
+def enlarge(folder: Path, factor: int = 10) -> None:
+    """Make the rooms so many times larger, such as streets, and leave their poses out, which would not fit."""
+    for kind in ("sparse_depth", "ground_truth"):
+        for file in folder.glob(f"data/*/{kind}/*.png"):
+            Image.fromarray(factor * np.array(Image.open(file))).save(file)
+    for poses in folder.glob("data/*/absolute_pose"):
+        shutil.rmtree(poses)

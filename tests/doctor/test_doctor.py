@@ -5,6 +5,7 @@ import re
 
 import pytest
 import trimesh
+from void_layout import dataset, enlarge
 
 from deux.configuration import compose
 from deux.contracts import SceneFiles, SceneSource, SceneSplits
@@ -86,6 +87,20 @@ def test_what_is_missing_is_told_and_counted(tmp_path, capsys):
 def test_frames_are_read_as_the_configuration_says(tmp_path, capsys):
     assert main([f"training_data={tmp_path}"]) == 1
     assert str(tmp_path) in lines(capsys)["FAULT"]
+
+
+def test_frames_are_judged_by_the_camera_and_drawn_below_the_option_that_names_them(tmp_path, capsys):
+    folders = [dataset(tmp_path / "train", triplets=False), dataset(tmp_path / "test", "test", triplets=False)]
+    for folder in folders:
+        enlarge(folder)
+    given = [f"training_data={folders[0]}", f"evaluation.data={folders[1]}", f"paths.outputs={tmp_path / 'outputs'}"]
+    assert main([*given, "camera.max_depth=100"]) == 0
+    said = capsys.readouterr().out
+    for preview in ("training_data/train.png", "evaluation.data/test.png"):
+        assert (tmp_path / "outputs/doctor" / preview).is_file()
+        assert str(tmp_path / "outputs/doctor" / preview) in said
+    assert main([*given, "camera.max_depth=10"]) == 1
+    assert "max_depth=10 too small?" in capsys.readouterr().out
 
 
 class Downloads(SceneSource):

@@ -1,12 +1,13 @@
 """What the doctor says of recorded frames: facts of a good recording, and each mistake by a sentence."""
 
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
-from void_layout import dataset
+from void_layout import dataset, enlarge
 
 from deux.data.dataset_reader import DatasetReader
 from deux.doctor.frame_checks import SplitCheck, check_frames
@@ -84,6 +85,34 @@ def spoil(folder: Path, what: str) -> dict[str, float]:
 def test_a_mistake_is_named(folder: Path, what: str, sentence: str) -> None:
     options = spoil(folder, what)
     assert any(sentence in problem for problem in train(DatasetReader(folder, **options)).problems)
+
+
+def test_depth_is_judged_by_the_range_of_the_scenes(folder: Path) -> None:
+    enlarge(folder)
+    indoors, outdoors = (
+        check_frames(DatasetReader(folder), depth_range=limits, show=lambda line: None)[0]
+        for limits in ((0.1, 10.0), (1.0, 100.0))
+    )
+    (problem,) = indoors.problems
+    assert problem.endswith("is the unit right, or max_depth=10 too small?")
+    assert " within 0.1 to 10 m" in "\n".join(indoors.facts)
+    assert outdoors.problems == []
+    assert "100% within 1 to 100 m" in "\n".join(outdoors.facts)
+
+
+@pytest.mark.parametrize("kind", ["ground_truth", "sparse_depth"])
+def test_depth_of_another_size_than_the_image_is_a_problem(folder: Path, tmp_path: Path, kind: str) -> None:
+    for file in folder.glob(f"data/hall-00/{kind}/*.png"):
+        Image.open(file).resize((24, 20), Image.Resampling.NEAREST).save(file)
+    check = train(DatasetReader(folder), tmp_path / "previews")
+    (problem,) = check.problems
+    assert re.fullmatch(
+        rf"the {kind.replace('_', ' ')} of frame \d+ of hall-00 has 24 x 20 pixels and its image 48 x 40: depth "
+        r"must be registered to the image, pixel by pixel \(6 of the 12 frames that were read\)\.",
+        problem,
+    )
+    assert check.warp is not None, "the other sequence's depth fits"
+    assert check.preview is not None
 
 
 @pytest.mark.parametrize("kind", ["absolute_pose", "ground_truth"])

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from rich.markup import escape
 from rich.table import Table
 
-from deux.errors import printable
+from deux.errors import plural, printable
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate
 
@@ -144,12 +144,14 @@ class ResultTable:
 
     @property
     def usual_seeds(self) -> tuple[int, ...]:
-        """The seeds that most numbers are over; a number over another number of seeds says so."""
+        """The seeds that most numbers are over; a number over others says so, and has no rank."""
         found = Counter(cell.seeds for row in self.rows for cell in row.cells if cell.seeds)
         return max(found, key=lambda seeds: (found[seeds], len(seeds))) if found else ()
 
     def ranked(self, by_part: bool = False, second: bool = True) -> "ResultTable":
         """The table with its best and second best numbers marked, column by column; equal numbers share a rank.
+
+        A seed may draw its own scenes, hard or easy ones, so means over other seeds than the usual ones have no rank.
 
         Args:
             by_part: whether each part is ranked by itself.
@@ -161,7 +163,7 @@ class ResultTable:
         return replace(self, parts=tuple(self._ranked(part, second) for part in self.parts))
 
     def cell_text(self, index: int, cell: Cell) -> tuple[str, str]:
-        """A number as text: its mean, and what stands behind it: " ± 0.5 (n=2)", or nothing.
+        """A number as text: its mean, and what stands behind it: " ± 0.5 (seeds 0, 1)", or nothing.
 
         Args:
             index: the number's place among the row's cells.
@@ -173,8 +175,8 @@ class ResultTable:
         digits = column.digits if cell.digits is None else cell.digits
         mean, half_width = (f"{number * column.factor:z.{digits}f}" for number in cell.estimate)  # z: no "-0.0"
         behind = "" if math.isnan(cell.estimate.half_width) else f" ± {half_width}"
-        if cell.seeds and len(cell.seeds) != len(self.usual_seeds):
-            behind += f" (n={len(cell.seeds)})"
+        if cell.seeds not in ((), self.usual_seeds):
+            behind += f" ({plural('seed', len(cell.seeds))} {', '.join(map(str, cell.seeds))})"
         return mean, behind
 
     def rich(self) -> Table:
@@ -248,13 +250,13 @@ class ResultTable:
         return csv_text(header, lines)
 
     def _ranked(self, rows: Sequence[Row], second: bool) -> tuple[Row, ...]:
-        cells = [list(row.cells) for row in rows]
+        cells, comparable = [list(row.cells) for row in rows], ((), self.usual_seeds)
         for index in range(len(self.columns) * len(self.groups)):
             best = self.columns[index % len(self.columns)].best
             means = {
                 number: row.cells[index].estimate.mean  # type: ignore[union-attr]
                 for number, row in enumerate(rows)
-                if best and row.ranked and row.cells[index].estimate is not None
+                if best and row.ranked and row.cells[index].seeds in comparable and row.cells[index].estimate
             }
             means = {number: mean for number, mean in means.items() if not math.isnan(mean)}
             if len(means) < 2:  # nothing to be better than

@@ -218,10 +218,10 @@ def _finished(
     count = len(table.usual_seeds)
     general = [
         f"{_units()}; lower is better.",
-        f"Mean and 95 % interval over n = {counted(count, 'seed')} ({seeds}) where a number says no other n."
+        f"Mean and 95 % interval over n = {counted(count, 'seed')} ({seeds}) where a number says no others."
         if count > 1
-        else f"One seed ({seeds}) each, so there are no intervals, where a number says no other n.",
-        "Bold: best; underlined: second best; interpolation of the sparse points is not ranked.",
+        else f"One seed ({seeds}) each, so there are no intervals, where a number says no others.",
+        "Bold: best, underlined: second best of the numbers over these seeds; interpolation is not ranked.",
     ]
     shown = list(shown)
     if any(explorer.is_ceiling for runs in shown for explorer in runs.explorers):

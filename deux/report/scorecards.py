@@ -72,7 +72,7 @@ def scorecard_table(runs: ComparableRuns, names: DisplayNames, caption: str, nam
     seeds = table.usual_seeds
     notes = (
         f"Mean over the runs of each explorer, of {plural('seed', len(seeds))} {', '.join(map(str, seeds))} where a "
-        "number says no other n.",
+        "number says no others.",
         f"Judged with the source frames that the models were trained with (sources: {', '.join(choices)}).",
     )
     return replace(table, notes=notes)

@@ -59,6 +59,18 @@ def test_what_is_not_ranked():
     assert not [place for place in marks if place[2] in (1, 2)]  # nobody to be better than
 
 
+def test_means_over_other_seeds_have_no_rank():
+    """Seed 2 is hard: what has not been run with it, or with an easier one in its place, is not the better for that."""
+    of_seeds = {(0, 1, 2): (140.0, 135.0), (0,): (98.0,), (0, 1, 3): (113.0,), (): (150.0,)}
+    rows = [
+        Row((f"{seeds} {mean}",), (Cell(Estimate(mean), seeds=seeds), Cell(Estimate(mean), seeds=seeds)))
+        for seeds, means in of_seeds.items()
+        for mean in means
+    ]
+    table = ResultTable("t", ("l",), (Column("MAE", best="lowest"), Column("n")), (tuple(rows),)).ranked()
+    assert [row.cells[0].mark for row in table.rows] == ["second", "best", None, None, None]
+
+
 def test_a_column_says_which_end_is_best():
     columns = (Column("area", best="highest"), Column("length"))
     rows = tuple(Row((name,), (Cell(Estimate(v)), Cell(Estimate(v)))) for name, v in (("a", 1.0), ("b", 2.0)))
@@ -71,8 +83,9 @@ def test_a_column_says_which_end_is_best():
     [
         (Cell(), "–"),
         (Cell(Estimate(12.345, 1.25), seeds=(0, 1, 2)), "12.3 ± 1.2"),
-        (Cell(Estimate(12.345), seeds=(1,)), "12.3 (n=1)"),
-        (Cell(Estimate(12.345, 3.0), seeds=(1, 2)), "12.3 ± 3.0 (n=2)"),
+        (Cell(Estimate(12.345), seeds=(1,)), "12.3 (seed 1)"),
+        (Cell(Estimate(12.345, 3.0), seeds=(1, 2)), "12.3 ± 3.0 (seeds 1, 2)"),
+        (Cell(Estimate(12.345, 3.0), seeds=(0, 1, 3)), "12.3 ± 3.0 (seeds 0, 1, 3)"),
         (Cell(Estimate(80.0)), "80.0"),
         (Cell(Estimate(math.nan), seeds=(0, 1, 2)), "nan"),
         (Cell(Estimate(math.inf), seeds=(0, 1, 2)), "inf"),

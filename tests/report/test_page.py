@@ -93,11 +93,12 @@ def test_it_is_well_formed_and_refers_to_nothing_outside(page):
 def test_numbers_and_marks_are_in_their_cells(page):
     _, reader = page
     rows = {row[0]: row[1:] for row in reader.rows}
-    assert rows["Random"][0] == "21.0 ± 12.7 (n=2)"  # t(0.975, 1) = 12.706, s / sqrt(2) = 1
+    assert rows["Random"][0] == "21.0 ± 12.7 (seeds 0, 1)"  # t(0.975, 1) = 12.706, s / sqrt(2) = 1
     assert rows["DEUX"][0] == "15.0"
     assert rows["<wall> & co"][0] == "99.0"
     assert "15.0" in reader.marked["b"]
-    assert "21.0" in reader.marked["u"]
+    assert "99.0" in reader.marked["u"]
+    assert "21.0" not in reader.marked["u"]  # a mean over other seeds than the other numbers
 
 
 def test_it_tells_what_is_missing_and_how_the_runs_were_made(page):

@@ -66,11 +66,11 @@ def test_a_row_is_the_mean_over_an_explorers_runs_in_the_reports_order(write_sco
     assert "| 60.0 |" in found.markdown()
 
 
-def test_a_mean_over_fewer_seeds_says_so(write_scored, outputs, names):
+def test_a_mean_over_other_seeds_says_so(write_scored, outputs, names):
     for seed in range(2):
         write_scored("random", "kbnet", seed, 22.0)
     write_scored("deux", "kbnet", 0, 20.0, {"parallax": 0.9})
-    assert "90.0 (n=1)" in table(outputs, names).markdown()
+    assert "90.0 (seed 0)" in table(outputs, names).markdown()
 
 
 def test_runs_that_were_judged_with_other_source_frames_have_rows_of_their_own(write_scored, outputs, names):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from deux.figures.drawing import hide_ticks, new_figure, save_figure
+from deux.figures.drawing import hide_ticks, legend_entries, new_figure, save_figure
 from deux.io.atomic import make_folder, write_atomically
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import estimate
@@ -100,7 +100,9 @@ def draw_error_against_frames(groups: Sequence[ComparableRuns], names: DisplayNa
         panel.grid(alpha=0.3)
     panels[0].set_ylim(bottom=max(0.0, panels[0].get_ylim()[0]))
     panels[0].set_ylabel(f"{METRICS['mae'].title} on the {dataset} test set [{METRICS['mae'].unit}]")
-    figure.legend(*panels[-1].get_legend_handles_labels(), fontsize=7, loc="outside lower center", ncols=2)
+    entries = legend_entries(panels)
+    labels = [label for label in ("Interpolation", *map(names.explorer, explorers)) if label in entries]
+    figure.legend([entries[label] for label in labels], labels, fontsize=7, loc="outside lower center", ncols=2)
     return figure
 
 

@@ -78,3 +78,14 @@ def test_error_is_drawn_against_the_mean_number_of_frames(write_run, outputs, na
     np.testing.assert_allclose(heights, 12.7062 * 0.5, rtol=1e-4)  # t(0.975, 1) times s / sqrt(2)
     assert panel.lines[-1].get_ydata()[0] == 80.0  # interpolation
     assert panel.get_title() == "KBNet"
+
+
+def test_the_legend_names_the_explorers_of_all_panels(write_run, outputs, names):
+    """The last model was run with one of the explorers alone."""
+    for flats in (2, 4):
+        place = {"scenes": {"name": "apartments", "train": flats, "test": 2}}
+        for explorer, model in (("random", "voiced"), ("deux", "voiced"), ("deux", "kbnet")):
+            write_run(explorer, model, 0, 20.0, place=place, frames=20 * flats, folder=str(flats))
+    figure = draw_error_against_frames(group_comparable(find_runs(outputs), []), names, "apartments")
+    assert [panel.get_title() for panel in figure.axes] == ["VOICED", "KBNet"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["Interpolation", "Random", "DEUX"]

@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,8 @@ def write_atomically(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
         os.replace(temporary, path)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # what kept the file from being written may keep it from being deleted
+            temporary.unlink()
         raise DeuxError(write_failure(path, error, len(content))) from error
 
 

@@ -287,7 +287,8 @@ def _try(path: Path, work: str, lease: float) -> Lock | None:
         _clear_asides(path.parent)
         return Lock(path, holder)
     except BaseException as error:
-        path.unlink(missing_ok=True)
+        with suppress(OSError):
+            path.unlink()
         if isinstance(error, OSError):
             raise DeuxError(write_failure(path, error)) from error
         raise

@@ -34,10 +34,12 @@ def read_log(folder: Path) -> dict[str, tuple[list[int], list[float]]]:
     series: dict[str, dict[int, float]] = {}
     for log in logs:
         rows = read_table(log)
-        if rows and "step" not in rows[0]:
+        if not rows:  # of a start that was killed before its first line
+            continue
+        if "step" not in rows[0]:
             raise DeuxError(f"{log} is damaged: it has no column step.")
         steps = [number(row, "step", log) for row in rows]
-        first = min(steps, default=0)
+        first = min(steps)
         for name, known in series.items():
             series[name] = {step: value for step, value in known.items() if step < first}
         for step, row in zip(steps, rows, strict=True):

@@ -1,9 +1,10 @@
 import math
 
 import numpy as np
+import pytest
 
 from deux.figures.drawing import save_figure
-from deux.figures.training_curves import draw_learning_curve, draw_rounds, draw_training_curve
+from deux.figures.training_curves import draw_learning_curve, draw_rounds, draw_training_curve, read_log
 from deux.training.rounds import Round
 
 
@@ -19,6 +20,14 @@ def test_training_curve_joins_the_logs_of_a_run_that_was_killed(tmp_path):
     losses, errors = draw_training_curve(tmp_path).axes
     assert losses.lines[0].get_xydata().tolist() == [[9, 2.5], [19, 1.5], [29, 1.0]]
     assert errors.lines[0].get_xydata().tolist() == [[19, 300.0], [39, 200.0]]
+
+
+@pytest.mark.parametrize("text", ["", "epoch,step,train/loss\n"])
+def test_a_start_that_was_killed_before_it_logged_anything_changes_nothing(tmp_path, text):
+    for version, content in enumerate((text, "epoch,step,train/loss\n0,10,1.0\n0,20,0.9\n", text)):
+        (tmp_path / f"version_{version}").mkdir()
+        (tmp_path / f"version_{version}" / "metrics.csv").write_text(content)
+    assert read_log(tmp_path) == {"train/loss": ([10, 20], [1.0, 0.9])}
 
 
 def test_an_infinite_validation_error_can_be_drawn(tmp_path):

@@ -3,7 +3,7 @@
 import logging
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import cv2
@@ -76,7 +76,7 @@ class VideoReader:
 class VideoWriter:
     """Writes an .mp4 file that appears when it is complete. A context manager.
 
-    Where this OpenCV has none of `ENCODERS`, a warning says so and nothing is written.
+    Where this OpenCV has none of `ENCODERS`, or its encoder fails, a warning says so and no file appears.
 
     Args:
         path: the file.
@@ -89,6 +89,7 @@ class VideoWriter:
         self._unfinished = path.with_name(f".{path.stem}.tmp.mp4")  # OpenCV takes the container from the suffix
         self._writer: cv2.VideoWriter | None = None
         self._size = (0, 0)
+        self._frames = 0
 
     def __enter__(self) -> "VideoWriter":
         return self
@@ -97,7 +98,8 @@ class VideoWriter:
         if self._writer is not None:
             self._writer.release()
         if self._writer is None or kind is not None or not self._writer_worked():
-            self._unfinished.unlink(missing_ok=True)
+            with suppress(OSError):
+                self._unfinished.unlink()
             return
         os.replace(self._unfinished, self.path)
 
@@ -107,6 +109,7 @@ class VideoWriter:
             self._begin(image.shape[1] // 2 * 2, image.shape[0] // 2 * 2)  # encoders want even sides
         if self._writer is not None:
             self._writer.write(cv2.cvtColor(_fitted(image, *self._size), cv2.COLOR_RGB2BGR))
+            self._frames += 1
 
     def _begin(self, width: int, height: int) -> None:
         self._size = (width, height)
@@ -122,10 +125,13 @@ class VideoWriter:
         log.warning(f"{self.path} is not written: this OpenCV has no encoder for it ({' or '.join(ENCODERS)}).")
 
     def _writer_worked(self) -> bool:
-        there = self._unfinished.exists() and self._unfinished.stat().st_size > 0
-        if not there:
+        """Whether every frame can be read back: OpenCV tells of no failed write, such as on a full disk."""
+        try:
+            VideoReader(self._unfinished).read(self._frames - 1)  # reading all takes far less time than writing did
+        except DeuxError:
             log.warning(f"{self.path} is not written: OpenCV's encoder failed, the disk may be full.")
-        return there
+            return False
+        return True
 
 
 def _fitted(image: np.ndarray, width: int, height: int) -> np.ndarray:

@@ -2,7 +2,9 @@
 
 import struct
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -84,6 +86,50 @@ def test_an_error_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError):
         fail()
     assert list(tmp_path.iterdir()) == []
+
+
+ENCODER = cv2.VideoWriter
+
+
+class FullDisk:
+    """An encoder that goes on as if nothing were wrong when nothing fits on the disk any more, as OpenCV's do.
+
+    The file keeps so much of its content, and so many frames.
+    """
+
+    kept, frames = 1.0, 1000
+    fourcc = staticmethod(ENCODER.fourcc)
+
+    def __init__(self, file: str, *options: Any) -> None:
+        self._file, self._encoder = Path(file), ENCODER(file, *options)
+
+    def isOpened(self) -> bool:
+        return self._encoder.isOpened()
+
+    def write(self, image: np.ndarray) -> None:
+        if self.frames > 0:
+            self._encoder.write(image)
+        self.frames -= 1
+
+    def release(self) -> None:
+        self._encoder.release()
+        content = self._file.read_bytes()
+        self._file.write_bytes(content[: int(self.kept * len(content))])
+
+
+@pytest.mark.parametrize("fault", [{"kept": 0.0}, {"kept": 0.5}, {"kept": 0.9}, {"frames": 4}])
+def test_a_video_that_lacks_frames_does_not_appear(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, fault: dict[str, float]
+) -> None:
+    images, path = pictures(), tmp_path / "a.mp4"
+    before = write(path, images[:2]).read_bytes()
+    monkeypatch.setattr(cv2, "VideoWriter", type("Encoder", (FullDisk,), fault))
+    with VideoWriter(path) as video:
+        for image in images:
+            video.write(image)
+    assert caplog.messages == [f"{path} is not written: OpenCV's encoder failed, the disk may be full."]
+    assert [file.name for file in tmp_path.iterdir()] == ["a.mp4"]
+    assert path.read_bytes() == before
 
 
 def test_without_an_encoder_it_is_said(

@@ -61,11 +61,16 @@ class ViewerFile:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self.stream.flush()
-        self.stream.disconnect()
-        if kind is None:
-            os.replace(self._unfinished, self.path)
-        else:
+        try:
+            self.stream.flush()
+            self.stream.disconnect()
+            if kind is None:
+                os.replace(self._unfinished, self.path)
+        except Exception as error:  # as above; its words name no cause
+            if kind is None:  # an error that came first is the one to tell
+                said = " ".join(str(error).split())
+                raise DeuxError(f"{self.path} cannot be written, the disk may be full: {said}.") from error
+        finally:
             with suppress(OSError):
                 self._unfinished.unlink()
 

@@ -7,7 +7,7 @@ import pytest
 
 from deux.data.frame_stream import RecordedFrame
 from deux.errors import DeuxError
-from deux.figures.viewer_recording import PredictionRecording, check_viewer
+from deux.figures.viewer_recording import PredictionRecording, ViewerFile, check_viewer
 from deux.geometry.camera import Camera
 from deux.geometry.point_cloud import PointCloud
 from deux.geometry.poses import camera_pose
@@ -73,6 +73,29 @@ def test_an_error_leaves_no_file(tmp_path: Path, read_recording) -> None:
 
     with pytest.raises(ZeroDivisionError):
         fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("earlier", [False, True])
+def test_a_file_that_cannot_be_finished_is_one_sentence_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, earlier: bool
+) -> None:
+    """On a full disk the writer's thread ends, and who waits for it is told so, whatever went wrong before."""
+
+    blueprint = pytest.importorskip("rerun.blueprint")
+
+    def fail() -> None:
+        raise RuntimeError("File-writer thread shut down prematurely")
+
+    def record() -> None:
+        with ViewerFile(tmp_path / "a.rrd", "walk", blueprint.Blueprint()) as file:
+            monkeypatch.setattr(file.stream, "flush", fail)
+            if earlier:
+                raise ZeroDivisionError
+
+    sentence = r"a\.rrd cannot be written, the disk may be full: File-writer thread shut down prematurely\."
+    with pytest.raises(ZeroDivisionError if earlier else DeuxError, match=None if earlier else sentence):
+        record()
     assert list(tmp_path.iterdir()) == []
 
 

@@ -69,25 +69,7 @@ def build_dataset(
         log.info("collecting %s", spec.folder_name)
         make_folder(partial / "data")
         clock = _Clock()
-        _check_names(spec, [scene.name for scene in spec.scenes])
-        floors = count_all_floors(spec.scenes, partial / _FLOORS, make_simulator, execute, progress)
-        _check_names(spec, [place_name(scene, k) for scene in spec.scenes for k in range(floors[scene.name])])
-        if spec.explorer == VIEWPOINTS:
-            collect_viewpoints(_viewpoint_plans(spec, partial, floors), make_simulator, execute, progress)
-        else:
-            assert make_explorer is not None
-            explore(
-                _episode_plans(spec, partial, floors),
-                make_simulator,
-                make_explorer,
-                predict_depth,
-                sparse=spec.sparse,
-                uncertainty=spec.uncertainty.create() if spec.uncertainty else None,
-                correct_depth=spec.correct_depth,
-                batch_size=spec.batch_size,
-                execute=execute,
-                progress=progress,
-            )
+        _explore(spec, partial, make_simulator, make_explorer, predict_depth, progress, execute)
         clock.lap("exploration")
         _prepare(spec, partial, clock, progress)
         shutil.rmtree(partial / _FLOORS, ignore_errors=True)
@@ -122,6 +104,37 @@ def frame_count(dataset: Path, choice: SourceChoice) -> int:
     if type(count) is not int or count < 0:
         raise DeuxError(f"{dataset / MANIFEST} is damaged: it does not say how many triplets there are.")
     return count
+
+
+def _explore(
+    spec: DatasetSpec,
+    partial: Path,
+    make_simulator: MakeSimulator,
+    make_explorer: MakeExplorer | None,
+    predict_depth: DepthPredictor | None,
+    progress: Progress,
+    execute: Executor,
+) -> None:
+    """Stage 1: the frames of all episodes, or of all viewpoints."""
+    _check_names(spec, [scene.name for scene in spec.scenes])
+    floors = count_all_floors(spec.scenes, partial / _FLOORS, make_simulator, execute, progress)
+    _check_names(spec, [place_name(scene, k) for scene in spec.scenes for k in range(floors[scene.name])])
+    if spec.explorer == VIEWPOINTS:
+        collect_viewpoints(_viewpoint_plans(spec, partial, floors), make_simulator, execute, progress)
+        return
+    assert make_explorer is not None
+    explore(
+        _episode_plans(spec, partial, floors),
+        make_simulator,
+        make_explorer,
+        predict_depth,
+        sparse=spec.sparse,
+        uncertainty=spec.uncertainty.create() if spec.uncertainty else None,
+        correct_depth=spec.correct_depth,
+        batch_size=spec.batch_size,
+        execute=execute,
+        progress=progress,
+    )
 
 
 def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progress) -> None:

@@ -58,7 +58,7 @@ def study_uncertainty(
     seed: int,
     steps: int,
     guidance: PluginChoice | None = None,
-    show: ShowSamples = lambda samples: None,
+    show: ShowSamples | None = None,
     progress: Progress = ignore_progress,
     correct_depth: bool = False,
 ) -> UncertaintyStudy:
@@ -94,13 +94,7 @@ def study_uncertainty(
     floors = count_all_floors(scenes, folder / "floors", simulation.make)
     places = [(scene, floor) for scene in scenes for floor in range(floors[scene.name])]
     for number, (scene, floor) in enumerate(places):
-        record = folder / f"{place_name(scene, floor)}.json"
-        if not record.exists():
-            found, samples = walks.judge(scene, floor)
-            if number == 0 and samples:
-                show(samples)
-            write_json(record, asdict(found))
-        judged.append(_read(record))
+        judged.append(walks.kept(folder, scene, floor, None if number else show))
         progress("scenes", number + 1, len(places))
     study = UncertaintyStudy(judged, list(made))
     if study.count() == 0:
@@ -121,6 +115,16 @@ class _Walks:
     measures: Mapping[str, Uncertainty]
     seed: int
     steps: int
+
+    def kept(self, folder: Path, scene: SceneReference, floor: int, show: ShowSamples | None) -> JudgedWalk:
+        """The walk on a floor of a scene as its file in a folder has it; without a file it is taken and kept first."""
+        record = folder / f"{place_name(scene, floor)}.json"
+        if not record.exists():
+            found, samples = self.judge(scene, floor)
+            if show is not None and samples:
+                show(samples)
+            write_json(record, asdict(found))
+        return _read(record)
 
     def judge(self, scene: SceneReference, floor: int) -> tuple[JudgedWalk, list[JudgedSample]]:
         """Let the explorer walk on a floor of a scene, and judge every frame that has all its source frames."""

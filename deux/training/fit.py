@@ -2,7 +2,8 @@
 
 import logging
 import signal
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.network_compilation import compiled
 from deux.training.network_precision import network_precision
-from deux.training.objective import make_objective
+from deux.training.objective import Objective, make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.rank_failures import EndTogether
 from deux.training.training_settings import TrainingSettings
@@ -65,24 +66,8 @@ def fit(
         DeuxError: an option is wrong, a dataset is broken, or the loss is not finite.
     """
     seed_everything(seed, workers=True, verbose=False)
-    supervised = model.supervised or settings.supervised
-    terms = make_objective(model, objective, supervised)
-    data = TripletDataModule(
-        model,
-        train,
-        validation,
-        batch_size=settings.batch_size,
-        crop=settings.crop,
-        seed=seed,
-        num_workers=settings.num_workers,
-        cache=cache,
-        offsets=settings.offsets,
-        choice=settings.sources,
-        sources=terms.needs_reconstructions,
-        poses=terms.needs_reconstructions and pose == "simulator",
-        supervised=supervised,
-        augmentation=settings.augmentation,
-    )
+    terms = make_objective(model, objective, model.supervised or settings.supervised)
+    data = _data_module(model, train, validation, settings, terms, pose, seed, cache)
     module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics, _graphed(settings))
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}
     kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
@@ -97,16 +82,13 @@ def fit(
         }
     )
     log.info(_arithmetic(trainer, settings))
-    try:
-        with (
-            tf32_convolutions(settings.tf32),
-            compiled(_compilable(module, pose, trainer.strategy.root_device), settings.compile),
-            resumed.restoring(),
-        ):
-            trainer.fit(module, datamodule=data, ckpt_path=resumed.point, weights_only=True)
-    except SystemExit as ended:  # Lightning's answer to Ctrl-C, from which it is deaf to that key
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        raise KeyboardInterrupt from ended
+    with (
+        _interruptible(),
+        tf32_convolutions(settings.tf32),
+        compiled(_compilable(module, pose, trainer.strategy.root_device), settings.compile),
+        resumed.restoring(),
+    ):
+        trainer.fit(module, datamodule=data, ckpt_path=resumed.point, weights_only=True)
     return model.eval()
 
 
@@ -120,6 +102,45 @@ def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
         others = {name: value for name, value in arguments.items() if name != "precision"}
         arguments = {**others, "plugins": [*(arguments.get("plugins") or []), plugin]}
     return lightning_object(Trainer, arguments, "trainer")
+
+
+def _data_module(
+    model: DepthModel,
+    train: Sequence[Reader],
+    validation: Sequence[Reader],
+    settings: TrainingSettings,
+    terms: Objective,
+    pose: PoseKind,
+    seed: int,
+    cache: CacheChoice,
+) -> TripletDataModule:
+    """The frames of a training; nothing is read of them that its objective does not need."""
+    return TripletDataModule(
+        model,
+        train,
+        validation,
+        batch_size=settings.batch_size,
+        crop=settings.crop,
+        seed=seed,
+        num_workers=settings.num_workers,
+        cache=cache,
+        offsets=settings.offsets,
+        choice=settings.sources,
+        sources=terms.needs_reconstructions,
+        poses=terms.needs_reconstructions and pose == "simulator",
+        supervised=model.supervised or settings.supervised,
+        augmentation=settings.augmentation,
+    )
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C as a KeyboardInterrupt: Lightning makes a SystemExit of it, and is deaf to the key from then on."""
+    try:
+        yield
+    except SystemExit as ended:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        raise KeyboardInterrupt from ended
 
 
 def _compilable(module: DepthCompletion, pose: PoseKind, device: torch.device) -> list[nn.Module]:

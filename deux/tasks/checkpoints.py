@@ -38,7 +38,7 @@ def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthMode
     """
     file = named_path(path)
     if file.suffix == PUBLISHED_SUFFIX:
-        return published.name, load_published(published.name, file, settings=published.settings)
+        return published.name, load_published(published.name, file, settings=published.chosen)
     if file.suffix == RESUME_SUFFIX:
         raise DeuxError(f"{file} is for resuming a training: name the {MODEL_FILE} of a run folder, or the folder.")
     return model_name(file), load_model(file)

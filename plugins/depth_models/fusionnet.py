@@ -37,8 +37,11 @@ class FusionNet(DepthModel):
         scaffnet_pools: ScaffNet's `pools`.
         scaffnet_filters: ScaffNet's `filters`.
         scaffnet_decoder_filters: ScaffNet's `decoder_filters`.
-        min_depth: nearest predicted depth in metres, ScaffNet's too.
-        max_depth: farthest predicted depth in metres, ScaffNet's too.
+        min_depth: nearest predicted depth in metres.
+        max_depth: farthest predicted depth in metres.
+        scaffnet_min_depth: ScaffNet's `min_depth`; None for FusionNet's own.
+        scaffnet_max_depth: ScaffNet's `max_depth`; None for FusionNet's own. The published ones differ: 10 m on VOID,
+            where FusionNet has 8, and 80 on KITTI, where it has 100.
         margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
             depth loses again, as KBNet's. ScaffNet sees the extended points too; 0 is the published network.
     """
@@ -64,6 +67,8 @@ class FusionNet(DepthModel):
         scaffnet_decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 32),
         min_depth: float = 0.1,
         max_depth: float = 10.0,
+        scaffnet_min_depth: float | None = None,
+        scaffnet_max_depth: float | None = None,
         margin: int = 0,
     ) -> None:
         super().__init__()
@@ -79,9 +84,10 @@ class FusionNet(DepthModel):
             "pools": scaffnet_pools,
             "filters": scaffnet_filters,
             "decoder_filters": scaffnet_decoder_filters,
-            "min_depth": min_depth,
-            "max_depth": max_depth,
+            "min_depth": min_depth if scaffnet_min_depth is None else scaffnet_min_depth,
+            "max_depth": max_depth if scaffnet_max_depth is None else scaffnet_max_depth,
         }
+        check_depth_range(self.scaffnet_settings["min_depth"], self.scaffnet_settings["max_depth"], "scaffnet_")
         self.scaffnet = ScaffNet(**self.scaffnet_settings).requires_grad_(False).eval()
         self.encoder_image = VGGEncoder(3, image_filters)
         self.encoder_depth = VGGEncoder(2, depth_filters)

@@ -11,12 +11,11 @@ FARTHEST, NEAREST = 5e-4, 0.95
 """Nearness beyond which the gradient is that of these values: within about 5 % of the ends of 0.1 to 10 m."""
 
 
-def check_depth_range(min_depth: float, max_depth: float) -> None:
-    """Raise DeuxError unless 0 < min_depth < max_depth."""
+def check_depth_range(min_depth: float, max_depth: float, prefix: str = "") -> None:
+    """Raise DeuxError unless 0 < min_depth < max_depth; `prefix` begins the names of the two options."""
     if not 0.0 < min_depth < max_depth:
-        raise DeuxError(
-            f"min_depth={min_depth} and max_depth={max_depth} are no depth range: 0 < min_depth < max_depth (metres)."
-        )
+        near, far = f"{prefix}min_depth", f"{prefix}max_depth"
+        raise DeuxError(f"{near}={min_depth} and {far}={max_depth} are no depth range: 0 < {near} < {far} (metres).")
 
 
 def depth_from_nearness(nearness: Tensor, min_depth: float, max_depth: float) -> Tensor:

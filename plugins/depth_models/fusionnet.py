@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from deux.contracts import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux.geometry.sliding_max import sliding_max
 from deux_plugins.depth_models.parts.decoder import Decoder
-from deux_plugins.depth_models.parts.depth_range import check_depth_range
+from deux_plugins.depth_models.parts.depth_range import check_depth_range, recoverable_clamp
 from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
 from deux_plugins.depth_models.parts.margin import check_margin, crop, repeat_edge, surround_with_zeros
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
@@ -119,8 +119,8 @@ class FusionNet(DepthModel):
         joins = [*([skip] for skip in reversed(skips)), []]
         logits, offset = self.decoder(latent, joins, [*sizes(features), full_size]).split(1, dim=1)
         factor = MIN_FACTOR + (MAX_FACTOR - MIN_FACTOR) * torch.sigmoid(logits)
-        depth = factor * scaffold + offset.clamp(-MAX_OFFSET, MAX_OFFSET)
-        depth = depth.clamp(self.min_depth, self.max_depth)
+        depth = factor * scaffold + recoverable_clamp(offset, -MAX_OFFSET, MAX_OFFSET)
+        depth = recoverable_clamp(depth, self.min_depth, self.max_depth)
         return Prediction(crop(depth, margin), {"prior": crop(prior, margin)})
 
     def augmentation(self) -> Sequence[Augmentation]:

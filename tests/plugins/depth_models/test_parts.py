@@ -12,7 +12,7 @@ from deux.inference.prediction import prepared_inputs
 from deux.registry import registry
 from deux_plugins.depth_models.parts.convolution import Convolution, ConvolutionBlock
 from deux_plugins.depth_models.parts.decoder import Decoder, UpConvolution, convolve_to_few_channels
-from deux_plugins.depth_models.parts.depth_range import depth_from_logits, nearness_from_logits
+from deux_plugins.depth_models.parts.depth_range import depth_from_logits, nearness_from_logits, recoverable_clamp
 from deux_plugins.depth_models.parts.pooling import sliding_min_of_points
 from deux_plugins.depth_models.parts.pose_matrix import pose_matrix, rotation_matrix
 from deux_plugins.depth_models.parts.pose_network import seven_convolution_pose_network
@@ -87,19 +87,45 @@ def test_the_gradient_is_the_sigmoids_but_for_the_ends_where_it_does_not_vanish(
     torch.testing.assert_close(gradient(nearness_from_logits, beyond), ends * (1 - ends))
 
 
+def test_what_left_the_range_is_led_back_into_it_and_no_further_out():
+    values = torch.tensor([-3.0, -3.0, 0.6, 0.6, 1.0, 1.9, 1.9, 7.0, 7.0], requires_grad=True)
+    upstream = torch.tensor([-1.5, 1.5, -1.5, 1.5, -1.5, 1.5, -1.5, 1.5, -1.5])
+    clamped = recoverable_clamp(values, 0.5, 2.0)
+    assert torch.equal(clamped, values.clamp(0.5, 2.0))
+    (found,) = torch.autograd.grad(clamped, values, upstream)
+    inside = (values > 0.5) & (values < 2.0)
+    (plain,) = torch.autograd.grad(values.clamp(0.5, 2.0), values, upstream)
+    assert torch.equal(found[inside], plain[inside])
+    # A step against the gradient makes what is too low higher, and what is too high lower.
+    assert found[~inside].tolist() == [-1.5, 0.0, 1.5, 0.0]
+    with torch.no_grad():
+        assert torch.equal(recoverable_clamp(values, 0.5, 2.0), clamped)
+
+
 SMALL = {
     "kbnet": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8, 8, 8, 8, 4)},
     "voiced": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8,) * 4},
     "scaffnet": {"filters": (4, 4, 8, 8, 8), "decoder_filters": (8, 8, 8, 8, 4)},
+    "fusionnet": {
+        "image_filters": (4, 8, 8, 8, 8),
+        "depth_filters": (4,) * 5,
+        "decoder_filters": (8, 8, 8, 8, 4),
+        "scaffnet_filters": (4, 4, 8, 8, 8),
+        "scaffnet_decoder_filters": (8, 8, 8, 8, 4),
+    },
 }
+
+NEAR_END = {"kbnet": 0.1 / 1.01, "voiced": 0.1 / 1.01, "scaffnet": 0.1 / 1.01, "fusionnet": 0.1}
+"""Of the models that end in a sigmoid it lies slightly below the nearest depth; FusionNet's is clamped to that."""
 
 
 @pytest.mark.parametrize("model", SMALL)
 def test_a_saturated_network_comes_back(model):
-    """All depth is at the near end, far beyond where the sigmoid has a gradient: the points pull it back."""
+    """All depth is at the near end, far beyond where the published output has a gradient: the points pull it back."""
     torch.manual_seed(0)
     network = registry().create("depth_models", model, SMALL[model]).train()
-    network.decoder.register_forward_hook(lambda decoder, inputs, logits: logits + 20.0)
+    shift = -20.0 if model == "fusionnet" else 20.0  # metres; nearness
+    network.decoder.register_forward_hook(lambda decoder, inputs, output: output + shift)
     truth = torch.full((1, 1, 64, 64), 2.0)
     points = torch.where(torch.rand_like(truth) < 0.05, truth, 0.0)
     intrinsics = torch.tensor([[[32.0, 0.0, 31.5], [0.0, 32.0, 31.5], [0.0, 0.0, 1.0]]])
@@ -113,7 +139,7 @@ def test_a_saturated_network_comes_back(model):
         (depth - truth).abs()[points > 0].mean().backward()
         optimizer.step()
         depths.append(float(depth.detach().mean()))
-    assert depths[0] == pytest.approx(0.1 / 1.01, rel=1e-4)
+    assert depths[0] == pytest.approx(NEAR_END[model], rel=1e-4)
     assert max(depths) > 0.15
 
 

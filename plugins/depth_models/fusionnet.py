@@ -12,6 +12,7 @@ from deux_plugins.depth_models.parts.decoder import Decoder
 from deux_plugins.depth_models.parts.depth_range import check_depth_range, recoverable_clamp
 from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
 from deux_plugins.depth_models.parts.margin import check_margin, crop, repeat_edge, surround_with_zeros
+from deux_plugins.depth_models.parts.pooling import check_windows
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
 from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 from deux_plugins.depth_models.scaffnet import ScaffNet
@@ -33,7 +34,8 @@ class FusionNet(DepthModel):
         image_filters: channels of the image encoder at its five levels.
         depth_filters: channels of the depth encoder at its five levels.
         decoder_filters: channels of the decoder's five levels.
-        scale_window: side of the window, pixels, in which a sparse point sets the scale of ScaffNet's depth.
+        scale_window: side of the window, an odd number of pixels, in which a sparse point sets the scale of ScaffNet's
+            depth.
         scaffnet_pools: ScaffNet's `pools`.
         scaffnet_filters: ScaffNet's `filters`.
         scaffnet_decoder_filters: ScaffNet's `decoder_filters`.
@@ -79,6 +81,7 @@ class FusionNet(DepthModel):
         self.max_depth = max_depth
         check_margin(margin)
         self.margin = margin
+        check_windows("model.scale_window", (scale_window,))
         self.scale_window = scale_window
         self.scaffnet_settings: dict[str, Any] = {
             "pools": scaffnet_pools,

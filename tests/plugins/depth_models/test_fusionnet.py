@@ -131,3 +131,9 @@ def test_outliers_set_no_scale():
     prediction = model(**data, validity=validity)
     assert torch.equal(seen[0][:, :1], prediction.extras["prior"])
     assert not seen[0][:, 1:].any()
+
+
+@pytest.mark.parametrize("window", [4, 0, -1])
+def test_a_window_without_a_centre_is_refused(window):
+    with pytest.raises(DeuxError, match=rf"model\.scale_window holds the window {window}: windows are odd numbers"):
+        FusionNet(scale_window=window)

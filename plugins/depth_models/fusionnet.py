@@ -115,7 +115,8 @@ class FusionNet(DepthModel):
             prior = self.scaffnet(image, sparse_depth, validity, intrinsics).depth
         points = sparse_depth * validity
         scaffold = match_scale(prior, points, self.scale_window)
-        depth_inputs = torch.cat([scaffold, points.clamp(max=self.max_depth)], dim=1)
+        # ScaffNet's depth is float32 also where the networks compute in half precision.
+        depth_inputs = torch.cat([scaffold, points.clamp(max=self.max_depth)], dim=1).to(image.dtype)
         features = joined(self.encoder_image(image), self.encoder_depth(depth_inputs))
         *skips, latent = features
         full_size = (image.shape[2], image.shape[3])

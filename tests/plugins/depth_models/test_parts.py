@@ -63,6 +63,13 @@ def test_a_decoder_gives_the_same_in_training_and_in_evaluation():
     torch.testing.assert_close(trained, evaluated)
 
 
+def test_a_decoder_ends_in_the_convolution_of_its_output_layer():
+    torch.manual_seed(0)
+    decoder, latent = Decoder(8, [0], [6], out_channels=2).eval(), torch.randn(1, 8, 5, 6)
+    features = decoder.get_submodule("deconv4")(latent, (), (10, 12))
+    assert torch.equal(decoder(latent, [()], [(10, 12)]), decoder.output(features))
+
+
 def test_last_convolution_of_a_block_has_the_stride():
     block = ConvolutionBlock(3, 8, convolutions=2, stride=2)
     assert [layer.conv.stride for layer in block.conv_block] == [(1, 1), (2, 2)]
@@ -114,6 +121,26 @@ SMALL = {
         "scaffnet_decoder_filters": (8, 8, 8, 8, 4),
     },
 }
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-5), (torch.float16, 1e-2), (torch.bfloat16, 5e-2)])
+@pytest.mark.parametrize("margin", [0, 4])
+@pytest.mark.parametrize("model", SMALL)
+def test_a_network_is_converted_as_a_whole(model, margin, dtype, tolerance):
+    """In evaluation; depth is at least float32."""
+    torch.manual_seed(0)
+    network = registry().create("depth_models", model, {**SMALL[model], "margin": margin}).eval()
+    points = torch.where(torch.rand(2, 1, 64, 64) < 0.05, 2.0, 0.0)
+    intrinsics = torch.tensor([[32.0, 0.0, 31.5], [0.0, 32.0, 31.5], [0.0, 0.0, 1.0]]).expand(2, 3, 3)
+    inputs = (torch.rand(2, 3, 64, 64), points, (points > 0).float(), intrinsics)
+    prepared = prepared_inputs(network, points)
+    with torch.no_grad():
+        expected = network(*inputs, **prepared).depth
+        converted = {name: value.to(dtype) for name, value in prepared.items()}
+        depth = network.to(dtype)(*(x.to(dtype) for x in inputs), **converted).depth
+    assert depth.dtype == torch.promote_types(dtype, torch.float32)
+    torch.testing.assert_close(depth.float(), expected, rtol=tolerance, atol=0.0)
+
 
 NEAR_END = {"kbnet": 0.1 / 1.01, "voiced": 0.1 / 1.01, "scaffnet": 0.1 / 1.01, "fusionnet": 0.1}
 """Of the models that end in a sigmoid it lies slightly below the nearest depth; FusionNet's is clamped to that."""

@@ -97,15 +97,22 @@ class PluginChoice:
         kind: a key of `KINDS`.
         name: its registered name.
         settings: every option, defaults included; JSON values.
+        defaulted: names of the options that nobody chose.
     """
 
     kind: str
     name: str
     settings: Mapping[str, Any]
+    defaulted: frozenset[str] = field(default=frozenset(), compare=False)
 
     def create(self, *given: Any) -> Any:
         """Make the plugin, anew at each call; `given` as in `Registry.create`."""
         return registry().create(self.kind, self.name, self.settings, *given)
+
+    @property
+    def chosen(self) -> dict[str, Any]:
+        """The options that were chosen, without those that are left to their defaults."""
+        return {name: value for name, value in self.settings.items() if name not in self.defaulted}
 
     @property
     def description(self) -> dict[str, Any]:
@@ -194,7 +201,8 @@ class Registry:
             settings.pop(option, None)
         if name is None:
             raise DeuxError(f"{where}.name is missing: choose one with {where}=<name>.")
-        return PluginChoice(kind, name, full_settings(self.get(kind, name), settings, where, KINDS[kind].given))
+        full = full_settings(self.get(kind, name), settings, where, KINDS[kind].given)
+        return PluginChoice(kind, name, full, frozenset(full.keys() - settings.keys()))
 
     def register(self, kind: str, name: str, cls: type) -> Plugin:
         """Add a plugin by hand, for this process only: for tests and notebooks.

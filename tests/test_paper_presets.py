@@ -4,6 +4,7 @@ import pytest
 import trimesh
 
 from deux.collection.collect_settings import CollectSettings
+from deux.collection.sparse import SparseSettings, point_count
 from deux.configuration import compose
 from deux.contracts import Robot
 from deux.geometry.camera import Camera
@@ -37,6 +38,8 @@ def test_the_settings_are_the_papers(preset):
     assert (robot.radius, robot.height, robot.camera_height) == (0.1, 1.5, 1.25)
     assert (robot.forward_step, robot.turn_angle) == (0.25, 10.0)
     assert construct(CollectSettings, cfg.collect, "collect").steps == 500
+    sparse = construct(SparseSettings, cfg.sampling, "sampling")
+    assert point_count((camera.height, camera.width), sparse) == 1500
     training = construct(TrainingSettings, cfg.training, "training")
     assert (training.epochs, training.steps, training.crop) == (25, None, (384, 384))
     rates = [training.learning_rate * training.factor(0, float("inf"), epoch) for epoch in range(training.epochs)]
@@ -62,6 +65,14 @@ def test_every_model_is_the_published_one_at_the_papers_rate(preset, model):
     assert cfg.model.margin == 0
     training = cfg.training
     assert (training.learning_rate, training.batch_size) == (1e-4, 8)
+
+
+@pytest.mark.parametrize("preset", ["paper_mp3d", "paper_hm3d"])
+def test_the_published_start_is_an_option_away(preset):
+    """As the presets' comments and docs/scans.md say."""
+    for start, chosen in (("he", []), ("glorot", ["model.first_weights=glorot"])):
+        cfg = compose([f"experiment={preset}", "scenes.root=scans", *chosen])
+        assert registry().choose("depth_models", cfg.model).settings["first_weights"] == start
 
 
 @pytest.mark.parametrize(

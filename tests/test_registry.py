@@ -202,3 +202,10 @@ def test_reserved_options_reach_no_plugin() -> None:
     assert registry().choose("readers", {"name": "deux", "cache": "device"}).settings.keys().isdisjoint({"cache"})
     with pytest.raises(DeuxError, match=r"data.*cach"):
         registry().choose("readers", {"name": "deux", "cach": "device"})
+
+
+def test_a_choice_knows_what_was_chosen() -> None:
+    choice = registry().choose("depth_models", {"name": "kbnet", "max_depth": 10, "margin": 4})
+    assert choice.chosen == {"max_depth": 10.0, "margin": 4}
+    assert choice.chosen.keys() < choice.settings.keys()
+    assert choice.create().max_depth == 10.0

@@ -1,10 +1,11 @@
 """Checkpoint files as the authors of the depth models published them: read and written."""
 
 import copy
+import functools
 import io
+import logging
 import os
 from collections.abc import Mapping
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -20,6 +21,7 @@ from deux.errors import DeuxError
 from deux.inference.weightless import without_weights
 from deux.io.atomic import write_atomically
 from deux.io.torch_files import read_torch
+from deux.options import options
 from deux.registry import registry
 
 PREFIX = "module."
@@ -27,6 +29,11 @@ PREFIX = "module."
 
 PUBLISHED_FILE = "model.pth"
 """Name of an exported checkpoint in a run folder."""
+
+RANGE_OPTIONS = frozenset({"min_depth", "max_depth"})
+"""Options of a model that its published files were trained with and do not hold."""
+
+log = logging.getLogger(__name__)
 
 
 @runtime_checkable
@@ -50,8 +57,9 @@ def load_published(
         path: the published checkpoint, such as kbnet-void1500.pth.
         pose_path: the published checkpoint of its pose network. With it, every call of `model.pose_network()` returns
             a new pose network with these weights, in eval mode.
-        settings: options of the model where the checkpoint was trained with other than the defaults. What is among the
-            model's `published_options` is left to the model.
+        settings: options of the model where the checkpoint was trained with other than the defaults, its range of
+            depths above all (docs/using-a-model.md): the file does not hold them. What is among the model's
+            `published_options` is left to the model. A warning is logged where the range is left to the defaults.
 
     Returns:
         The model on the CPU, in eval mode.
@@ -60,23 +68,29 @@ def load_published(
         DeuxError: a file cannot be read or is not a checkpoint of this model, or of its pose network.
 
     Example:
-        >>> model = deux.load_published("kbnet", "kbnet-void1500.pth")
+        >>> model = deux.load_published("kbnet", "kbnet-void1500.pth", settings={"max_depth": 8.0})
         >>> depth = deux.predict(image, sparse_depth, intrinsics, model=model)
     """
     model_class: type[DepthModel] = registry().get("depth_models", name)
-    options = {**(settings or {}), **model_class.published_options}
-    model: DepthModel = registry().create("depth_models", name, options)
+    chosen = {**(settings or {}), **model_class.published_options}
+    model: DepthModel = registry().create("depth_models", name, chosen)
     if not model.published_modules():
         raise DeuxError(f"the depth model {name!r} has no published checkpoints: deux.load(path) reads our own.")
     _load(model, Path(path), name)
+    if RANGE_OPTIONS & options(model_class).keys() and not RANGE_OPTIONS & chosen.keys():
+        _warn_once(
+            f"{path} does not say which range of depths it was trained with, and {name}'s default, {model.min_depth:g} "
+            f"to {model.max_depth:g} m, gives wrong depths if that was another one: name it, by "
+            'settings={"max_depth": ...} or on the command line model.max_depth=..., even if it is the default.'
+        )
     if pose_path is not None:
         pose = model.pose_network()
         if not isinstance(pose, Published):
             raise DeuxError(f"the depth model {name!r} has no published pose network: leave pose_path out.")
         _load(pose, Path(pose_path), f"{name}'s pose network")
         assert isinstance(pose, nn.Module)
-        model.pose_network = partial(copy.deepcopy, pose.eval())
-    return bind_save_pretrained(model.eval(), ModelConfig(name, options, __version__))
+        model.pose_network = functools.partial(copy.deepcopy, pose.eval())
+    return bind_save_pretrained(model.eval(), ModelConfig(name, chosen, __version__))
 
 
 def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> None:
@@ -103,6 +117,12 @@ def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> N
     content = io.BytesIO()
     torch.save(checkpoint, content)
     write_atomically(Path(path), content.getvalue())
+
+
+@functools.cache
+def _warn_once(sentence: str) -> None:
+    """Log a sentence, once in each process: a task may load its model several times."""
+    log.warning("%s", sentence)
 
 
 def _load(target: Published, path: Path, label: str) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthMode
     """
     file = named_path(path)
     if file.suffix == PUBLISHED_SUFFIX:
-        return published.name, load_published(published.name, file, settings=published.settings)
+        return published.name, load_published(published.name, file, settings=published.chosen)
     if file.suffix == RESUME_SUFFIX:
         raise DeuxError(f"{file} is for resuming a training: name the {MODEL_FILE} of a run folder, or the folder.")
     return model_name(file), load_model(file)
@@ -82,15 +83,45 @@ def load_start(model: PluginChoice, path: str) -> DepthModel:
     name, trained = load_named_model(model, path)
     if name != model.name:
         raise DeuxError(f"training.start={path} is a {name}, and a {model.name} is to be trained: choose model={name}.")
-    file = named_path(path)
-    theirs = model.settings if file.suffix == PUBLISHED_SUFFIX else model_config(file).settings
-    different = [f"{key}={theirs.get(key)!r}" for key, value in model.settings.items() if theirs.get(key) != value]
-    if different:
+    if different := _different_options(named_path(path), model.settings):
         raise DeuxError(
-            f"training.start={path} was made with other options of {name} ({', '.join(different)}): set them alike, "
+            f"training.start={path} was made with other options of {name} ({different}): set them alike, "
             "model.<option>=..., or start from other weights."
         )
     return trained
+
+
+def check_foundation(foundation: PluginChoice, model: str, path: str) -> None:
+    """Refuse a foundation (`foundation.checkpoint`) that another model than the one to be trained would be built on.
+
+    Only its file is looked at: whether its weights fit is for who loads them to say.
+
+    Args:
+        foundation: what the model to be trained is built on. The options that were chosen for it count; the others,
+            such as a margin, are of no account inside that model or change the shape of weights.
+        model: registered name of the model to be trained.
+        path: as of `load_named_model`.
+
+    Raises:
+        DeuxError: there is no model there, or it has other options.
+    """
+    file = weights_file(named_path(path))
+    if file.suffix in (PUBLISHED_SUFFIX, RESUME_SUFFIX) or model_name(file) != foundation.name:
+        return
+    if different := _different_options(file, foundation.chosen):
+        raise DeuxError(
+            f"foundation.checkpoint={path} was made with other options of {foundation.name} ({different}) than the one "
+            f"that {model} is built on: set those of {model} that make it alike, model.<option>=..., or name another."
+        )
+
+
+def _different_options(file: Path, settings: Mapping[str, Any]) -> str:
+    """The options of a model file that are not as in `settings`, as "name=value, ..."; "" if all are.
+
+    A published file holds none: it is read with those that are asked for.
+    """
+    theirs = settings if file.suffix == PUBLISHED_SUFFIX else model_config(file).settings
+    return ", ".join(f"{key}={theirs.get(key)!r}" for key, value in settings.items() if theirs.get(key) != value)
 
 
 def is_pretrained(model: PluginChoice) -> bool:

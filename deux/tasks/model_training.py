@@ -19,7 +19,7 @@ from deux.io.layout import SourceChoice
 from deux.io.locking import locked
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
-from deux.tasks.checkpoints import load_named_model, load_start, named_path, weights_identity
+from deux.tasks.checkpoints import check_foundation, load_named_model, load_start, named_path, weights_identity
 from deux.tasks.console import quieten_trainer, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.recorded_frames import Needs
@@ -279,6 +279,7 @@ class Training:
             return None
         chosen = self._foundation
         if chosen.checkpoint is not None:
+            check_foundation(_choice(foundation), recipe.model.name, chosen.checkpoint)
             return weights_file(named_path(chosen.checkpoint))
         say(
             f"  {recipe.model.name} is built on {foundation.name}, which learns from synthetic scenes first "
@@ -301,6 +302,9 @@ class Training:
             load_start(self.recipe.model, self.recipe.training.start)
         if self._foundation.checkpoint is not None:
             weights_file(named_path(self._foundation.checkpoint))
+            foundation = self.recipe.outline().foundation()
+            if foundation is not None and self.recipe.training.start is None:  # which has one inside already
+                check_foundation(_choice(foundation), self.recipe.model.name, self._foundation.checkpoint)
         if self._trainer.keys() <= _ALWAYS_TAKEN.keys() and all(
             value in _ALWAYS_TAKEN[name] for name, value in self._trainer.items()
         ):

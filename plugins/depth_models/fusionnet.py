@@ -9,9 +9,10 @@ from torch import Tensor, nn
 from deux.contracts import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux.geometry.sliding_max import sliding_max
 from deux_plugins.depth_models.parts.decoder import Decoder
-from deux_plugins.depth_models.parts.depth_range import check_depth_range
+from deux_plugins.depth_models.parts.depth_range import check_depth_range, recoverable_clamp
 from deux_plugins.depth_models.parts.levels import check_levels, joined, sizes
 from deux_plugins.depth_models.parts.margin import check_margin, crop, repeat_edge, surround_with_zeros
+from deux_plugins.depth_models.parts.pooling import check_windows
 from deux_plugins.depth_models.parts.pose_network import PoseNetwork, seven_convolution_pose_network
 from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 from deux_plugins.depth_models.scaffnet import ScaffNet
@@ -33,12 +34,16 @@ class FusionNet(DepthModel):
         image_filters: channels of the image encoder at its five levels.
         depth_filters: channels of the depth encoder at its five levels.
         decoder_filters: channels of the decoder's five levels.
-        scale_window: side of the window, pixels, in which a sparse point sets the scale of ScaffNet's depth.
+        scale_window: side of the window, an odd number of pixels, in which a sparse point sets the scale of ScaffNet's
+            depth.
         scaffnet_pools: ScaffNet's `pools`.
         scaffnet_filters: ScaffNet's `filters`.
         scaffnet_decoder_filters: ScaffNet's `decoder_filters`.
-        min_depth: nearest predicted depth in metres, ScaffNet's too.
-        max_depth: farthest predicted depth in metres, ScaffNet's too.
+        min_depth: nearest predicted depth in metres.
+        max_depth: farthest predicted depth in metres.
+        scaffnet_min_depth: ScaffNet's `min_depth`; None for FusionNet's own.
+        scaffnet_max_depth: ScaffNet's `max_depth`; None for FusionNet's own. The published ones differ: 10 m on VOID,
+            where FusionNet has 8, and 80 on KITTI, where it has 100.
         margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
             depth loses again, as KBNet's. ScaffNet sees the extended points too; 0 is the published network.
     """
@@ -64,6 +69,8 @@ class FusionNet(DepthModel):
         scaffnet_decoder_filters: tuple[int, ...] = (256, 128, 128, 64, 32),
         min_depth: float = 0.1,
         max_depth: float = 10.0,
+        scaffnet_min_depth: float | None = None,
+        scaffnet_max_depth: float | None = None,
         margin: int = 0,
     ) -> None:
         super().__init__()
@@ -74,14 +81,16 @@ class FusionNet(DepthModel):
         self.max_depth = max_depth
         check_margin(margin)
         self.margin = margin
+        check_windows("model.scale_window", (scale_window,))
         self.scale_window = scale_window
         self.scaffnet_settings: dict[str, Any] = {
             "pools": scaffnet_pools,
             "filters": scaffnet_filters,
             "decoder_filters": scaffnet_decoder_filters,
-            "min_depth": min_depth,
-            "max_depth": max_depth,
+            "min_depth": min_depth if scaffnet_min_depth is None else scaffnet_min_depth,
+            "max_depth": max_depth if scaffnet_max_depth is None else scaffnet_max_depth,
         }
+        check_depth_range(self.scaffnet_settings["min_depth"], self.scaffnet_settings["max_depth"], "scaffnet_")
         self.scaffnet = ScaffNet(**self.scaffnet_settings).requires_grad_(False).eval()
         self.encoder_image = VGGEncoder(3, image_filters)
         self.encoder_depth = VGGEncoder(2, depth_filters)
@@ -106,15 +115,16 @@ class FusionNet(DepthModel):
             prior = self.scaffnet(image, sparse_depth, validity, intrinsics).depth
         points = sparse_depth * validity
         scaffold = match_scale(prior, points, self.scale_window)
-        depth_inputs = torch.cat([scaffold, points.clamp(max=self.max_depth)], dim=1)
+        # ScaffNet's depth is float32 also where the networks compute in half precision.
+        depth_inputs = torch.cat([scaffold, points.clamp(max=self.max_depth)], dim=1).to(image.dtype)
         features = joined(self.encoder_image(image), self.encoder_depth(depth_inputs))
         *skips, latent = features
         full_size = (image.shape[2], image.shape[3])
         joins = [*([skip] for skip in reversed(skips)), []]
         logits, offset = self.decoder(latent, joins, [*sizes(features), full_size]).split(1, dim=1)
         factor = MIN_FACTOR + (MAX_FACTOR - MIN_FACTOR) * torch.sigmoid(logits)
-        depth = factor * scaffold + offset.clamp(-MAX_OFFSET, MAX_OFFSET)
-        depth = depth.clamp(self.min_depth, self.max_depth)
+        depth = factor * scaffold + recoverable_clamp(offset, -MAX_OFFSET, MAX_OFFSET)
+        depth = recoverable_clamp(depth, self.min_depth, self.max_depth)
         return Prediction(crop(depth, margin), {"prior": crop(prior, margin)})
 
     def augmentation(self) -> Sequence[Augmentation]:

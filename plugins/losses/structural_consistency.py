@@ -6,6 +6,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from deux.contracts import LossInputs, LossNeed, LossTerm
+from deux.errors import DeuxError
 from deux.geometry.ssim import Border, Window, ssim, wholly_visible
 from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels, Sources
 
@@ -22,13 +23,16 @@ class StructuralConsistency(LossTerm):
         halved: use (1 - SSIM) / 2 limited to [0, 1] instead of the paper's 1 - SSIM.
         channels: take the mean of the three channels' values, or their sum.
         window: weights of the neighbourhood.
-        window_size: edge of the neighbourhood in pixels, odd.
+        window_size: edge of the neighbourhood in pixels, odd; 1 compares brightness alone.
         border: mirror the images at their edges, or compute the values where the neighbourhood fits and stretch
             their map to the image's size by nearest neighbours.
         pixels: count the pixels whose neighbourhood the source frame sees, or all.
         skip_points: leave out pixels with a valid sparse point.
         divisor: divide by the number of counted pixels, or of all pixels in the image.
         sources: count each source frame's value, or at each pixel the least of all source frames.
+
+    Raises:
+        DeuxError: the window has no centre pixel.
     """
 
     needs = frozenset({LossNeed.RECONSTRUCTIONS})
@@ -45,6 +49,10 @@ class StructuralConsistency(LossTerm):
         divisor: Divisor = "counted",
         sources: Sources = "mean",
     ) -> None:
+        if window_size < 1 or window_size % 2 == 0:
+            raise DeuxError(
+                f"objective.structural_consistency.window_size is {window_size}: it must be an odd number of pixels."
+            )
         self.halved = halved
         self.channels = channels
         self.window = window

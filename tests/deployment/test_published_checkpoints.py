@@ -50,6 +50,14 @@ class Wrapped(Two):
     published_prefix = "module."
 
 
+class WithRange(Two):
+    """A model whose depth range is an option."""
+
+    def __init__(self, min_depth: float = 0.1, max_depth: float = 10.0) -> None:
+        super().__init__()
+        self.min_depth, self.max_depth = min_depth, max_depth
+
+
 class Plain(Two):
     """A model without published checkpoints."""
 
@@ -59,10 +67,10 @@ class Plain(Two):
 
 @pytest.fixture(autouse=True)
 def _installed():
-    for name, cls in (("two", Two), ("wrapped", Wrapped), ("plain", Plain)):
+    for name, cls in (("two", Two), ("wrapped", Wrapped), ("with_range", WithRange), ("plain", Plain)):
         registry().register("depth_models", name, cls)
     yield
-    for name in ("two", "wrapped", "plain"):
+    for name in ("two", "wrapped", "with_range", "plain"):
         registry().unregister("depth_models", name)
 
 
@@ -106,6 +114,30 @@ def test_options_other_than_the_defaults(path):
         DeuxError, match=r"near_state_dict has 2 tensors of another shape \(weight: 6 x 2 instead of 4 x 2"
     ):
         deux.load_published("two", path)
+
+
+def test_a_range_that_nobody_named_is_said_once(path, caplog):
+    torch.save(checkpoint_of(Two()), path)
+    for _ in range(2):
+        assert deux.load_published("with_range", path).max_depth == 10.0
+    (message,) = caplog.messages
+    assert message.startswith(f"{path} does not say which range of depths it was trained with, and with_range's ")
+    assert "default, 0.1 to 10 m, gives wrong depths" in message
+    assert 'settings={"max_depth": ...} or on the command line model.max_depth=...' in message
+
+
+@pytest.mark.parametrize("settings", [{"max_depth": 8.0}, {"min_depth": 0.2}, {"max_depth": 10.0}], ids=str)
+def test_a_range_that_was_named_needs_no_warning(path, caplog, settings):
+    torch.save(checkpoint_of(Two()), path)
+    model = deux.load_published("with_range", path, settings=settings)
+    assert {name: getattr(model, name) for name in settings} == settings
+    assert not caplog.messages
+
+
+def test_a_model_without_a_range_to_choose_needs_no_warning(path, caplog):
+    torch.save(checkpoint_of(Two()), path)
+    deux.load_published("two", path)
+    assert not caplog.messages
 
 
 def test_a_published_model_becomes_a_folder_to_share(path, tmp_path):

@@ -5,6 +5,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import pytest
+from omegaconf import OmegaConf
 
 from deux.configuration import OPEN_NODES, compose
 from deux.options import options
@@ -57,3 +58,13 @@ def test_every_section_is_there(page):
 )
 def test_type_and_default_are_those_of_the_command(page, line):
     assert line in page
+
+
+def test_the_published_files_are_loaded_with_options_that_their_models_have():
+    page = (ROOT / "docs" / "using-a-model.md").read_text()
+    rows = re.findall(r"^\| `(\w+)-[\w]+\.pth` \| `(\w+)` \| `([^`]+)` \|", page, re.M)
+    assert len(rows) == 6
+    for file, model, given in rows:
+        assert file == model
+        settings = OmegaConf.to_container(OmegaConf.from_dotlist(given.split()))
+        assert "max_depth" in registry().choose("depth_models", {"name": model, **settings}).chosen

@@ -15,6 +15,7 @@ from PIL import Image
 
 import deux
 from deux.deployment.model_files import save_model
+from deux.deployment.published_checkpoints import save_published
 from deux.registry import registry
 from deux.testing.explorers import ExplorerSuite
 
@@ -112,6 +113,17 @@ def test_train_on_a_folder_then_evaluate_the_checkpoint(folder, dataset, monkeyp
     printed = capsys.readouterr().out
     assert f"{found.metrics['mae']:.1f}" in printed
     assert f"{found.baseline['irmse']:.1f}" in printed
+
+
+def test_evaluate_a_published_checkpoint_with_its_options(folder, dataset, caplog):
+    save_published(registry().create("depth_models", "kbnet", SMALL), "kbnet", folder / "kbnet.pth")
+    network = [f"model.{name}={value}" for name, value in SMALL.items()]
+    evaluate = example("evaluate_a_checkpoint").main
+    named = [evaluate("kbnet:kbnet.pth", str(dataset), "deux", *network, f"model.max_depth={far}") for far in (8, 10)]
+    assert named[0].metrics != named[1].metrics
+    assert not caplog.messages
+    near = evaluate("kbnet:kbnet.pth", str(dataset), "deux", *network, "model.max_depth=10", "camera.max_depth=2.5")
+    assert near.baseline != named[1].baseline
 
 
 class TestBouncer(ExplorerSuite):

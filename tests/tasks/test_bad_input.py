@@ -79,6 +79,7 @@ MISTAKES = {
     "compare.steps=1": "compare.steps is 1: it must be at least 2.",
     "compare.figure_scene=20": "compare.figure_scene is 20, but there is 1 scene: the first one is 0.",
     "seed=-1": "seed is -1: the random seed is a whole number from 0 to 4294967295.",
+    "objective.structural_consistency.window_size=4": "objective.structural_consistency.window_size is 4: it must be",
     "objective.sparse_depth=-1": "objective.sparse_depth has the weight -1: a weight is a number of 0 or more",
     "scenes.test=0": "scenes.test names no scene: at least one is needed.",
     "model.min_depth=-1": "min_depth=-1.0 and max_depth=10.0 are no depth range",

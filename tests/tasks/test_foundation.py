@@ -9,6 +9,7 @@ import torch
 import deux
 from deux.collection.pipeline import read_manifest
 from deux.deployment.model_files import save_model
+from deux.registry import registry
 
 
 @pytest.fixture(scope="module")
@@ -85,3 +86,30 @@ def test_a_checkpoint_that_does_not_fit(founded, tiny, trained):
     assert "there is no model" in outcome.sentence
     outcome = tiny(outputs, *arguments, "foundation.steps=0", model="fusionnet")
     assert outcome.sentence == "foundation.steps is 0: it must be at least 1."
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["model.max_depth=8"], "(max_depth=10.0)"),
+        (["model.scaffnet_max_depth=8", "model.min_depth=0.2"], "(min_depth=0.1, max_depth=10.0)"),
+        (["model.scaffnet_pools=[5,7,9,11,13]"], "(pools=[13, 17, 19, 21, 25])"),
+    ],
+)
+def test_a_checkpoint_of_other_options_is_told_before_any_work(tiny, model_file, tmp_path, options, said):
+    chosen = f"foundation.checkpoint={model_file('scaffnet')}"
+    sentence = tiny(tmp_path, "task=train", "explore=random", chosen, *options, model="fusionnet").sentence
+    assert sentence.startswith(f"{chosen} was made with other options of scaffnet {said} than the one that fusionnet ")
+    assert not list(tmp_path.glob("datasets/*"))
+
+
+def test_options_that_change_nothing_inside_may_differ(tiny, collected, tmp_path):
+    """A margin is of no account inside FusionNet, and a range of ScaffNet's own is what it needs."""
+    network = {"filters": (4, 4, 8, 8, 8), "decoder_filters": (8, 8, 8, 8, 4), "margin": 4, "max_depth": 9.0}
+    scaffnet = registry().create("depth_models", "scaffnet", network)
+    save_model(tmp_path / "given.safetensors", scaffnet, "scaffnet", network)
+    arguments = ["task=train", "explore=random", f"foundation.checkpoint={tmp_path}/given.safetensors"]
+    arguments += ["model.scaffnet_max_depth=9", f"hydra.run.dir={tmp_path}/run"]
+    outcome = tiny(collected, *arguments, model="fusionnet")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert deux.load(tmp_path / "run").scaffnet.max_depth == 9.0

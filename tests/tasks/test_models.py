@@ -66,6 +66,7 @@ def test_an_authors_file_as_the_seed_model(tiny, explored, model_file, tmp_path,
     published = {group: {f"module.{key}": v for key, v in m.state_dict().items()} for group, m in modules.items()}
     torch.save({"train_step": 1, "optimizer_state_dict": {}, **published}, tmp_path / "published.pth")
     arguments = ["task=collect", "explore=deux", f"seed_model.checkpoint={tmp_path}/published.pth"]
+    arguments += ["model.max_depth=10"]
     before = set(explored.glob("datasets/deux-*")), set(explored.glob("seed_models/*"))
     outcome = tiny(explored, *arguments, f"hydra.run.dir={tmp_path}/run", model=model)
     assert (outcome.code, outcome.err) == (0, "")

@@ -211,8 +211,19 @@ def test_a_published_checkpoint_completes_a_frame(predict, frame, model_file):
     published = {group: module.state_dict() for group, module in model.published_modules().items()}
     torch.save(published, frame.folder / "published.pth")
     options = {"image_filters": "[4,8,8,8,8]", "depth_filters": "[4,4,4,4,4]", "decoder_filters": "[8,8,8,8,4]"}
-    outcome = predict(checkpoint="published.pth", **{f"model.{name}": value for name, value in options.items()})
-    assert (outcome.code, outcome.err) == (0, "")
+    options = {f"model.{name}": value for name, value in options.items()}
+    outcome = predict(checkpoint="published.pth", **options)
+    assert outcome.code == 0
+    assert outcome.err.startswith("WARNING: ")
+    assert outcome.err.count("\n") == 1
+    assert "published.pth does not say which range of depths it was trained with" in outcome.err
+    near, far = {"hydra.run.dir": frame.folder / "near"}, {"hydra.run.dir": frame.folder / "far"}
+    named = [predict(checkpoint="published.pth", **options, **near, **{"model.max_depth": 8})]
+    named.append(predict(checkpoint="published.pth", **options, **far, **{"model.max_depth": 10}))
+    assert [(outcome.code, outcome.err) for outcome in named] == [(0, "")] * 2
+    depths = [np.load(frame.folder / run / "depth.npy") for run in ("run", "far", "near")]
+    np.testing.assert_array_equal(depths[0], depths[1])
+    assert (depths[2] < depths[1]).all()
     expected = package.predict(frame.rgb, frame.sparse, frame.intrinsics, model=model)
     np.testing.assert_allclose(np.load(frame.folder / "run" / "depth.npy"), expected, rtol=1e-5)
 

@@ -131,7 +131,8 @@ def test_a_published_checkpoint_is_evaluated_as_it_is(tiny, tested, tmp_path):
     errors = []
     for file in ("published.pth", "plain.safetensors"):  # the published network predicts without a margin
         run = tmp_path / file.partition(".")[0]
-        outcome = tiny(tested, "task=evaluate", f"evaluation.checkpoint={tmp_path}/{file}", f"hydra.run.dir={run}")
+        arguments = [f"evaluation.checkpoint={tmp_path}/{file}", "model.max_depth=10", f"hydra.run.dir={run}"]
+        outcome = tiny(tested, "task=evaluate", *arguments)
         assert (outcome.code, outcome.err) == (0, "")
         errors.append(results(run)["metrics"])
     assert errors[0] == pytest.approx(errors[1], rel=1e-6)

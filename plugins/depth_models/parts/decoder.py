@@ -114,17 +114,18 @@ class Decoder(nn.Module):
             sizes: (height, width) of each level, in the same order.
 
         Returns:
-            N x out_channels x H x W float32, also under autocast: 8 bits of mantissa before a sigmoid would step
-            the depth by more than a per cent.
+            N x out_channels x H x W float32, also under autocast and from a network in half precision: 8 bits of
+            mantissa before a sigmoid would step the depth by more than a per cent. float64 from a network in float64.
         """
         x = latent
         for level, skip, size in zip(self.levels, skips, sizes, strict=True):
             x = self.get_submodule(f"deconv{level}")(x, skip, size)
-        output = self.output
+        weight = self.output.conv.weight
+        dtype = torch.promote_types(torch.promote_types(x.dtype, weight.dtype), torch.float32)
         with torch.autocast(x.device.type, enabled=False):
             if self.training and merges_steps():
-                return convolve_to_few_channels(x.float(), output.conv.weight)
-            return output(x.float())
+                return convolve_to_few_channels(x.to(dtype), weight)
+            return functional.conv2d(x.to(dtype), weight.to(dtype), padding=1)
 
 
 def convolve_to_few_channels(x: Tensor, weight: Tensor) -> Tensor:

@@ -11,12 +11,11 @@ FARTHEST, NEAREST = 5e-4, 0.95
 """Nearness beyond which the gradient is that of these values: within about 5 % of the ends of 0.1 to 10 m."""
 
 
-def check_depth_range(min_depth: float, max_depth: float) -> None:
-    """Raise DeuxError unless 0 < min_depth < max_depth."""
+def check_depth_range(min_depth: float, max_depth: float, prefix: str = "") -> None:
+    """Raise DeuxError unless 0 < min_depth < max_depth; `prefix` begins the names of the two options."""
     if not 0.0 < min_depth < max_depth:
-        raise DeuxError(
-            f"min_depth={min_depth} and max_depth={max_depth} are no depth range: 0 < min_depth < max_depth (metres)."
-        )
+        near, far = f"{prefix}min_depth", f"{prefix}max_depth"
+        raise DeuxError(f"{near}={min_depth} and {far}={max_depth} are no depth range: 0 < {near} < {far} (metres).")
 
 
 def depth_from_nearness(nearness: Tensor, min_depth: float, max_depth: float) -> Tensor:
@@ -42,6 +41,17 @@ def depth_from_logits(logits: Tensor, min_depth: float, max_depth: float) -> Ten
     return depth_from_nearness(nearness_from_logits(logits), min_depth, max_depth)
 
 
+def recoverable_clamp(values: Tensor, lowest: float, highest: float) -> Tensor:
+    """Values limited to [lowest, highest], for outputs that no sigmoid bounds.
+
+    In training the gradient of a value beyond an end passes where a step against it leads back into the range. That of
+    `torch.clamp` is 0 there, so that what one bad step throws out of the range would stay outside for good.
+    """
+    if torch.is_grad_enabled() and values.requires_grad:
+        return _RecoverableClamp.apply(values, lowest, highest)
+    return values.clamp(lowest, highest)
+
+
 class _Nearness(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, logits: Tensor) -> Tensor:
@@ -53,3 +63,18 @@ class _Nearness(torch.autograd.Function):
     def backward(ctx: Any, gradient: Tensor) -> Tensor:
         (nearness,) = ctx.saved_tensors
         return torch.ops.aten.sigmoid_backward(gradient, nearness.clamp(FARTHEST, NEAREST))
+
+
+class _RecoverableClamp(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, lowest: float, highest: float) -> Tensor:
+        ctx.save_for_backward(values)
+        ctx.ends = lowest, highest
+        return values.clamp(lowest, highest)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor, None, None]:
+        (values,) = ctx.saved_tensors
+        lowest, highest = ctx.ends
+        passes = ((values > lowest) | (gradient < 0)) & ((values < highest) | (gradient > 0))
+        return torch.where(passes, gradient, 0.0), None, None

@@ -1,10 +1,13 @@
 """FusionNet: the suite of all depth models, and what is particular to it."""
 
 import numpy as np
+import pytest
 import torch
 from torchvision.transforms import v2
 
+from deux.configuration import compose
 from deux.contracts import DepthModel
+from deux.errors import DeuxError
 from deux.registry import registry
 from deux.testing.depth_models import DepthModelSuite, camera_data, run
 from deux_plugins.depth_models.fusionnet import FusionNet, match_scale
@@ -74,6 +77,36 @@ def test_its_foundation_is_a_scaffnet_of_the_same_options():
         assert FusionNet().foundation().module.spatial_pyramid_pool.windows == (13, 17, 19, 21, 25)
 
 
+def test_scaffnet_has_a_range_of_its_own():
+    """A published checkpoint holds a ScaffNet of 0.1 to 10 m in a FusionNet of 0.1 to 8 m."""
+    model, data = FusionNet(max_depth=8.0, scaffnet_max_depth=10.0).eval(), camera_data((32, 48))
+    foundation = model.foundation()
+    scaffnet = registry().create("depth_models", foundation.name, foundation.settings).eval()
+    assert (scaffnet.min_depth, scaffnet.max_depth, model.max_depth) == (0.1, 10.0, 8.0)
+    scaffnet.load_state_dict(foundation.module.state_dict())
+    assert torch.equal(run(model, data).extras["prior"], scaffnet.predict(**data))
+    own = FusionNet(max_depth=8.0).scaffnet.eval()
+    own.load_state_dict(scaffnet.state_dict())
+    assert not torch.equal(own.predict(**data), scaffnet.predict(**data))
+
+
+@pytest.mark.parametrize("bounds", [{"scaffnet_min_depth": 12.0}, {"scaffnet_max_depth": 0.05}], ids=str)
+def test_a_range_of_scaffnets_that_is_none(bounds):
+    with pytest.raises(DeuxError, match="are no depth range: 0 < scaffnet_min_depth < scaffnet_max_depth"):
+        FusionNet(**bounds)
+
+
+def test_the_published_trainings_make_one_scaffnet():
+    """`experiment=published_fusionnet` is built on what `experiment=published_scaffnet` trains."""
+    alone, above = (
+        registry().choose("depth_models", compose([f"experiment=published_{name}"]).model)
+        for name in ("scaffnet", "fusionnet")
+    )
+    foundation = above.create().foundation()
+    inside = registry().choose("depth_models", {"name": foundation.name, **foundation.settings})
+    assert inside == alone
+
+
 def test_scale_is_matched_around_each_point_only():
     depth = torch.full((1, 1, 9, 20), 2.0)
     points = torch.zeros_like(depth)
@@ -98,3 +131,9 @@ def test_outliers_set_no_scale():
     prediction = model(**data, validity=validity)
     assert torch.equal(seen[0][:, :1], prediction.extras["prior"])
     assert not seen[0][:, 1:].any()
+
+
+@pytest.mark.parametrize("window", [4, 0, -1])
+def test_a_window_without_a_centre_is_refused(window):
+    with pytest.raises(DeuxError, match=rf"model\.scale_window holds the window {window}: windows are odd numbers"):
+        FusionNet(scale_window=window)

@@ -12,7 +12,7 @@ from deux.inference.prediction import prepared_inputs
 from deux.registry import registry
 from deux_plugins.depth_models.parts.convolution import Convolution, ConvolutionBlock
 from deux_plugins.depth_models.parts.decoder import Decoder, UpConvolution, convolve_to_few_channels
-from deux_plugins.depth_models.parts.depth_range import depth_from_logits, nearness_from_logits
+from deux_plugins.depth_models.parts.depth_range import depth_from_logits, nearness_from_logits, recoverable_clamp
 from deux_plugins.depth_models.parts.pooling import sliding_min_of_points
 from deux_plugins.depth_models.parts.pose_matrix import pose_matrix, rotation_matrix
 from deux_plugins.depth_models.parts.pose_network import seven_convolution_pose_network
@@ -63,6 +63,13 @@ def test_a_decoder_gives_the_same_in_training_and_in_evaluation():
     torch.testing.assert_close(trained, evaluated)
 
 
+def test_a_decoder_ends_in_the_convolution_of_its_output_layer():
+    torch.manual_seed(0)
+    decoder, latent = Decoder(8, [0], [6], out_channels=2).eval(), torch.randn(1, 8, 5, 6)
+    features = decoder.get_submodule("deconv4")(latent, (), (10, 12))
+    assert torch.equal(decoder(latent, [()], [(10, 12)]), decoder.output(features))
+
+
 def test_last_convolution_of_a_block_has_the_stride():
     block = ConvolutionBlock(3, 8, convolutions=2, stride=2)
     assert [layer.conv.stride for layer in block.conv_block] == [(1, 1), (2, 2)]
@@ -87,19 +94,65 @@ def test_the_gradient_is_the_sigmoids_but_for_the_ends_where_it_does_not_vanish(
     torch.testing.assert_close(gradient(nearness_from_logits, beyond), ends * (1 - ends))
 
 
+def test_what_left_the_range_is_led_back_into_it_and_no_further_out():
+    values = torch.tensor([-3.0, -3.0, 0.6, 0.6, 1.0, 1.9, 1.9, 7.0, 7.0], requires_grad=True)
+    upstream = torch.tensor([-1.5, 1.5, -1.5, 1.5, -1.5, 1.5, -1.5, 1.5, -1.5])
+    clamped = recoverable_clamp(values, 0.5, 2.0)
+    assert torch.equal(clamped, values.clamp(0.5, 2.0))
+    (found,) = torch.autograd.grad(clamped, values, upstream)
+    inside = (values > 0.5) & (values < 2.0)
+    (plain,) = torch.autograd.grad(values.clamp(0.5, 2.0), values, upstream)
+    assert torch.equal(found[inside], plain[inside])
+    # A step against the gradient makes what is too low higher, and what is too high lower.
+    assert found[~inside].tolist() == [-1.5, 0.0, 1.5, 0.0]
+    with torch.no_grad():
+        assert torch.equal(recoverable_clamp(values, 0.5, 2.0), clamped)
+
+
 SMALL = {
     "kbnet": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8, 8, 8, 8, 4)},
     "voiced": {"image_filters": (4, 8, 8, 8, 8), "depth_filters": (4,) * 5, "decoder_filters": (8,) * 4},
     "scaffnet": {"filters": (4, 4, 8, 8, 8), "decoder_filters": (8, 8, 8, 8, 4)},
+    "fusionnet": {
+        "image_filters": (4, 8, 8, 8, 8),
+        "depth_filters": (4,) * 5,
+        "decoder_filters": (8, 8, 8, 8, 4),
+        "scaffnet_filters": (4, 4, 8, 8, 8),
+        "scaffnet_decoder_filters": (8, 8, 8, 8, 4),
+    },
 }
+
+
+@pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float64, 1e-5), (torch.float16, 1e-2), (torch.bfloat16, 5e-2)])
+@pytest.mark.parametrize("margin", [0, 4])
+@pytest.mark.parametrize("model", SMALL)
+def test_a_network_is_converted_as_a_whole(model, margin, dtype, tolerance):
+    """In evaluation; depth is at least float32."""
+    torch.manual_seed(0)
+    network = registry().create("depth_models", model, {**SMALL[model], "margin": margin}).eval()
+    points = torch.where(torch.rand(2, 1, 64, 64) < 0.05, 2.0, 0.0)
+    intrinsics = torch.tensor([[32.0, 0.0, 31.5], [0.0, 32.0, 31.5], [0.0, 0.0, 1.0]]).expand(2, 3, 3)
+    inputs = (torch.rand(2, 3, 64, 64), points, (points > 0).float(), intrinsics)
+    prepared = prepared_inputs(network, points)
+    with torch.no_grad():
+        expected = network(*inputs, **prepared).depth
+        converted = {name: value.to(dtype) for name, value in prepared.items()}
+        depth = network.to(dtype)(*(x.to(dtype) for x in inputs), **converted).depth
+    assert depth.dtype == torch.promote_types(dtype, torch.float32)
+    torch.testing.assert_close(depth.float(), expected, rtol=tolerance, atol=0.0)
+
+
+NEAR_END = {"kbnet": 0.1 / 1.01, "voiced": 0.1 / 1.01, "scaffnet": 0.1 / 1.01, "fusionnet": 0.1}
+"""Of the models that end in a sigmoid it lies slightly below the nearest depth; FusionNet's is clamped to that."""
 
 
 @pytest.mark.parametrize("model", SMALL)
 def test_a_saturated_network_comes_back(model):
-    """All depth is at the near end, far beyond where the sigmoid has a gradient: the points pull it back."""
+    """All depth is at the near end, far beyond where the published output has a gradient: the points pull it back."""
     torch.manual_seed(0)
     network = registry().create("depth_models", model, SMALL[model]).train()
-    network.decoder.register_forward_hook(lambda decoder, inputs, logits: logits + 20.0)
+    shift = -20.0 if model == "fusionnet" else 20.0  # metres; nearness
+    network.decoder.register_forward_hook(lambda decoder, inputs, output: output + shift)
     truth = torch.full((1, 1, 64, 64), 2.0)
     points = torch.where(torch.rand_like(truth) < 0.05, truth, 0.0)
     intrinsics = torch.tensor([[[32.0, 0.0, 31.5], [0.0, 32.0, 31.5], [0.0, 0.0, 1.0]]])
@@ -113,7 +166,7 @@ def test_a_saturated_network_comes_back(model):
         (depth - truth).abs()[points > 0].mean().backward()
         optimizer.step()
         depths.append(float(depth.detach().mean()))
-    assert depths[0] == pytest.approx(0.1 / 1.01, rel=1e-4)
+    assert depths[0] == pytest.approx(NEAR_END[model], rel=1e-4)
     assert max(depths) > 0.15
 
 

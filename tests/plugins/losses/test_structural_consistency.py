@@ -3,6 +3,7 @@ import torch
 from kornia.metrics import ssim
 
 from deux.contracts import LossInputs, LossTerm, Prediction, Reconstructions
+from deux.errors import DeuxError
 from deux.testing.losses import DEPTH_RANGE, LossTermSuite, perfect_sample
 from deux_plugins.losses.structural_consistency import StructuralConsistency
 
@@ -57,3 +58,20 @@ def test_what_the_source_frame_does_not_see_has_no_influence():
     rebuilt = Reconstructions(images, visible, batch.source_from_target)
     value = StructuralConsistency()(LossInputs(batch, Prediction(batch.sparse_depth), rebuilt, DEPTH_RANGE))
     assert float(value) == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize("size", [4, 2, 0, -3])
+def test_a_window_without_a_centre_is_refused(size):
+    with pytest.raises(DeuxError, match=rf"structural_consistency\.window_size is {size}: it must be an odd number of"):
+        StructuralConsistency(window_size=size)
+
+
+@pytest.mark.parametrize("size", [1, 5])
+def test_windows_with_a_centre_are_taken(size):
+    """A perfect reconstruction costs nothing."""
+    batch = perfect_sample(1).batch
+    images = batch.image[:, None].repeat(1, 2, 1, 1, 1)
+    visible = torch.ones(1, 2, 1, *images.shape[-2:], dtype=torch.bool)
+    rebuilt = Reconstructions(images, visible, batch.source_from_target)
+    inputs = LossInputs(batch, Prediction(batch.sparse_depth), rebuilt, DEPTH_RANGE)
+    assert float(StructuralConsistency(window_size=size)(inputs)) == pytest.approx(0.0, abs=1e-5)

@@ -14,6 +14,7 @@ from deux.tasks.checkpoints import (
     PUBLISHED_SUFFIX,
     is_pretrained,
     load_named_model,
+    named_identity,
     pretrained_identity,
     weights_identity,
 )
@@ -86,7 +87,7 @@ class SeedModelSettings:
             DeuxError: there is no model where `checkpoint` says, or none that fits.
         """
         if self.checkpoint is not None:
-            return TrainedModel(*load_named_model(chosen, self.checkpoint), weights_identity(self.checkpoint))
+            return TrainedModel(*load_named_model(chosen, self.checkpoint), named_identity(chosen, self.checkpoint))
         model = chosen.create().eval()
         return TrainedModel(chosen.name, model, pretrained_identity(chosen, model))
 

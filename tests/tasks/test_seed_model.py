@@ -6,6 +6,10 @@ from pathlib import Path
 import pytest
 
 from deux.deployment.model_files import model_name
+from deux.deployment.published_checkpoints import save_published
+from deux.registry import registry
+from deux.tasks.checkpoints import weights_identity
+from deux.tasks.seed_model import SeedModelSettings
 
 GUIDED = ["task=collect", "explore=deux"]
 
@@ -47,6 +51,20 @@ def test_a_given_seed_model_is_named_and_none_is_trained(tiny, model_file, tmp_p
     assert f"Seed model: {checkpoint}\n" in outcome.out
     assert "random frames" not in outcome.out
     assert not list(tmp_path.glob("seed_models/*"))
+
+
+def test_a_published_checkpoint_guides_with_the_options_that_it_is_given(model_file, tmp_path):
+    """Such a file holds no options: with others it is another model, and leads to other frames."""
+    file = tmp_path / "kbnet.pth"
+    small = {"image_filters": [4, 8, 8, 8, 8], "depth_filters": [4] * 5, "decoder_filters": [8, 8, 8, 8, 4]}
+    near, far = (
+        registry().choose("depth_models", {"name": "kbnet", **small, "max_depth": metres}) for metres in (8.0, 10.0)
+    )
+    save_published(near.create(), "kbnet", file)
+    published = SeedModelSettings(None, str(file), "random", 1)
+    assert published.load(near).weights == published.load(near).weights != published.load(far).weights
+    ours = SeedModelSettings(None, str(model_file("kbnet")), "random", 1)
+    assert ours.load(near).weights == ours.load(far).weights == weights_identity(model_file("kbnet"))
 
 
 @pytest.mark.parametrize("change", ["trainer.max_steps=1", "training.learning_rate=0.001"])

@@ -42,7 +42,7 @@ def test_the_settings_are_the_papers(preset):
     assert point_count((camera.height, camera.width), sparse) == 1500
     training = construct(TrainingSettings, cfg.training, "training")
     assert (training.epochs, training.steps, training.crop) == (25, None, (384, 384))
-    rates = [training.learning_rate * training.factor(0, float("inf"), epoch) for epoch in range(training.epochs)]
+    rates = [training.learning_rate * training.factor(0, 0.0, epoch) for epoch in range(training.epochs)]
     assert rates == [1e-4] * 10 + [5e-5] * 15
     assert (cfg.model.name, cfg.explore.name, cfg.seed_model.explore) == ("kbnet", "deux", "random")
     assert cfg.explore == compose(["explore=deux_paper"]).explore

@@ -65,6 +65,17 @@ def weights_identity(path: str | Path) -> str:
     return hashlib.sha256(weights_file(named_path(path)).read_bytes()).hexdigest()[:16]
 
 
+def named_identity(published: PluginChoice, path: str | Path) -> str:
+    """As `weights_identity`, of a model that is made with the options of `published` if its authors published the file.
+
+    Such a file holds no options, and with others the same weights are another model.
+    """
+    weights = weights_identity(path)
+    if named_path(path).suffix != PUBLISHED_SUFFIX:
+        return weights
+    return hashlib.sha256(json.dumps([weights, published.description], sort_keys=True).encode()).hexdigest()[:16]
+
+
 def named_path(path: str | Path) -> Path:
     """The file or folder of a model as the user named it: by a path, or by the name of a model that ships."""
     return file_or_shipped(path, user_path(path))

@@ -16,6 +16,7 @@ from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets, is_ceiling
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
+from deux.tasks.named_weights import named_weights
 from deux.tasks.run_folder import RunFolder, open_run_folder
 from deux.tasks.seed_model import SeedModel
 from deux.training.ranks import leads
@@ -36,7 +37,7 @@ def run(cfg: DictConfig) -> None:
     evaluation = sections.read("evaluation", EvaluationSettings)
     training = Training(sections, datasets, evaluation.validation_viewpoints)
     exploration = Exploration(sections, datasets, training)
-    with open_run_folder(run_folder(), sections.identity) as run:
+    with open_run_folder(run_folder(), sections.identity, named_weights(sections, trained=False)) as run:
         dataset = exploration.collect(run)
         if leads():
             exploration.draw(dataset, run)

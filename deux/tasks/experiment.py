@@ -19,6 +19,7 @@ from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, Evaluator
 from deux.tasks.model_training import Training
+from deux.tasks.named_weights import named_weights
 from deux.tasks.run_folder import RunFolder, open_run_folder
 from deux.training.ranks import decided_by_leader, leads
 
@@ -30,7 +31,7 @@ def run(cfg: DictConfig) -> None:
     """Run the whole experiment, from where an earlier attempt in the same folder stopped."""
     quieten_libraries()
     experiment = Experiment(sections_of(cfg))
-    with open_run_folder(run_folder(), experiment.identity) as run:
+    with open_run_folder(run_folder(), experiment.identity, experiment.weights) as run:
         if not experiment.is_finished(run):
             frames = experiment.explore(run)
             model = experiment.train(frames, run)
@@ -58,6 +59,7 @@ class Experiment:
         self._exploration = Exploration(sections, self._datasets, self._training)
         self._final = ActiveTraining(sections, self._datasets, self._training)
         self._test = Evaluator(sections)
+        self.weights = named_weights(sections)
 
     def is_finished(self, run: RunFolder) -> bool:
         """Whether an earlier attempt has come to its end; says where the work goes on."""

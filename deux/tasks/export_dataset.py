@@ -25,7 +25,8 @@ from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, read_given
 from deux.tasks.model_training import Training
-from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
+from deux.tasks.named_weights import named_weights
+from deux.tasks.run_folder import RunFolder, changed_weights, open_run_folder, short_hash
 from deux.training.training_settings import TrainingSettings
 
 _EXPORTED = "exported.json"
@@ -81,13 +82,14 @@ def run(cfg: DictConfig) -> None:
     settings = sections.read("export_dataset", ExportDatasetSettings)
     output = _output(settings)
     record = run_folder() / _EXPORTED
+    weights = {} if settings.folders else named_weights(sections, trained=False)
     if output.exists():
-        if record.exists() and json.loads(record.read_text()) == _made_by(sections, output):
+        if record.exists() and _has_made(json.loads(record.read_text()), sections, output, weights):
             say(f"This export is complete: {output}")
             return
         raise DeuxError(f"export_dataset.output={settings.output} is there already: remove it or name another folder.")
     training = sections.read("training", TrainingSettings)
-    with open_run_folder(run_folder(), sections.identity) as run:
+    with open_run_folder(run_folder(), sections.identity, weights) as run:
         if settings.folders:
             readers = {split: read_given(sections, folder) for split, folder in settings.folders.items()}
         else:
@@ -101,7 +103,7 @@ def run(cfg: DictConfig) -> None:
         with progress() as report:
             for done, _ in enumerate(_write(partial, output, splits, settings), start=1):
                 report("export", done, total)
-        write_json(record, _made_by(sections, partial))
+        write_json(record, {**_made_by(sections, partial), "weights": weights})
         partial.rename(output)
     say(str(output))
     for split in splits:
@@ -119,6 +121,12 @@ def _output(settings: ExportDatasetSettings) -> Path:
 def _made_by(sections: Sections, folder: Path) -> dict[str, Any]:
     """What identifies a folder, before and after it is renamed, and the command that has made it."""
     return {"settings": short_hash(sections.identity), "inode": folder.stat().st_ino}
+
+
+def _has_made(record: dict[str, Any], sections: Sections, folder: Path, weights: dict[str, str]) -> bool:
+    """Whether a command's record says that it has made a folder, with the same weights."""
+    known = record.pop("weights", {})  # which earlier versions did not record
+    return record == _made_by(sections, folder) and not changed_weights(known, weights)
 
 
 def _collected(sections: Sections, run: RunFolder) -> dict[str, Reader]:

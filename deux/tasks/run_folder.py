@@ -20,6 +20,7 @@ from deux.training.ranks import leads
 
 _SECONDS_FILE = "seconds.json"
 _LOCK_FILE = ".lock.json"
+_WEIGHTS = "weights of options"  # in `IDENTITY_FILE`, where no section is called so
 
 EPISODES = "episodes"
 """The folder of the episodes that a comparison has finished."""
@@ -83,15 +84,19 @@ class RunFolder:
 
 
 @contextmanager
-def open_run_folder(path: Path, identity: Mapping[str, Any]) -> Iterator[RunFolder]:
+def open_run_folder(
+    path: Path, identity: Mapping[str, Any], weights: Mapping[str, str] | None = None
+) -> Iterator[RunFolder]:
     """Work in a run's folder, which is made if it is absent, and keep other commands out meanwhile.
 
     Args:
         path: the folder.
         identity: all that makes the run what it is, JSON-able.
+        weights: what identifies the weights that options name (`deux.tasks.named_weights`), by option. A folder does
+            not refuse those that it has no record of, as earlier versions kept none.
 
     Raises:
-        DeuxError: another command works there, or the folder holds the work of other settings.
+        DeuxError: another command works there, or the folder holds the work of other settings or other weights.
     """
     if not leads():
         yield RunFolder(path)
@@ -101,8 +106,13 @@ def open_run_folder(path: Path, identity: Mapping[str, Any]) -> Iterator[RunFold
         f"another command is at work in {path}: wait until it has ended, or choose another one with hydra.run.dir=..."
     )
     with locked_at_once(path / _LOCK_FILE, f"works in {path.name}", taken):
-        _claim(path, json.loads(json.dumps(identity)))
+        _claim(path, json.loads(json.dumps(identity)), dict(weights or {}))
         yield RunFolder(path)
+
+
+def changed_weights(known: Mapping[str, str], weights: Mapping[str, str]) -> list[str]:
+    """The options whose weights are others than those that were recorded; none of which there is no record."""
+    return sorted(option for option, identity in weights.items() if known.get(option, identity) != identity)
 
 
 def short_hash(content: Any) -> str:
@@ -110,19 +120,32 @@ def short_hash(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
 
 
-def _claim(path: Path, mine: Any) -> None:
+def _claim(path: Path, mine: Any, weights: dict[str, str]) -> None:
     """Write down to which run the folder belongs, unless it holds the work of another one."""
     record = path / IDENTITY_FILE
     if not (record.exists() and any((path / work).exists() for work in _WORK)):
-        write_json(record, mine)
+        write_json(record, _with_weights(mine, weights))
         return
     theirs = read_json(record)
+    known = theirs.pop(_WEIGHTS, {}) if isinstance(theirs, dict) else {}
     if theirs != mine:
         different = ", ".join(sorted(_differences(theirs, mine))[:4])
         raise DeuxError(
             f"{path} holds a run with other settings ({different}); "
             "choose another folder with hydra.run.dir=... or delete this one."
         )
+    if changed := changed_weights(known, weights):
+        raise DeuxError(
+            f"{path} holds a run with other weights: those of {', '.join(changed)} have changed since it was begun; "
+            "choose another folder with hydra.run.dir=... or delete this one."
+        )
+    if weights.keys() - known.keys():
+        write_json(record, _with_weights(mine, known | weights))
+
+
+def _with_weights(identity: Any, weights: dict[str, str]) -> Any:
+    """What `IDENTITY_FILE` holds."""
+    return identity | {_WEIGHTS: weights} if weights else identity
 
 
 def _differences(theirs: Any, mine: Any, where: str = "") -> Iterator[str]:

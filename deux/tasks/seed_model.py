@@ -14,6 +14,7 @@ from deux.tasks.checkpoints import (
     PUBLISHED_SUFFIX,
     is_pretrained,
     load_named_model,
+    named_identity,
     pretrained_identity,
     weights_identity,
 )
@@ -36,7 +37,7 @@ class SeedModelSettings:
         source: of the scenes that this explorer is in: a scene source, none of whose scenes are the experiment's, or
             None for the experiment's own training scenes.
         scenes: number of the source's scenes.
-        options: of the constructor of the model that `name` names, where they are not left at their defaults.
+        options: of the constructor of the model that `name` names, where they differ from what `model=<name>` has.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -71,9 +72,11 @@ class SeedModelSettings:
         Args:
             final: the depth model that is trained in the end.
         """
-        if self.name in (None, final.name) and not self.options:
+        if self.name is None or (self.name == final.name and not self.options):
             return final
-        return registry().choose("depth_models", {**self.options, "name": self.name}, "seed_model.options")
+        registry().find("depth_models", self.name)  # or it would be told as a mistake in `model`
+        configured = plain(compose([f"model={self.name}"]).model, "model")
+        return registry().choose("depth_models", {**configured, **self.options}, "seed_model.options")
 
     def is_ready(self, chosen: PluginChoice) -> bool:
         """Whether it takes no training: there is a checkpoint, or the model chosen by `choose` brings its weights."""
@@ -86,7 +89,7 @@ class SeedModelSettings:
             DeuxError: there is no model where `checkpoint` says, or none that fits.
         """
         if self.checkpoint is not None:
-            return TrainedModel(*load_named_model(chosen, self.checkpoint), weights_identity(self.checkpoint))
+            return TrainedModel(*load_named_model(chosen, self.checkpoint), named_identity(chosen, self.checkpoint))
         model = chosen.create().eval()
         return TrainedModel(chosen.name, model, pretrained_identity(chosen, model))
 
@@ -181,9 +184,15 @@ def _named(explorer: str) -> PluginChoice:
 def _other_recipe(model: PluginChoice, final: Recipe, training: dict[str, Any]) -> Recipe:
     """The recipe of another depth model: its own objective, and of the training what its configuration changes.
 
-    The published learning rates differ between models, and at another one's a network may not learn at all.
+    The published learning rates differ between models, and at another one's a network may not learn at all. What a
+    preset or the user has set is for both.
     """
-    names = (model.name, final.model.name)
-    mine, theirs = (plain(compose([f"model={name}"]).training, "training") for name in names)
-    changes = {key: value for key, value in mine.items() if theirs.get(key) != value}
-    return Recipe(model, {}, final.pose, construct(TrainingSettings, {**training, **changes}, "training"))
+    mine, theirs = (compose([f"model={name}"]) for name in (model.name, final.model.name))
+    own, others = (plain(one.training, "training") for one in (mine, theirs))
+    settings = dict(training)
+    for option in own | others:
+        if training.get(option) == others.get(option):  # as the final model's configuration has it
+            settings.pop(option, None)
+            settings |= {option: own[option]} if option in own else {}
+    objective = plain(mine.objective, "objective")
+    return Recipe(model, objective, final.pose, construct(TrainingSettings, settings, "training"))

@@ -19,6 +19,7 @@ from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets, check_robot
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
+from deux.tasks.named_weights import named_weights
 from deux.tasks.run_folder import EPISODES, RunFolder, open_run_folder
 from deux.tasks.seed_model import SeedModel, TrainedModel
 
@@ -31,7 +32,8 @@ def run(cfg: DictConfig) -> None:
     quieten_libraries()
     studying = Studying(sections_of(cfg))
     judged = studying.seed_model.get()  # before the folder is opened, as its weights say whose folder that is
-    with open_run_folder(run_folder(), studying.identity | {"seed model": judged.weights}) as run:
+    identity = studying.identity | {"seed model": judged.weights}
+    with open_run_folder(run_folder(), identity, studying.weights) as run:
         say(f"Run folder: {run.path}")
         study = studying.judge(judged, run)
         studying.draw(study, run)
@@ -59,6 +61,7 @@ class Studying:
         self._datasets.collect.measure.create()  # a mistake in its options is told before a model is trained
         self.seed_model = SeedModel(sections, self._datasets, self._training)
         self.identity = sections.identity
+        self.weights = named_weights(sections, guide=False, trained=False)
 
     def judge(self, judged: TrainedModel, run: RunFolder) -> UncertaintyStudy:
         """Let the explorer walk through the test scenes, and judge every frame by all installed measures."""

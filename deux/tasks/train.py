@@ -12,6 +12,7 @@ from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
+from deux.tasks.named_weights import named_weights
 from deux.tasks.recorded_frames import check_recorded, read_given, validation_of
 from deux.tasks.run_folder import open_run_folder
 
@@ -32,7 +33,8 @@ def run(cfg: DictConfig) -> None:
     training = Training(sections, datasets, evaluation.validation_viewpoints)
     exploration = Exploration(sections, datasets, training) if given is None else None
     final = ActiveTraining(sections, datasets, training)
-    with open_run_folder(run_folder(), sections.identity) as run:
+    weights = named_weights(sections, explorer=explored, guide=given is None)
+    with open_run_folder(run_folder(), sections.identity, weights) as run:
         data: Reader | None = given
         if exploration is not None:
             data = DatasetReader(exploration.collect(run))

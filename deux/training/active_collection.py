@@ -16,6 +16,7 @@ from deux.errors import DeuxError
 from deux.inference.prediction import eval_mode
 from deux.training.module import DepthCompletion
 from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings, merge_results
+from deux.training.training_progress import training_progress
 
 Collect = Callable[[RoundRequest], RankResult]
 """Collects this process's part of a round. Called again after a kill, it takes what is complete and gives the same."""
@@ -70,11 +71,7 @@ class ActiveCollection(Callback):
         self.rounds = [Round(**one) for one in state_dict["rounds"]]
 
     def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Add the frames of the restored rounds to the training data.
-
-        Not before the optimiser is made: the schedule's number of steps follows from the frames that the training began
-        with.
-        """
+        """Add the frames of the restored rounds to the training data."""
         lost = [folder for one in self.rounds for name in one.datasets if not (folder := self.folder / name).is_dir()]
         if lost:
             raise DeuxError(
@@ -124,9 +121,8 @@ def _data(trainer: Trainer) -> TripletDataModule:
 
 def _progress(trainer: Trainer) -> tuple[int, float]:
     """Epochs that are done, the one that is ending included, and the fraction of the training."""
-    epochs = trainer.current_epoch + 1
-    limits = ((trainer.global_step, trainer.max_steps), (epochs, trainer.max_epochs))
-    return epochs, max(done / limit if limit and limit > 0 else 0.0 for done, limit in limits)
+    done, steps = training_progress(trainer)
+    return trainer.current_epoch + 1, done / steps
 
 
 def _clear_progress_bar(trainer: Trainer) -> None:

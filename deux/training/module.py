@@ -20,6 +20,7 @@ from deux.training.graphed_step import GraphedStep, StepValues
 from deux.training.objective import Losses, Objective
 from deux.training.pose_source import PoseSource
 from deux.training.schedule import Schedule
+from deux.training.training_progress import training_progress
 
 
 class DepthCompletion(LightningModule):
@@ -124,12 +125,12 @@ class DepthCompletion(LightningModule):
         fused = not (self.trainer.gradient_clip_val and _scaler(self.trainer.precision_plugin))
         adam = FusedAdam if fused else torch.optim.Adam
         optimizer = adam(parameters, lr=self.schedule.learning_rate)
-        total_steps = self.trainer.estimated_stepping_batches
 
         # A function and not an object: LambdaLR would put an object's state into the checkpoint.
         def factor(step: int) -> float:
             # After the last batch of an epoch this is the factor of the next epoch's first step.
-            return self.schedule.factor(step, total_steps, self.current_epoch + self.trainer.is_last_batch)
+            done, steps = training_progress(self.trainer)
+            return self.schedule.factor(step, done / steps, self.current_epoch + self.trainer.is_last_batch)
 
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}

@@ -8,6 +8,7 @@ import os
 import sys
 import threading
 import time
+from contextlib import suppress
 from typing import Any
 
 import torch
@@ -42,6 +43,11 @@ class EndTogether(Callback):
             _watch.start()
             atexit.register(_watch.stop)
 
+    def on_exception(self, trainer: Trainer, pl_module: LightningModule, exception: BaseException) -> None:
+        """Remember that a training failed or was interrupted here: its other processes may wait for this one."""
+        if _watch is not None:
+            _watch.failed = True
+
 
 def told_to_all(error: BaseException, sentence: str) -> DeuxError | None:
     """Tell the other processes of this one's failure, or find that it failed because another one did.
@@ -65,6 +71,9 @@ class RankWatch(threading.Thread):
         world_size: number of processes.
         interval: seconds between two looks.
         silence: seconds after which a process without a sign of life counts as dead.
+
+    Attributes:
+        failed: whether this process ends before it has done its part.
     """
 
     def __init__(
@@ -78,6 +87,7 @@ class RankWatch(threading.Thread):
         super().__init__(daemon=True, name="rank watch")
         self._store, self._rank, self._world_size = store, rank, world_size
         self._interval, self._silence = interval, silence
+        self.failed = False
         self._ending = threading.Event()
         self._lock = threading.Lock()  # one connection, two threads
         self._seen: dict[int, tuple[str, float]] = {}
@@ -93,12 +103,21 @@ class RankWatch(threading.Thread):
                 os._exit(1)  # the main thread may wait for ever in a collective operation
 
     def stop(self) -> None:
-        """Stop looking. A thread that Python ends within a call of the store takes the process down with SIGABRT."""
+        """Stop looking. A thread that Python ends within a call of the store takes the process down with SIGABRT.
+
+        A process that has done its part takes back its last sign of life, or it would count as dead where the leading
+        one goes on alone, such as in an evaluation.
+        """
         self._ending.set()
         self.join(timeout=_PATIENCE)
+        if self.failed or self.is_alive():
+            return
+        with self._lock, suppress(RuntimeError):  # the leading process may have ended, and the store with it
+            self._store.set(_alive(self._rank), "")
 
     def fail(self, error: BaseException, sentence: str) -> DeuxError | None:
         """As `told_to_all`."""
+        self.failed = True
         self._ending.set()
         lost_contact = _is_distributed(error)
         deadline = time.monotonic() + (_PATIENCE if lost_contact else 0.0)

@@ -16,7 +16,7 @@ class Schedule:
         learning_rate: the rate that the factors multiply.
         boundaries: where the rate changes, increasing.
         factors: the factor from each boundary on; 1 before the first.
-        unit: what the boundaries count: the fraction of the run's steps that are done, or finished epochs.
+        unit: what the boundaries count: the fraction of the training that is done, or finished epochs.
         warmup_steps: number of first steps over which the rate rises to its value.
 
     Raises:
@@ -38,15 +38,15 @@ class Schedule:
                 "and the boundaries increasing."
             )
 
-    def factor(self, step: int, total_steps: float, epoch: int) -> float:
+    def factor(self, step: int, fraction: float, epoch: int) -> float:
         """Factor of the learning rate in one step.
 
         Args:
             step: optimiser steps done so far.
-            total_steps: optimiser steps of the whole run; infinite if it has no end.
+            fraction: part of the training that is done, in [0, 1]; 0 if it has no end.
             epoch: epochs done so far.
         """
-        progress = epoch if self.unit == "epoch" else step / total_steps
+        progress = epoch if self.unit == "epoch" else fraction
         reached = 1.0
         for boundary, factor in zip(self.boundaries, self.factors, strict=True):
             reached = factor if progress >= boundary else reached

@@ -33,8 +33,8 @@ class TrainingSettings(Schedule):
             the same kernels without the host's part in launching them. Not with several processes or added gradients.
         compile: compile the networks, and on a card the objective, by `torch.compile` in this mode; true is "default",
             the others record graphs themselves. The first step takes up to minutes longer.
-        averaging: fraction of the optimiser steps, from the end, over which the weights are averaged to make the final
-            model; 0 takes those of the last step.
+        averaging: fraction of the training, from the end, over whose optimiser steps the weights are averaged to make
+            the final model; 0 takes those of the last step.
         supervised: let the objective read ground truth also of a model that is published as an unsupervised one.
         augmentation: how samples differ from the stored frames: other cameras, other points.
         start: weights that the final model starts from in place of random ones: a run folder, a model file, the

@@ -4,7 +4,11 @@ from typing import Any
 
 from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import WeightAveraging
+from lightning.pytorch.utilities.types import STEP_OUTPUT
 from torch import Tensor
+
+from deux.errors import DeuxError
+from deux.training.training_progress import training_progress
 
 
 class TailAveraging(WeightAveraging):
@@ -15,24 +19,40 @@ class TailAveraging(WeightAveraging):
     training which was killed goes on as if it had never stopped; buffers are those of the last step.
 
     Args:
-        fraction: of the optimiser steps, from the end, that the mean is over; above 0, at most 1.
+        fraction: of the training, from the end, that the mean is over; above 0, at most 1. It is of the optimiser
+            steps, or of the epochs where these become longer (`deux.training.training_progress`).
+
+    Raises:
+        DeuxError: at the start of the training, if it has no end.
     """
 
     def __init__(self, fraction: float) -> None:
         super().__init__(use_buffers=False, avg_fn=_running_mean)
         self.fraction = fraction
-        self._first_step = 0
+        self._in_last_part = False
+
+    def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        """Make the mean's tensors, if the training has an end."""
+        check_end(trainer, self.fraction)
+        super().setup(trainer, pl_module, stage)
 
     def should_update(self, step_idx: int | None = None, epoch_idx: int | None = None) -> bool:
-        """Whether a step, counted from 0, belongs to the last part."""
-        return step_idx is not None and step_idx >= self._first_step
+        """Whether the step that is done belongs to the last part."""
+        return step_idx is not None and self._in_last_part
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Find the first step of the last part, and bring the mean to the training's device."""
+        """Bring the mean to the training's device."""
         assert self._average_model is not None
         self._average_model.to(pl_module.device)
-        steps = int(trainer.estimated_stepping_batches)
-        self._first_step = min(steps - 1, round(steps * (1.0 - self.fraction)))
+
+    def on_train_batch_end(
+        self, trainer: Trainer, pl_module: LightningModule, outputs: STEP_OUTPUT, batch: Any, batch_idx: int
+    ) -> None:
+        """Count the weights in, if the step belongs to the last part."""
+        done, steps = training_progress(trainer)
+        # There is at least one step in the last part.
+        self._in_last_part = done > min(steps - 1, round(steps * (1.0 - self.fraction)))
+        super().on_train_batch_end(trainer, pl_module, outputs, batch, batch_idx)
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Wait for `on_fit_end`, which also follows where a training is resumed that has no step left to do."""
@@ -53,6 +73,15 @@ class TailAveraging(WeightAveraging):
         """Load the mean and the weights of the last step; a training without averaging goes on with it from here."""
         if "averaging_state" in checkpoint:
             super().on_load_checkpoint(trainer, pl_module, checkpoint)
+
+
+def check_end(trainer: Trainer, fraction: float) -> None:
+    """Raise DeuxError if a fraction of the training is to be averaged that has no end."""
+    if trainer.max_steps == -1 and trainer.max_epochs == -1:
+        raise DeuxError(
+            f"training.averaging={fraction:g} is the last part of a training, and with trainer.max_epochs=-1 this one "
+            "has no end: leave trainer.max_epochs to training.epochs, or set training.averaging=0."
+        )
 
 
 def _running_mean(mean: Tensor, weight: Tensor, count: Tensor | int) -> Tensor:

@@ -1,11 +1,13 @@
 """Where the final model's training starts from, and what it may learn from."""
 
 import json
+import shutil
 
 import pytest
 import torch
 
 import deux
+from deux.deployment.model_files import model_config, save_model
 
 ALIKE = ["model.margin=0", "model.first_weights=glorot"]  # the options of `model_file`'s models
 STILL = ["training.learning_rate=1e-12", "training.warmup_steps=0"]
@@ -26,6 +28,22 @@ def test_a_training_starts_from_the_weights_that_are_named(tiny, model_file, tmp
     assert "learns from synthetic scenes" not in outcome.out  # a foundation is part of the start
     found, expected = weights(tmp_path / "run"), weights(start)
     assert all(torch.allclose(found[name], expected[name], atol=1e-6) for name in expected)
+
+
+def test_a_run_does_not_pass_for_one_with_other_weights_of_the_same_name(tiny, model_file, tmp_path, collected):
+    start = tmp_path / "start.safetensors"
+    shutil.copyfile(model_file("kbnet"), start)
+    command = [*TRAIN, *ALIKE, f"hydra.run.dir={tmp_path}/run", f"training.start={start}"]
+    assert tiny(collected, *command).code == 0
+    assert "trained before" in tiny(collected, *command).out
+    model = deux.load(start)
+    with torch.no_grad():
+        next(model.parameters()).add_(0.1)
+    save_model(start, model, "kbnet", model_config(start).settings)
+    assert tiny(collected, *command).sentence == (
+        f"{tmp_path}/run holds a run with other weights: those of training.start have changed since it was begun; "
+        "choose another folder with hydra.run.dir=... or delete this one."
+    )
 
 
 def test_seed_models_start_from_scratch(tiny, model_file, tmp_path):

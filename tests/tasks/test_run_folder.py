@@ -24,6 +24,29 @@ def test_other_settings_are_refused_by_name(tmp_path):
         pass
 
 
+def test_other_weights_under_the_same_name_are_refused(tmp_path):
+    with open_run_folder(tmp_path, {"seed": 0}, {"training.start": "1a"}):
+        (tmp_path / "checkpoints").mkdir()
+    for known in ({"training.start": "1a"}, {}):  # and those of files that are gone do not matter
+        with open_run_folder(tmp_path, {"seed": 0}, known):
+            pass
+    with (
+        pytest.raises(DeuxError, match=r"holds a run with other weights: those of training\.start have changed since"),
+        open_run_folder(tmp_path, {"seed": 0}, {"training.start": "2b"}),
+    ):
+        pass
+
+
+def test_a_run_without_a_record_of_its_weights_goes_on(tmp_path):
+    """As earlier versions kept none."""
+    with open_run_folder(tmp_path, {"seed": 0}):
+        (tmp_path / "checkpoints").mkdir()
+    with open_run_folder(tmp_path, {"seed": 0}, {"training.start": "1a"}):
+        pass
+    with pytest.raises(DeuxError), open_run_folder(tmp_path, {"seed": 0}, {"training.start": "2b"}):
+        pass
+
+
 def test_a_run_that_came_to_nothing_makes_room_for_another(tmp_path):
     for checkpoint in ("nowhere", None):
         with open_run_folder(tmp_path, {"seed_model": {"checkpoint": checkpoint}}):

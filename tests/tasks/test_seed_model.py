@@ -5,7 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from deux.configuration import compose, sections_of
 from deux.deployment.model_files import model_name
+from deux.deployment.published_checkpoints import save_published
+from deux.registry import registry
+from deux.tasks.checkpoints import weights_identity
+from deux.tasks.datasets import Datasets
+from deux.tasks.model_training import Training
+from deux.tasks.seed_model import SeedModel, SeedModelSettings
 
 GUIDED = ["task=collect", "explore=deux"]
 
@@ -28,6 +35,45 @@ def test_a_seed_model_of_another_kind_has_its_own_objective_and_learning_rate(ti
     assert made_of["objective"] == {}
 
 
+@pytest.fixture
+def recipe():
+    """The seed model's recipe by overrides."""
+
+    def make(*overrides):
+        chosen = ["task=collect", "explore=deux", "seed_model.checkpoint=null", "scenes.train=1", "scenes.validation=0"]
+        sections = sections_of(compose([*chosen, *overrides]))
+        datasets = Datasets(sections, ["train"])
+        return SeedModel(sections, datasets, Training(sections, datasets, 1))._recipe
+
+    return make
+
+
+def test_another_kind_has_the_options_of_its_configuration(recipe):
+    model = recipe("model=voiced", "seed_model.name=kbnet", "seed_model.options.max_depth=8").model
+    assert model.settings == recipe("model=kbnet", "model.max_depth=8").model.settings
+    assert (model.settings["margin"], model.settings["first_weights"]) == (4, "he")
+    assert recipe("model=voiced", "seed_model.name=kbnet", "seed_model.options.margin=1").model.settings["margin"] == 1
+
+
+@pytest.mark.parametrize(
+    ("overrides", "rate"),
+    [
+        ([], 2e-4),  # as model=voiced alone has it
+        (["training.learning_rate=3e-3"], 3e-3),
+        (["scale=paper"], 1e-4),
+    ],
+)
+def test_another_kind_is_trained_as_a_preset_or_the_user_says(recipe, overrides, rate):
+    training = recipe("model=kbnet", "seed_model.name=voiced", *overrides).training
+    assert training.learning_rate == rate
+    assert training == recipe("model=voiced", *overrides).training
+
+
+def test_an_option_that_only_the_final_model_changes_is_not_the_other_ones(recipe):
+    assert recipe("model=scaffnet", "seed_model.name=kbnet").training.batch_size == 4
+    assert recipe("model=scaffnet", "training.batch_size=6", "seed_model.name=kbnet").training.batch_size == 6
+
+
 def test_a_shipped_model_guides_unless_another_is_asked_for(tiny, tmp_path):
     outcome = tiny(tmp_path, *GUIDED, "seed_model.checkpoint=kbnet-indoor")
     assert (outcome.code, outcome.err) == (0, "")
@@ -47,6 +93,20 @@ def test_a_given_seed_model_is_named_and_none_is_trained(tiny, model_file, tmp_p
     assert f"Seed model: {checkpoint}\n" in outcome.out
     assert "random frames" not in outcome.out
     assert not list(tmp_path.glob("seed_models/*"))
+
+
+def test_a_published_checkpoint_guides_with_the_options_that_it_is_given(model_file, tmp_path):
+    """Such a file holds no options: with others it is another model, and leads to other frames."""
+    file = tmp_path / "kbnet.pth"
+    small = {"image_filters": [4, 8, 8, 8, 8], "depth_filters": [4] * 5, "decoder_filters": [8, 8, 8, 8, 4]}
+    near, far = (
+        registry().choose("depth_models", {"name": "kbnet", **small, "max_depth": metres}) for metres in (8.0, 10.0)
+    )
+    save_published(near.create(), "kbnet", file)
+    published = SeedModelSettings(None, str(file), "random", 1)
+    assert published.load(near).weights == published.load(near).weights != published.load(far).weights
+    ours = SeedModelSettings(None, str(model_file("kbnet")), "random", 1)
+    assert ours.load(near).weights == ours.load(far).weights == weights_identity(model_file("kbnet"))
 
 
 @pytest.mark.parametrize("change", ["trainer.max_steps=1", "training.learning_rate=0.001"])

@@ -65,7 +65,11 @@ def weights(model: torch.nn.Module) -> torch.Tensor:
     return torch.cat([value.flatten() for value in model.state_dict().values()])
 
 
-MEASURES = {"steps": {"steps": 20}, "epochs": {"steps": None, "epochs": 4}}
+MEASURES = {
+    "steps": {"steps": 20},
+    "epochs": {"steps": None, "epochs": 4},
+    "averaged epochs": {"steps": None, "epochs": 4, "averaging": 0.3},
+}
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +117,26 @@ def test_a_run_that_is_measured_in_epochs_collects_too(tmp_path):
     _, active = active_run.train(tmp_path, settings={"steps": None, "epochs": 3})
     assert [one.step for one in active.rounds] == [3, 9]
     assert [found.total() for found in shown(tmp_path).values()] == [FIRST, 2 * FIRST, 3 * FIRST]
+
+
+class Course(Callback):
+    """The weights and the learning rate after each step."""
+
+    def __init__(self):
+        self.weights, self.rates = [], []
+
+    def on_train_batch_end(self, trainer, pl_module, outputs, batch, batch_idx):
+        self.weights.append(weights(pl_module.model).clone())
+        self.rates.append(trainer.optimizers[0].param_groups[0]["lr"])
+
+
+def test_fractions_of_a_training_in_epochs_are_of_the_epochs(tmp_path):
+    """Four epochs of 3, 6, 9 and 9 steps: half of them are 9 steps, and the last 0.3 are 9 steps and 2 of the third."""
+    course = Course()
+    settings = {"steps": None, "epochs": 4, "averaging": 0.3, "boundaries": (0.5,), "factors": (0.1,)}
+    model, _ = active_run.train(tmp_path, settings, callbacks=[course])
+    assert course.rates == pytest.approx([0.01] * 8 + [0.001] * 19)
+    torch.testing.assert_close(weights(model), torch.stack(course.weights[-11:]).mean(dim=0), rtol=1e-5, atol=1e-7)
 
 
 def test_no_round_comes_when_the_training_is_over(tmp_path):

@@ -14,7 +14,7 @@ import torch
 
 from deux.errors import DeuxError
 from deux.training import rank_failures
-from deux.training.rank_failures import RankWatch, told_to_all
+from deux.training.rank_failures import EndTogether, RankWatch, told_to_all
 
 PROGRAM = Path(__file__).with_name("watched_rank.py")
 TOLD = "deux: process 1 of the 2 that train together: a frame is broken."
@@ -77,6 +77,36 @@ def test_a_process_without_a_sign_of_life_counts_as_dead(pair):
     assert leader._look(0) is None  # it may not have begun
     other._look(0)
     assert leader._look(1) is None
+    time.sleep(0.3)
+    assert leader._look(2) == "process 1 of the 2 that train together has shown no life for 0 s."
+
+
+def test_a_process_that_has_done_its_part_does_not_count_as_dead(pair):
+    """As where the leading one evaluates alone, for longer than the silence."""
+    leader, other = pair
+    other.start()
+    while leader._seen.get(1, ("", 0.0))[0] == "":
+        assert leader._look(0) is None
+    other.stop()
+    assert leader._look(1) is None
+    time.sleep(0.3)
+    assert leader._look(2) is None
+
+
+@pytest.mark.parametrize("end", ["fail", "interrupt"])
+def test_a_process_that_ends_within_a_training_counts_as_dead(pair, monkeypatch, end):
+    monkeypatch.setattr(rank_failures, "_PATIENCE", 0.2)
+    leader, other = pair
+    other.start()
+    while leader._seen.get(1, ("", 0.0))[0] == "":
+        assert leader._look(0) is None
+    if end == "fail":
+        other.fail(RuntimeError("[gloo] Connection closed by peer"), "an error of the program")
+    else:
+        monkeypatch.setattr(rank_failures, "_watch", other)
+        EndTogether().on_exception(None, None, KeyboardInterrupt())
+    other.stop()
+    leader._look(1)
     time.sleep(0.3)
     assert leader._look(2) == "process 1 of the 2 that train together has shown no life for 0 s."
 

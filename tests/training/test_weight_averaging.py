@@ -4,6 +4,7 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
+from deux.errors import DeuxError
 from deux.testing.losses import perfect_sample
 from deux.training.checkpointing import resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
@@ -62,11 +63,10 @@ def train(small_model, fit, tmp_path):
                 perfect_sample().batch,
                 copies=3,
                 checkpoint=resume_point(tmp_path) if resume else None,
-                max_steps=10,
+                **{"max_steps": 10} | arguments,
                 reload_dataloaders_every_n_epochs=1,
                 callbacks=[weights, HealthCheck(), *averaging, *resume_checkpoints(tmp_path, minutes=10.0)],
                 enable_checkpointing=True,
-                **arguments,
             )
         return weights.after, flat(model)
 
@@ -110,6 +110,18 @@ def test_a_training_that_is_ended_before_its_last_part_keeps_its_weights(train):
     after, model = train(0.1, stop_at=3)
     assert len(after) < 9
     assert torch.equal(model, after[-1])
+
+
+def test_steps_of_several_batches_count_once(train):
+    after, model = train(0.4, accumulate_grad_batches=2)
+    steps = after[1::3], after[2::3]  # after the second and the last batch of each epoch
+    last = [weights for both in zip(*steps, strict=True) for weights in both][6:]
+    torch.testing.assert_close(model, torch.stack(last).mean(dim=0), rtol=1e-5, atol=1e-7)
+
+
+def test_a_training_without_end_has_no_last_part(train):
+    with pytest.raises(DeuxError, match=r"training\.averaging=0\.2 is the last part .* has no end"):
+        train(0.2, max_steps=-1, max_epochs=-1, max_time="00:00:00:01")
 
 
 @pytest.mark.parametrize("precision", ["bf16-true", "64-true"])

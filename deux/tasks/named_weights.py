@@ -1,0 +1,71 @@
+"""The weights that a command's options name, which make a run what it is as much as the options do."""
+
+from contextlib import suppress
+
+from deux.collection.perception import needs_model
+from deux.errors import DeuxError
+from deux.inference.weightless import without_weights
+from deux.registry import PluginChoice
+from deux.task_sections import Sections
+from deux.tasks.checkpoints import is_pretrained, named_identity
+from deux.tasks.model_training import FoundationSettings
+from deux.tasks.seed_model import SeedModelSettings
+from deux.training.training_settings import TrainingSettings
+
+
+def named_weights(
+    sections: Sections, explorer: bool = True, guide: bool = True, trained: bool = True
+) -> dict[str, str]:
+    """What identifies the weights that options name, for `deux.tasks.run_folder.open_run_folder`.
+
+    An option holds a path, and a run's identity no more than that: the file may change while the path stays the same.
+
+    Args:
+        sections: of these it reads `model`, `explore`, `seed_model`, `training` and `foundation`.
+        explorer: whether the explorer of `explore` collects.
+        guide: whether that explorer is led by the seed model, if it needs a depth model.
+        trained: whether the depth model of `model` is trained.
+
+    Returns:
+        Hashes by the options' names; of weights that are used and are there.
+    """
+    model, explore = sections.plugin("model"), sections.plugin("explore")
+    found: dict[str, str | None] = {}
+    from_scratch = []
+    if explorer and explore.settings.get("weights") is not None:  # of a learned explorer
+        found["explore.weights"] = _fingerprint(explore)
+    if guide and needs_model(explore):
+        seed_model = sections.read("seed_model", SeedModelSettings)
+        chosen = seed_model.choose(model)
+        if seed_model.checkpoint is not None:
+            found["seed_model.checkpoint"] = _identity(chosen, seed_model.checkpoint)
+        elif not is_pretrained(chosen):
+            from_scratch.append(chosen)
+    if trained:
+        start = sections.read("training", TrainingSettings).start
+        if start is not None:
+            found["training.start"] = _identity(model, start)
+        else:
+            from_scratch.append(model)
+    foundation = sections.read("foundation", FoundationSettings).checkpoint
+    if foundation is not None and any(map(_has_foundation, from_scratch)):
+        found["foundation.checkpoint"] = _identity(model, foundation)
+    return {option: identity for option, identity in found.items() if identity is not None}
+
+
+def _identity(published: PluginChoice, path: str) -> str | None:
+    with suppress(DeuxError):  # whoever needs the file says that it is missing
+        return named_identity(published, path)
+    return None
+
+
+def _fingerprint(explorer: PluginChoice) -> str | None:
+    with suppress(DeuxError):
+        found: str | None = explorer.create().fingerprint()
+        return found
+    return None
+
+
+def _has_foundation(model: PluginChoice) -> bool:
+    with without_weights():
+        return model.create().foundation() is not None

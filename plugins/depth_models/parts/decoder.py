@@ -125,6 +125,8 @@ class Decoder(nn.Module):
         with torch.autocast(x.device.type, enabled=False):
             if self.training and merges_steps():
                 return convolve_to_few_channels(x.to(dtype), weight)
+            if weight.dtype == dtype:
+                return self.output(x.to(dtype))
             return functional.conv2d(x.to(dtype), weight.to(dtype), padding=1)
 
 

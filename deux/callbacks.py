@@ -6,7 +6,7 @@ the weights' names (model_pruning), that set the learning rate themselves (stoch
 `deux.training.fit` does anyway (progress bars, on_exception_checkpoint).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -68,6 +68,27 @@ def make_callback(name: str, settings: Mapping[str, Any]) -> "Callback":
     module, _, attribute = CALLBACKS[name].partition(":")
     target: Callable[..., Callback] = getattr(import_module(module), attribute)
     return lightning_object(target, settings, f"callbacks.{name}", _GIVEN.get(name))
+
+
+def check_monitor(name: str, callback: "Callback", quantities: Sequence[str]) -> None:
+    """Find a quantity that no training logs, which Lightning misses in the middle of it.
+
+    Args:
+        name: of the callback.
+        callback: made by that name.
+        quantities: what the training logs.
+
+    Raises:
+        DeuxError: the callback watches none of them.
+    """
+    monitor = getattr(callback, "monitor", None)
+    known = [*quantities, *(("epoch", "step") if name == "model_checkpoint" else ())]
+    if monitor is not None and monitor not in known and getattr(callback, "strict", True):
+        told = "" if any(one.startswith("validation/") for one in known) else ", which has no frames to validate on"
+        raise DeuxError(
+            f"callbacks.{name}.monitor={monitor} is nothing that this training logs{told}: "
+            f"{near_matches(monitor, known)}"
+        )
 
 
 def lightning_object(

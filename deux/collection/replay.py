@@ -15,6 +15,10 @@ from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths
 
 
+class ReplayDiverged(DeuxError):
+    """An explorer goes another way than in the episode that it takes again."""
+
+
 def replay(
     sequence: SequencePaths,
     scene: SceneReference,
@@ -26,7 +30,8 @@ def replay(
     """Run a finished episode again on its stored frames: the explorer, and its map, at each step.
 
     Nothing is rendered and nothing is written. An explorer is decided by its seed and by what it sees, so that it takes
-    the same actions; the depth model, if it needs one, predicts again.
+    the same actions; the depth model, if it needs one, predicts again. On a card its predictions differ in their last
+    bits with the number of frames that are predicted together, here one, and the explorer may come to go another way.
 
     Args:
         sequence: a collected episode.
@@ -37,7 +42,8 @@ def replay(
         perception: likewise the depth model; None for explorers that need none.
 
     Raises:
-        DeuxError: the episode is not finished, or is not what these make.
+        ReplayDiverged: the explorer goes another way; after the steps in which it did not.
+        DeuxError: the episode is not finished.
     """
     try:
         record = read_json_object(sequence.folder / "episode.json")
@@ -46,13 +52,16 @@ def replay(
         raise DeuxError(f"{sequence.folder} holds no finished episode that could be watched.") from error
     explorer = make_explorer()
     labels = Need.LABELS in explorer.needs
+    reason = "so something that made it has changed"
+    if perception is not None and not perception.batch_invariant:
+        reason = "as the depth model here predicts a frame a little differently beside others than alone"
 
     def stored(number: int, pose: np.ndarray) -> Frame:
         frame = read_frame(sequence, number, labels)
         if frame is None or not np.array_equal(frame.pose, pose):
-            raise DeuxError(
+            raise ReplayDiverged(
                 f"{sequence.folder} cannot be watched beyond step {number}: the explorer now goes another way than "
-                "when it was collected, so something that made it has changed."
+                f"when it was collected, {reason}."
             )
         return frame
 

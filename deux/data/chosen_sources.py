@@ -80,8 +80,11 @@ def sources_by_parallax(
 @lru_cache(maxsize=16)
 def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Triplet, ...]:
     found = reader.neighbourhoods(split, SourceRule().reach)
-    if all(len(one.frames) <= SOURCES for one in found):  # nothing to choose
-        return tuple(reader.triplets(split, offsets))
+    if all(len(one.frames) <= SOURCES for one in found):  # nothing to choose, unless the two lie elsewhere
+        triplets = reader.triplets(split, offsets)
+        given = {triplet.target for triplet in triplets if triplet.sources}
+        if all(one.target in given for one in found if len(one.frames) == SOURCES):
+            return tuple(triplets)
     targets = counted(len(found), f"{split} frame")
     log.info("choosing source frames of %s of %s by their parallax", targets, reader.folder)
     chosen: list[Triplet] = []

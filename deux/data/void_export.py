@@ -27,7 +27,7 @@ from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.exported_split import ExportedSplit, FrameFiles
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.calibration import write_matrix
-from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, frame_name, list_file
+from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, frame_name, list_file, natural_order
 
 Arrangement = Literal["triplets", "time"]
 """Whether the source frames lie ten files from their target, or all files are in the order of time."""
@@ -69,7 +69,8 @@ def write_void(folder: Path, splits: Sequence[ExportedSplit], arrangement: Arran
 def arrange(triplets: Sequence[Triplet], arrangement: Arrangement) -> list[FrameReference]:
     """The frames of one training sequence in the order of their files."""
     if arrangement == "time":
-        return sorted({frame for target, sources in triplets for frame in (target, *sources)})
+        frames = {frame for target, sources in triplets for frame in (target, *sources)}
+        return sorted(frames, key=lambda frame: natural_order(frame.name))
     # The first target is the first that is not left out, and so is the last.
     before = MARGIN - SOURCE_DISTANCE
     arranged = [triplets[0].target] * before

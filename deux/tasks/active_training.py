@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from deux.callbacks import ACTIVE_COLLECTION, make_callback
+from deux.callbacks import ACTIVE_COLLECTION, check_monitor, make_callback
 from deux.collection.collect_settings import FRAMES_OF_A_TRIPLET
 from deux.collection.explored_map import mean_uncertainty, seen_area
 from deux.collection.pipeline import frame_count
@@ -26,8 +26,9 @@ from deux.tasks.console import say
 from deux.tasks.datasets import Datasets, check_robot
 from deux.tasks.model_training import Recipe, Training
 from deux.tasks.run_folder import ROUNDS, RunFolder
+from deux.training.objective import make_objective
 from deux.training.ranks import decided_by_leader, leads
-from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings
+from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings, check_reloading
 
 if TYPE_CHECKING:
     from lightning import Callback
@@ -71,24 +72,54 @@ class ActiveTraining:
         self.active: ActiveCollectionSettings | None = None
         if active is not None:
             self.active = construct(ActiveCollectionSettings, active, f"callbacks.{ACTIVE_COLLECTION}")
-        self._callbacks = [make_callback(name, options) for name, options in chosen.items()]
+        self._callbacks = {name: make_callback(name, options) for name, options in chosen.items()}
         self._explorer = sections.plugin("explore")
-        if self.active is not None:
-            check_robot(self._explorer, f"callbacks={ACTIVE_COLLECTION}")
         self._datasets = datasets
         self._training = training
+        self._trainer: dict[str, Any] = sections.plain("trainer")
+        if self.active is not None:
+            check_robot(self._explorer, f"callbacks={ACTIVE_COLLECTION}")
+            check_reloading(self._trainer.get("reload_dataloaders_every_n_epochs", 1))
+        given = "training_data" in sections.names and sections.plain("training_data")
+        self._check_callbacks(bool(given or datasets.scenes.validation))
 
     def train(self, data: Reader, run: RunFolder, validation: Sequence[Reader] | None = None) -> DepthModel:
-        """Train the configured model; arguments as of `Training.train`."""
+        """Train the configured model; arguments as of `Training.train`.
+
+        Raises:
+            DeuxError: a callback watches what is not logged, as there are no frames to validate on.
+        """
         recipe = self._training.recipe
+        if validation is not None:
+            self._check_callbacks(bool(validation))
         if self.active is None or decided_by_leader((run.path / MODEL_FILE).exists):
-            return self._training.train(recipe, data, run, validation, self._callbacks)
+            return self._training.train(recipe, data, run, validation, [*self._callbacks.values()])
         validation = self._training.validation_readers() if validation is None else validation
         callback = self._collection(self.active, recipe, run, validation)
-        model = self._training.train(recipe, data, run, validation, [callback, *self._callbacks])
+        model = self._training.train(recipe, data, run, validation, [callback, *self._callbacks.values()])
         if leads():
             _show_rounds(run, self.active)
         return model
+
+    def _check_callbacks(self, validated: bool) -> None:
+        """Find what Lightning would stumble over in the middle of the training.
+
+        Args:
+            validated: whether there are frames to validate on.
+        """
+        if not self._callbacks:
+            return
+        from deux.metrics.depth_errors import METRICS  # slow, like Lightning, which the callbacks have brought
+        from deux.training.module import logged_quantities
+        from deux.training.weight_averaging import check_one_mean
+
+        recipe = self._training.recipe
+        check_one_mean(recipe.training.averaging, [*self._callbacks.values()])
+        objective = make_objective(recipe.outline(), recipe.objective, recipe.supervised)
+        validated = validated and self._trainer.get("limit_val_batches") != 0
+        quantities = logged_quantities(objective, METRICS, validated)
+        for name, callback in self._callbacks.items():
+            check_monitor(name, callback, quantities)
 
     def _collection(
         self, active: ActiveCollectionSettings, recipe: Recipe, run: RunFolder, validation: Sequence[Reader]

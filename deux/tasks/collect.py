@@ -1,11 +1,13 @@
 """`task=collect`: explore the training scenes and write the dataset."""
 
+import logging
 from pathlib import Path
 
 from omegaconf import DictConfig
 
 from deux.collection.explored_map import episode_poses, explored_map
 from deux.collection.perception import needs_model
+from deux.collection.replay import ReplayDiverged
 from deux.configuration import run_folder, sections_of
 from deux.data.dataset_reader import DatasetReader
 from deux.inference.precision import FastPredictor
@@ -24,6 +26,8 @@ from deux.training.ranks import leads
 MOST_TRAJECTORIES = 6
 """Episodes of which the trajectory is drawn, and recorded for a viewer."""
 
+log = logging.getLogger(__name__)
+
 
 def run(cfg: DictConfig) -> None:
     """Collect the configured explorer's dataset, draw its trajectories and score its frames."""
@@ -41,10 +45,10 @@ def run(cfg: DictConfig) -> None:
         dataset = exploration.collect(run)
         if leads():
             exploration.draw(dataset, run)
-            exploration.record(dataset, run)
             choice = training.recipe.source_choice()
             card = score(DatasetReader(dataset), choice=choice, simulation=datasets.simulation)
             card.save(run.path)
+            exploration.record(dataset, run)
             say(card.table(f"Scorecard of the {exploration.explorer.name} frames"))
             say(f"Dataset: {dataset}")
 
@@ -101,7 +105,10 @@ class Exploration:
             save_figure(figure, run.figures / f"trajectory_{sequence.name}.png")
 
     def record(self, dataset: Path, run: RunFolder) -> None:
-        """Write recordings of the first episodes, by `collect.viewer`; call it after `collect`."""
+        """Write recordings of the first episodes, by `collect.viewer`; call it after `collect`.
+
+        Where an explorer goes another way than it did, its recording ends there.
+        """
         if self._datasets.collect.viewer is None or is_ceiling(self.explorer):
             return
         from deux.figures.exploration_recording import ExplorationRecording  # matplotlib, as above
@@ -109,6 +116,9 @@ class Exploration:
         for sequence in sequences(dataset)[:MOST_TRAJECTORIES]:
             path = run.path / "recordings" / f"{sequence.name}.rrd"
             with ExplorationRecording(path, sequence.name) as recording:
-                for step in self._datasets.replayed(sequence, self.explorer, self._predictor):
-                    recording.add(step)
+                try:
+                    for step in self._datasets.replayed(sequence, self.explorer, self._predictor):
+                        recording.add(step)
+                except ReplayDiverged as error:
+                    log.warning("%s", error)
             say(f"Recording: {path}")

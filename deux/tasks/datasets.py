@@ -164,7 +164,8 @@ class Datasets:
         """The steps of an episode of `explored`, taken again on its stored frames; arguments as there.
 
         Raises:
-            DeuxError: the episode is not one of this experiment's scenes, or not what the explorer does now.
+            ReplayDiverged: the explorer goes another way now.
+            DeuxError: the episode is not one of this experiment's scenes.
         """
         place = read_json_object(sequence.folder / "episode.json").get("scene")
         scene = next((scene for scene in self.scenes.train if scene.name == place), None)

@@ -309,10 +309,10 @@ class Training:
             value in _ALWAYS_TAKEN[name] for name, value in self._trainer.items()
         ):
             return
-        from deux.training.fit import make_trainer  # slow
+        from deux.training.fit import check_trainer  # slow
 
         quieten_trainer()
-        trainer = make_trainer({"logger": False, "enable_checkpointing": False, **self._trainer})
+        trainer = check_trainer(self.recipe.training, self._trainer)
         if in_sweep() and starts_the_command_again(trainer):
             raise DeuxError(
                 f"a sweep (-m) with trainer.devices={trainer.num_devices} would start the whole sweep again in every "

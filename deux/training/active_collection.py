@@ -15,7 +15,7 @@ from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
 from deux.inference.prediction import eval_mode
 from deux.training.module import DepthCompletion
-from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings, merge_results
+from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings, check_reloading, merge_results
 from deux.training.training_progress import training_progress
 
 Collect = Callable[[RoundRequest], RankResult]
@@ -55,12 +55,7 @@ class ActiveCollection(Callback):
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         """Keep the list of datasets that the training begins with."""
         self._initial = list(_data(trainer).train)
-        epochs = getattr(trainer, "reload_dataloaders_every_n_epochs", 0)
-        if epochs != 1:
-            raise DeuxError(
-                f"trainer.reload_dataloaders_every_n_epochs={epochs} would leave out frames that are collected during "
-                "the training: with callbacks.active_collection it has to be 1."
-            )
+        check_reloading(getattr(trainer, "reload_dataloaders_every_n_epochs", 0))
 
     def state_dict(self) -> dict[str, Any]:
         """The complete rounds as plain values."""

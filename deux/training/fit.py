@@ -1,6 +1,7 @@
 """Training a depth model on datasets, from start or from where an earlier attempt was killed."""
 
 import logging
+import math
 import signal
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -9,6 +10,7 @@ from typing import Any
 
 import torch
 from lightning import Callback, Trainer, seed_everything
+from lightning.pytorch import LightningModule
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 from torch import nn
 from torchmetrics import Metric
@@ -17,6 +19,7 @@ from deux.callbacks import lightning_object
 from deux.contracts import DepthModel, Reader
 from deux.data.cache_choice import CacheChoice
 from deux.data.datamodule import TripletDataModule
+from deux.errors import DeuxError
 from deux.inference.precision import default_precision, tf32_convolutions
 from deux.training.checkpointing import AtomicCheckpoints, ResumedFrom, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
@@ -27,7 +30,7 @@ from deux.training.objective import Objective, make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 from deux.training.rank_failures import EndTogether
 from deux.training.training_settings import TrainingSettings
-from deux.training.weight_averaging import TailAveraging
+from deux.training.weight_averaging import TailAveraging, check_end, check_one_mean
 
 log = logging.getLogger(__name__)
 
@@ -65,6 +68,7 @@ def fit(
     Raises:
         DeuxError: an option is wrong, a dataset is broken, or the loss is not finite.
     """
+    check_one_mean(settings.averaging, callbacks)
     seed_everything(seed, workers=True, verbose=False)
     terms = make_objective(model, objective, model.supervised or settings.supervised)
     data = _data_module(model, train, validation, settings, terms, pose, seed, cache)
@@ -73,10 +77,11 @@ def fit(
     kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
     resumed = ResumedFrom(resume_point(checkpoints))
     averaging = [TailAveraging(settings.averaging)] if settings.averaging else []
+    used = [*kept, resumed, HealthCheck(), EndTogether(), *_validations(settings, own), *averaging, *callbacks]
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
-            "callbacks": [*kept, resumed, HealthCheck(), EndTogether(), *averaging, *callbacks],
+            "callbacks": used,
             **_budget(settings),
             **own,
         }
@@ -90,6 +95,27 @@ def fit(
     ):
         trainer.fit(module, datamodule=data, ckpt_path=resumed.point, weights_only=True)
     return model.eval()
+
+
+def check_trainer(settings: TrainingSettings, trainer_arguments: Mapping[str, Any]) -> Trainer:
+    """The trainer that `fit` would make but for what is given there, to find what is wrong before any work is done.
+
+    Args:
+        settings: as of `fit`.
+        trainer_arguments: as of `fit`.
+
+    Raises:
+        DeuxError: an argument of the trainer is unknown or refused, or contradicts what a training needs.
+    """
+    if trainer_arguments.get("enable_checkpointing") is False:
+        raise DeuxError(
+            "trainer.enable_checkpointing=false would leave a training that is killed nothing to go on from: leave it "
+            "true; the newest checkpoints alone are kept."
+        )
+    trainer = make_trainer({"logger": False, "enable_checkpointing": False, **_budget(settings), **trainer_arguments})
+    if settings.averaging:
+        check_end(trainer, settings.averaging)
+    return trainer
 
 
 def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
@@ -143,6 +169,34 @@ def _interruptible() -> Iterator[None]:
         raise KeyboardInterrupt from ended
 
 
+class EvenValidations(Callback):
+    """Spreads validations evenly over a training in steps that take several batches each; Lightning counts batches.
+
+    Args:
+        steps: of the training.
+        validations: their number.
+    """
+
+    def __init__(self, steps: int, validations: int) -> None:
+        self._steps, self._validations = steps, validations
+        self._interval = 0
+
+    def state_dict(self) -> dict[str, Any]:
+        """The distance in batches, which a resumed training keeps also where its epochs have become longer."""
+        return {"interval": self._interval}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take over the distance."""
+        self._interval = state_dict["interval"]
+
+    def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Set the distance: the last step of an epoch may take fewer batches than the others."""
+        batches = int(trainer.num_training_batches)
+        steps = math.ceil(batches / trainer.accumulate_grad_batches)
+        self._interval = self._interval or max(1, self._steps * batches // (steps * self._validations))
+        trainer.val_check_interval = trainer.val_check_batch = self._interval
+
+
 def _compilable(module: DepthCompletion, pose: PoseKind, device: torch.device) -> list[nn.Module]:
     """What of a training `torch.compile` is for."""
     learned = [module.pose_source] if pose == "learned" else []
@@ -184,6 +238,12 @@ def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[st
     }
 
 
+def _validations(settings: TrainingSettings, own: Mapping[str, Any]) -> list[Callback]:
+    """What spreads the validations where `_budget` cannot, unless the trainer's own arguments say when they come."""
+    taken = own.get("accumulate_grad_batches", 1) == 1 or {"val_check_interval", "check_val_every_n_epoch"} & own.keys()
+    return [] if settings.steps is None or taken else [EvenValidations(settings.steps, settings.validations)]
+
+
 def _budget(settings: TrainingSettings) -> dict[str, Any]:
     """When training ends, and when it logs and validates."""
     if settings.steps is None:
@@ -196,5 +256,5 @@ def _budget(settings: TrainingSettings) -> dict[str, Any]:
         "max_steps": settings.steps,
         "log_every_n_steps": max(1, min(10, settings.steps // 20)),
         "val_check_interval": max(1, settings.steps // settings.validations),
-        "check_val_every_n_epoch": None,  # count steps across epochs
+        "check_val_every_n_epoch": None,  # count batches across epochs
     }

@@ -1,5 +1,6 @@
 """Training a depth model without ground truth, as a LightningModule."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -170,6 +171,19 @@ class DepthCompletion(LightningModule):
         for name, value in values.items():
             # Not for the progress bar: Lightning reads such values at every step, whether there is a bar or not.
             self.log(f"{stage}/{name}", value, batch_size=len(batch.image))
+
+
+def logged_quantities(objective: Objective, metrics: Iterable[str], validated: bool) -> list[str]:
+    """The names of all that a training logs of its own, such as "validation/loss", for callbacks that watch one.
+
+    Args:
+        objective: of the training.
+        metrics: what `compute` of the module's metrics returns.
+        validated: whether there are frames to validate on.
+    """
+    each = ["loss", *objective.terms, *(["photometric_error"] if objective.needs_reconstructions else [])]
+    found = [f"train/{name}" for name in (*each, "learning_rate")]
+    return found + ([f"validation/{name}" for name in (*each, *metrics)] if validated else [])
 
 
 def _scaler(plugin: Precision) -> Any:

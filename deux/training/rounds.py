@@ -55,6 +55,19 @@ class RoundSettings:
         return number <= self.rounds and fraction < 1 and done >= number * self.every * (1 - 1e-9)
 
 
+def check_reloading(epochs: Any) -> None:
+    """Raise DeuxError if the trainer would not read its frames anew in each epoch.
+
+    Args:
+        epochs: `trainer.reload_dataloaders_every_n_epochs`.
+    """
+    if epochs != 1:
+        raise DeuxError(
+            f"trainer.reload_dataloaders_every_n_epochs={epochs} would leave out frames that are collected during the "
+            f"training: with {_WHERE} it has to be 1."
+        )
+
+
 @dataclass(frozen=True)
 class RoundRequest:
     """What a process is asked to collect in a round.

@@ -14,7 +14,7 @@ class Schedule:
 
     Args:
         learning_rate: the rate that the factors multiply.
-        boundaries: where the rate changes, increasing.
+        boundaries: where the rate changes, increasing; above 0 and, as fractions, below 1.
         factors: the factor from each boundary on; 1 before the first.
         unit: what the boundaries count: the fraction of the training that is done, or finished epochs.
         warmup_steps: number of first steps over which the rate rises to its value.
@@ -36,6 +36,17 @@ class Schedule:
             raise DeuxError(
                 f"the learning rate's boundaries {self.boundaries} and factors {self.factors} must be equally many, "
                 "and the boundaries increasing."
+            )
+        by_epoch = self.unit == "epoch"
+        if not all(place >= 1 and place % 1 == 0 if by_epoch else 0 < place < 1 for place in self.boundaries):
+            raise DeuxError(
+                f"training.boundaries is {list(self.boundaries)}, and with training.unit={self.unit} "
+                + (
+                    "they count finished epochs, whole numbers from 1 on: training.unit=fraction takes parts of the "
+                    "training."
+                    if by_epoch
+                    else "they are parts of the training, between 0 and 1: training.unit=epoch counts epochs."
+                )
             )
 
     def factor(self, step: int, fraction: float, epoch: int) -> float:

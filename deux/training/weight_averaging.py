@@ -1,8 +1,9 @@
 """The mean of the weights over the last steps of a training (tail averaging, Polyak and Juditsky 1992)."""
 
+from collections.abc import Sequence
 from typing import Any
 
-from lightning.pytorch import LightningModule, Trainer
+from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.callbacks import WeightAveraging
 from lightning.pytorch.utilities.types import STEP_OUTPUT
 from torch import Tensor
@@ -73,6 +74,25 @@ class TailAveraging(WeightAveraging):
         """Load the mean and the weights of the last step; a training without averaging goes on with it from here."""
         if "averaging_state" in checkpoint:
             super().on_load_checkpoint(trainer, pl_module, checkpoint)
+
+
+def check_one_mean(fraction: float, callbacks: Sequence[Callback]) -> None:
+    """Find two means of the weights, which keep each other's in the checkpoints and lose the weights themselves.
+
+    Args:
+        fraction: `training.averaging`; 0 for none.
+        callbacks: all others of the training.
+
+    Raises:
+        DeuxError: more than one of them makes a mean.
+    """
+    names = [type(one).__name__ for one in callbacks if isinstance(one, WeightAveraging)]
+    means = [*([f"training.averaging={fraction:g}"] if fraction else []), *(f"the callback {name}" for name in names)]
+    if len(means) > 1:
+        raise DeuxError(
+            f"{' and '.join(means)} both make the trained model a mean of its weights: leave one of them out"
+            f"{', such as by training.averaging=0' if fraction else ''}."
+        )
 
 
 def check_end(trainer: Trainer, fraction: float) -> None:

@@ -10,7 +10,7 @@ from toy_world import ToyScene, ToySimulator, Wanderer, convolving_predictor, gu
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
 from deux.collection.perception import Perception
-from deux.collection.replay import replay
+from deux.collection.replay import ReplayDiverged, replay
 from deux.collection.sparse import SparseSettings
 from deux.contracts import Action
 from deux.errors import DeuxError
@@ -53,8 +53,12 @@ def test_another_explorer_or_no_episode_is_said(tmp_path: Path) -> None:
         def act(self, observation):
             return Action.RIGHT
 
-    with pytest.raises(DeuxError, match=r"hall-00 cannot be watched beyond step \d: the explorer now goes another way"):
+    with pytest.raises(ReplayDiverged, match=r"hall-00 cannot be watched beyond step \d: .* something .* has changed"):
         list(replay(plan.paths, SCENE, 6, ToySimulator, Straight))
+    predict = convolving_predictor()
+    perception = Perception(lambda *frames: predict(*frames), SparseSettings(), L1Residual())
+    with pytest.raises(ReplayDiverged, match=r"another way .*, as the depth model here predicts a frame a little diff"):
+        list(replay(plan.paths, SCENE, 6, ToySimulator, Straight, perception))
     missing = replace(plan, folder=tmp_path / "none")
     with pytest.raises(DeuxError, match="none holds no finished episode that could be watched"):
         list(replay(missing.paths, SCENE, 6, ToySimulator, Wanderer))

@@ -125,6 +125,17 @@ def test_what_lists_its_own_sources_keeps_them(tmp_path: Path) -> None:
     assert list_triplets(reader, "train", "baseline") == reader.triplets("train", (-1, -2))
 
 
+def test_a_clip_of_three_frames_has_its_other_two_as_sources(tmp_path: Path) -> None:
+    """Nothing is to be chosen there, but the two do not lie at training.offsets."""
+    names = [f"clip-{number:02d}" for number in range(3)]
+    folder = write(tmp_path / "d", dict.fromkeys(names, walk([Action.FORWARD] * 3)))
+    listed = "".join(f"d/data/{name}/image/000001.png\n" for name in names)
+    (folder / "train_image.txt").write_text(listed)
+    found = list_triplets(DatasetReader(folder), "train", "baseline")
+    assert [target for target, _ in found] == [FrameReference(name, "000001") for name in names]
+    assert all({source.name for source in sources} == {"000000", "000002"} for _, sources in found)
+
+
 def test_the_sentence_says_why_no_frame_has_sources(tmp_path: Path) -> None:
     reader = DatasetReader(write(tmp_path / "d", {"hall-00": walk([Action.FORWARD] * 2)}))
     with pytest.raises(DeuxError, match=r"None of the 2 train frames of .* has source frames: .*training\.sources"):

@@ -12,7 +12,8 @@ import pytest
 from exported import splits
 from PIL import Image
 
-from deux.data.void_export import used_by_setup, write_void
+from deux.contracts import FrameReference, Triplet
+from deux.data.void_export import arrange, used_by_setup, write_void
 
 DENSITIES = ("void_150", "void_500", "void_1500")
 
@@ -95,6 +96,12 @@ def test_the_sparser_points_are_among_the_denser(exported):
 def test_a_frame_is_one_file_under_several_names(exported, sequence, frames, files):
     images = list((exported[0] / "void_1500/data" / sequence / "image").iterdir())
     assert (len({path.stat().st_ino for path in images}), len(images)) == (frames, files)
+
+
+def test_the_order_of_time_is_that_of_numbers_in_names():
+    frames = [FrameReference("hall-00", f"{number}") for number in range(12)]
+    triplets = [Triplet(frame, (frames[number - 1],)) for number, frame in enumerate(frames) if number]
+    assert arrange(triplets, "time") == frames
 
 
 def test_in_the_order_of_time_the_setup_takes_what_it_takes(tmp_path):

@@ -200,10 +200,29 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
             ["callbacks=[active_collection]", "callbacks.active_collection.steps=2"],
             "callbacks.active_collection.steps is 2: it must be at least 3.",
         ),
+        (
+            ["callbacks=[active_collection]", "+trainer.reload_dataloaders_every_n_epochs=2"],
+            "trainer.reload_dataloaders_every_n_epochs=2 would leave out frames that are collected during the training",
+        ),
+        (
+            ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=val_loss", "scenes.validation=1"],
+            "callbacks.early_stopping.monitor=val_loss is nothing that this training logs: did you mean validation",
+        ),
+        (
+            ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=validation/mae"],
+            "callbacks.early_stopping.monitor=validation/mae is nothing that this training logs, which has no frames "
+            "to validate on: there is: train/color_consistency, train/learning_rate,",
+        ),
+        (
+            ["callbacks=[ema_weight_averaging]", "training.averaging=0.3"],
+            "training.averaging=0.3 and the callback EMAWeightAveraging both make the trained model a mean of its "
+            "weights: leave one of them out, such as by training.averaging=0.",
+        ),
     ],
 )
 def test_mistakes_are_told_in_one_sentence(tiny, tmp_path, overrides, sentence):
     assert tiny(tmp_path, "explore=random", *overrides).sentence.startswith(sentence)
+    assert not list(tmp_path.glob("datasets/*"))
 
 
 def test_a_sweep_does_not_start_itself_again(tiny, tmp_path):

@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import pytest
 import torch
@@ -7,7 +8,7 @@ from lightning.pytorch import Callback
 from lightning.pytorch.loggers import CSVLogger
 
 from deux import callbacks
-from deux.callbacks import ACTIVE_COLLECTION, CALLBACKS, callback_names, make_callback
+from deux.callbacks import ACTIVE_COLLECTION, CALLBACKS, callback_names, check_monitor, make_callback
 from deux.errors import DeuxError
 from deux.testing.losses import perfect_sample
 from deux.training.module import DepthCompletion
@@ -63,6 +64,28 @@ def test_each_works_in_a_training(name, small_model, fit, tmp_path):
         callbacks=[make_callback(name, REQUIRED.get(name, {}))],
     )
     assert trainer.global_step == 4
+
+
+QUANTITIES = ["train/loss", "validation/loss"]
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "known"),
+    [
+        ("early_stopping", {"monitor": "val_loss"}, False),
+        ("early_stopping", {"monitor": "val_loss", "strict": False}, True),
+        ("early_stopping", {"monitor": "validation/loss"}, True),
+        ("model_checkpoint", {"monitor": "validation/los"}, False),
+        ("model_checkpoint", {"monitor": "step", "mode": "max"}, True),
+        ("model_checkpoint", {}, True),
+        ("timer", {}, True),
+    ],
+)
+def test_a_quantity_that_no_training_logs_is_told(name, settings, known):
+    made = make_callback(name, settings)
+    sentence = rf"callbacks\.{name}\.monitor=\S+ is nothing that this training logs: did you mean .*validation/loss"
+    with nullcontext() if known else pytest.raises(DeuxError, match=sentence):
+        check_monitor(name, made, QUANTITIES)
 
 
 def test_names_are_known_without_lightning_and_torch():

@@ -1,7 +1,19 @@
-import pytest
+import importlib.util
+import sys
+from pathlib import Path
 
-from deux.training.fit import _arithmetic, _graphed, make_trainer
+import pytest
+from lightning.pytorch import Callback
+
+from deux.errors import DeuxError
+from deux.training.fit import _arithmetic, _graphed, check_trainer, make_trainer
 from deux.training.training_settings import TrainingSettings
+
+# Under a name of its own: another test's copy of this module stays as it is.
+_spec = importlib.util.spec_from_file_location("validated_run", Path(__file__).with_name("active_run.py"))
+assert _spec is not None
+validated_run = sys.modules["validated_run"] = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(validated_run)
 
 
 def test_the_log_says_what_a_training_computes_with():
@@ -23,3 +35,45 @@ def test_the_log_says_what_a_training_computes_with():
 )
 def test_no_graph_is_recorded_inside_another(settings, graphed):
     assert _graphed(TrainingSettings(**settings)) is graphed
+
+
+class Validations(Callback):
+    """The optimiser steps after which there was a validation."""
+
+    def __init__(self):
+        self.after = []
+
+    def on_validation_end(self, trainer, pl_module):
+        self.after.append(trainer.global_step)
+
+
+@pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning")
+@pytest.mark.filterwarnings("ignore:Found 1 module.s. in eval mode")
+@pytest.mark.filterwarnings("ignore:You have overridden `on_after_batch_transfer`")
+@pytest.mark.filterwarnings("ignore:.*does not have many workers")
+@pytest.mark.filterwarnings("ignore:.*is smaller than the logging interval")
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+@pytest.mark.parametrize(
+    ("batch_size", "accumulated", "after"),
+    [(4, 1, [10, 20]), (4, 4, [10, 20]), (1, 4, [10, 20]), (2, 4, [10, 20])],
+)
+def test_validations_are_as_many_as_asked_whatever_a_step_takes(tmp_path, batch_size, accumulated, after):
+    """Of the twelve frames, an epoch has 3 batches in one step, 12 in three steps, or 6 in two."""
+    seen = Validations()
+    settings = {"steps": 20, "validations": 2, "batch_size": batch_size}
+    trainer = {"accumulate_grad_batches": accumulated}
+    validated_run.train(tmp_path, settings, {"every": 999}, trainer, callbacks=[seen], validate=True)
+    assert seen.after == after
+
+
+@pytest.mark.parametrize(
+    ("settings", "arguments", "sentence"),
+    [
+        ({}, {"enable_checkpointing": False}, r"^trainer\.enable_checkpointing=false would leave a training that is"),
+        ({"steps": None, "averaging": 0.2}, {"max_epochs": -1}, r"^training\.averaging=0\.2 is the last part .* end"),
+        ({}, {"max_epoch": 3}, r"^trainer\.max_epoch is not an option"),
+    ],
+)
+def test_what_makes_no_training_is_told_before_it(settings, arguments, sentence):
+    with pytest.raises(DeuxError, match=sentence):
+        check_trainer(TrainingSettings(**settings), {"accelerator": "cpu", **arguments})

@@ -6,12 +6,13 @@ import torch
 from lightning.pytorch import Callback
 from lightning.pytorch.plugins import MixedPrecision
 
+from deux.metrics.depth_errors import METRICS
 from deux.metrics.mean_errors import DepthErrors
 from deux.registry import registry
 from deux.testing.host_waits import HostWait, refuse_host_waits
 from deux.testing.losses import perfect_sample
 from deux.training.health import HealthCheck
-from deux.training.module import DepthCompletion
+from deux.training.module import DepthCompletion, logged_quantities
 from deux.training.objective import make_objective
 from deux.training.pose_source import make_pose_source
 from deux.training.schedule import Schedule
@@ -69,6 +70,9 @@ def test_what_is_logged(make_module, fit):
     expected = {f"{stage}/{name}" for stage in ("train", "validation") for name in terms}
     expected |= {"train/learning_rate", *(f"validation/{name}" for name in ("mae", "rmse", "imae", "irmse"))}
     assert set(trainer.callback_metrics) == expected
+    assert set(logged_quantities(module.objective, METRICS, validated=True)) == expected
+    logged = logged_quantities(module.objective, METRICS, validated=False)
+    assert set(logged) == {name for name in expected if name.startswith("train/")}
     assert float(trainer.callback_metrics["validation/mae"]) == pytest.approx(1000 * depth_error(module), rel=1e-3)
     assert not metrics.update_called
 

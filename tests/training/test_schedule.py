@@ -33,3 +33,26 @@ def test_warm_up_rises_linearly_to_the_rate():
 def test_settings_that_make_no_schedule(settings):
     with pytest.raises(DeuxError):
         Schedule(**settings)
+
+
+@pytest.mark.parametrize(
+    ("unit", "boundaries", "sentence"),
+    [
+        (
+            "fraction",
+            (10.0,),
+            "training.boundaries is [10.0], and with training.unit=fraction they are parts of the training, between 0 "
+            "and 1: training.unit=epoch counts epochs.",
+        ),
+        (
+            "epoch",
+            (0.6, 2),
+            "training.boundaries is [0.6, 2], and with training.unit=epoch they count finished epochs, whole numbers "
+            "from 1 on: training.unit=fraction takes parts of the training.",
+        ),
+    ],
+)
+def test_boundaries_in_the_other_unit_are_refused(unit, boundaries, sentence):
+    with pytest.raises(DeuxError) as raised:
+        Schedule(boundaries=boundaries, factors=(0.5,) * len(boundaries), unit=unit)
+    assert str(raised.value) == sentence

@@ -3,6 +3,7 @@ from contextlib import nullcontext
 import pytest
 import torch
 from lightning.pytorch import Callback
+from lightning.pytorch.callbacks import EMAWeightAveraging, WeightAveraging
 
 from deux.errors import DeuxError
 from deux.testing.losses import perfect_sample
@@ -11,7 +12,7 @@ from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
 from deux.training.network_precision import network_precision
 from deux.training.objective import make_objective
-from deux.training.weight_averaging import TailAveraging
+from deux.training.weight_averaging import TailAveraging, check_one_mean
 
 pytestmark = [
     # Lightning 2.6 uses what newer PyTorch releases deprecate.
@@ -117,6 +118,16 @@ def test_steps_of_several_batches_count_once(train):
     steps = after[1::3], after[2::3]  # after the second and the last batch of each epoch
     last = [weights for both in zip(*steps, strict=True) for weights in both][6:]
     torch.testing.assert_close(model, torch.stack(last).mean(dim=0), rtol=1e-5, atol=1e-7)
+
+
+def test_two_means_of_the_weights_are_refused():
+    ema, plain = EMAWeightAveraging(), WeightAveraging()
+    check_one_mean(0.3, [HealthCheck()])
+    check_one_mean(0.0, [HealthCheck(), ema])
+    with pytest.raises(DeuxError, match=r"^training\.averaging=0\.3 and the callback EMAWeightAveraging both make"):
+        check_one_mean(0.3, [ema])
+    with pytest.raises(DeuxError, match=r"^the callback EMAWeightAveraging and the callback WeightAveraging .* out\.$"):
+        check_one_mean(0.0, [ema, plain])
 
 
 def test_a_training_without_end_has_no_last_part(train):

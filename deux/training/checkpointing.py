@@ -18,6 +18,9 @@ from deux.errors import DeuxError
 from deux.io.arrays import said
 from deux.io.atomic import make_folder, write_atomically
 
+REQUEUE_CHECKPOINTS = "hpc_ckpt_*.ckpt"
+"""What Lightning calls the checkpoint that it writes at a signal of Slurm's, in the middle of whatever it does."""
+
 
 def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
     """Callbacks that keep the state of the training in `folder`, to resume from after a kill.
@@ -62,6 +65,9 @@ class NewestCheckpoint(ModelCheckpoint):
     def _save_checkpoint(self, trainer: Trainer, filepath: str) -> None:
         super()._save_checkpoint(trainer, filepath)
         self._delete_others(trainer)
+        if trainer.is_global_zero and self.dirpath:
+            for path in Path(self.dirpath).parent.glob(REQUEUE_CHECKPOINTS):  # they are older now
+                path.unlink(missing_ok=True)
 
     def _delete_others(self, trainer: Trainer) -> None:
         if trainer.is_global_zero and self.dirpath and self.best_model_path:
@@ -92,6 +98,24 @@ class EpochCheckpoints(NewestCheckpoint):
             loop.reset_restart_stage()
             loop.epoch_loop.restarting = False
         loop._load_combined_loader_states()  # does nothing where they are loaded
+
+    def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
+        """Let a step that is under way begin anew, as where a signal of Slurm's asks for a checkpoint in its middle.
+
+        Otherwise its batch, or those before it whose gradients are accumulated, would be left out.
+        """
+        progress = trainer.fit_loop.epoch_loop.batch_progress
+        current: Any = progress.current
+        done = current.processed - current.processed % trainer.accumulate_grad_batches
+        if done == current.ready or (progress.is_last_batch and current.processed == current.ready):
+            return
+        state = checkpoint["loops"]["fit_loop"]
+        kept = state["epoch_loop.batch_progress"]
+        for count, batches in kept["current"].items():
+            kept["total"][count] -= batches - done
+            kept["current"][count] = done
+        for loader in filter(None, state["state_dict"].get("combined_loader", ())):
+            loader["items"] = done * trainer.train_dataloader.batch_size  # type: ignore[union-attr]
 
 
 class TimedCheckpoints(NewestCheckpoint):
@@ -133,11 +157,13 @@ class AtomicCheckpoints(TorchCheckpointIO):
 
 
 def resume_point(folder: Path) -> Path | None:
-    """The newest checkpoint in `folder` that loads, for `trainer.fit(ckpt_path=..., weights_only=True)`, or None.
+    """The newest checkpoint of `folder` that loads, for `trainer.fit(ckpt_path=..., weights_only=True)`, or None.
 
+    The run folder above it may hold one that Lightning writes as Slurm takes a job off a node (`REQUEUE_CHECKPOINTS`).
     A file that does not load, such as one that a failing disk damaged, is passed over with a warning.
     """
-    files = [path for path in folder.glob("*.ckpt") if path.is_file()]
+    requeued = {*folder.parent.glob(REQUEUE_CHECKPOINTS)}
+    files = [path for path in (*folder.glob("*.ckpt"), *requeued) if path.is_file()]
     for path in sorted(files, key=lambda path: path.stat().st_mtime, reverse=True):
         try:
             content = torch.load(path, map_location="meta", weights_only=True, mmap=True)
@@ -146,8 +172,18 @@ def resume_point(folder: Path) -> Path | None:
         except Exception as error:  # a damaged file fails in many ways, depending on where it was cut
             rank_zero_warn(f"The checkpoint {path} cannot be read and is passed over: {said(error)}")
         else:
-            return path
+            if path not in requeued or not _ends_epoch(content):
+                return path
     return None
+
+
+def _ends_epoch(content: dict[str, Any]) -> bool:
+    """Whether a checkpoint was written after an epoch's last batch: what ends the epoch would be left out."""
+    try:
+        progress = content["loops"]["fit_loop"]["epoch_loop.batch_progress"]
+        return bool(progress["is_last_batch"] and progress["current"]["processed"] == progress["current"]["ready"])
+    except (LookupError, TypeError):  # of another training, which is told when it is loaded
+        return False
 
 
 class ResumedFrom(Callback):

@@ -298,3 +298,57 @@ def test_what_is_no_checkpoint_is_passed_over(tmp_path, content):
     torch.save(content, tmp_path / "a.ckpt")
     with pytest.warns(UserWarning, match=r"a\.ckpt cannot be read and is passed over: it holds no state_dict"):
         assert resume_point(tmp_path) is None
+
+
+class Requeued(Callback):
+    """Writes the checkpoint of Lightning's answer to Slurm's signal in some hook of a step, and ends the process."""
+
+    def __init__(self, hook, step):
+        self.step = step
+        setattr(self, hook, self.end)
+
+    def end(self, trainer, *_):
+        if trainer.global_step == self.step:
+            trainer.save_checkpoint(trainer._checkpoint_connector.hpc_save_path(trainer.default_root_dir))
+            raise active_run.Killed
+
+
+class Begun(Callback):
+    """The step that a training goes on from."""
+
+    def on_train_start(self, trainer, pl_module):
+        self.step = trainer.global_step
+
+
+def flat(model):
+    return torch.cat([weight.detach().flatten() for weight in model.parameters()])
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+@pytest.mark.parametrize(
+    ("accumulate", "hook"), [(1, "on_before_backward"), (2, "on_before_backward"), (1, "on_train_batch_end")]
+)
+def test_a_training_goes_on_from_where_slurm_took_it_off_a_node(tmp_path, accumulate, hook):
+    """Within a step, or after it; a later checkpoint of its own takes the place of that one."""
+    settings = {"steps": 11, "batch_size": 2, "checkpoint_minutes": 10.0}
+    trainer = {"accumulate_grad_batches": accumulate}
+    whole, _ = active_run.train(tmp_path / "whole", settings, {"every": 999}, trainer)
+    with pytest.raises(active_run.Killed):
+        active_run.train(tmp_path / "cut", settings, {"every": 999}, trainer, callbacks=[Requeued(hook, 8)])
+    (left,) = (tmp_path / "cut").glob("hpc_ckpt_*.ckpt")
+    assert resume_point(tmp_path / "cut" / "checkpoints") == left
+    begun = Begun()
+    model, _ = active_run.train(tmp_path / "cut", settings, {"every": 999}, trainer, callbacks=[begun])
+    assert begun.step == 8
+    assert torch.equal(flat(model), flat(whole))
+    assert not left.exists()
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+def test_a_training_that_slurm_took_off_a_node_between_epochs_ends_its_epoch_again(tmp_path):
+    """What comes at the end of an epoch, such as a round of active collection, is not left out."""
+    settings = {"steps": 11, "checkpoint_minutes": 10.0}
+    with pytest.raises(active_run.Killed):
+        active_run.train(tmp_path, settings, {"every": 999}, callbacks=[Requeued("on_train_epoch_end", 9)])
+    assert [*tmp_path.glob("hpc_ckpt_*.ckpt")]
+    assert resume_point(tmp_path / "checkpoints").name == "epoch=1-step=6.ckpt"

@@ -143,9 +143,7 @@ class OccupancyMap:
         depth = np.ascontiguousarray(depth[border : rows - border, border : columns - border], np.float32)
         pose = np.ascontiguousarray(pose, np.float64)
         lifted = relative * self.robot.camera_height
-        # However wrong the depth is, what stands as high as the upper half of that range is an obstacle.
-        lowest = min(self.robot.max_climb + lifted, (self.robot.max_climb + self.robot.height) / 2.0)
-        band = (lowest, self.robot.height)
+        band = (self.robot.max_climb + lifted, self.robot.height)
         kinds, ranges, hits = _classify(depth, pose, lens, floor, band, self.max_range, lattice, frame.shape)
         _relabel_feet(kinds, depth, hits, pose, lens, lattice)
         self.seen.fill(False)

@@ -12,7 +12,7 @@ import json
 import logging
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -88,6 +88,11 @@ def config_folder() -> Path:
     return Path(package.__path__[0]).resolve()
 
 
+def config_folders() -> list[Path]:
+    """The folders of configuration: deux's own, then those of other packages."""
+    return [config_folder(), *package_folders().values()]
+
+
 def package_folders() -> dict[str, Path]:
     """The YAML folders of other packages (entry-point group `deux.conf`), by the name of their package.
 
@@ -141,9 +146,10 @@ def register_configuration() -> None:
         OmegaConf.update(open_nodes, name, {}, force_add=True)
         OmegaConf.set_struct(OmegaConf.select(open_nodes, name), False)
     store.store(name="open_nodes", node=open_nodes, provider="deux")
+    folders = config_folders()
     for group, kind in PLUGIN_SECTIONS.items():
         # Hydra merges a stored node into YAML of the same name and warns, so a plugin that has YAML gets no node.
-        described = group_files(group)
+        described = group_files(group, folders)
         for name in registry().names(kind):
             if name not in described:
                 store.store(group=group, name=name, node={"name": name}, provider="deux")
@@ -153,9 +159,8 @@ def register_configuration() -> None:
             store.store(group=CALLBACK_GROUP, name=name, node={}, package=package, provider="deux")
 
 
-def group_files(group: str) -> set[str]:
-    """The names of a config group's YAML files, those of other packages included."""
-    folders = [config_folder(), *package_folders().values()]
+def group_files(group: str, folders: Iterable[Path]) -> set[str]:
+    """The names of a config group's YAML files in the given folders of configuration."""
     return {path.stem for folder in folders for path in (folder / group).glob("*.yaml")}
 
 

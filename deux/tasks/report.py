@@ -6,7 +6,7 @@ from pathlib import Path
 
 from omegaconf import DictConfig
 
-from deux.configuration import compose, group_files, run_folder, sections_of, user_path
+from deux.configuration import compose, config_folders, group_files, run_folder, sections_of, user_path
 from deux.errors import DeuxError, counted, plural, printable
 from deux.figures.drawing import save_figure
 from deux.io.atomic import make_folder, write_atomically
@@ -83,7 +83,7 @@ def run(cfg: DictConfig) -> None:
 def explorer_presets() -> dict[str, FlatOptions]:
     """What each YAML file of the group `explore`, such as deux_paper, sets otherwise than its explorer's defaults."""
     presets = {}
-    for name in sorted(group_files("explore") - {*registry().names("explorers")}):
+    for name in sorted(group_files("explore", config_folders()) - {*registry().names("explorers")}):
         composed = compose([f"explore={name}"])
         plain = f"explore={composed.explore.name}"
         seed_model = f"seed_model.checkpoint={composed.seed_model.checkpoint or 'null'}"  # its training is no preset's

@@ -16,14 +16,24 @@ class SparseError(Uncertainty):
     half the mean distance between the frame's points, so that mostly the nearest ones count. The model was given
     these points, but it is smooth: where it fits badly at them it does so between them. NaN for a frame without
     points.
+
+    Args:
+        relative: whether each point's error is divided by its depth. In metres, a surface is the more uncertain the
+            farther away it was seen; relative errors are those of the surface alone.
     """
 
     needs_sources = False
 
+    def __init__(self, relative: bool = False) -> None:
+        self._relative = relative
+
     def __call__(self, view: View) -> Tensor:
-        """N x H x W metres."""
+        """N x H x W metres; shares of the depth where `relative`."""
         points = view.sparse_depth[:, 0] > 0
-        error = torch.where(points, (view.depth - view.sparse_depth)[:, 0].abs(), 0.0)
+        error = (view.depth - view.sparse_depth)[:, 0].abs()
+        if self._relative:
+            error = error / view.sparse_depth[:, 0]
+        error = torch.where(points, error, 0.0)
         known = points.to(error.dtype)
         count = known.sum(dim=(1, 2), keepdim=True)
         sigma = 0.5 * (known[0].numel() / count.clamp(min=1.0)).sqrt()

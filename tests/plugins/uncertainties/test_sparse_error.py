@@ -11,6 +11,11 @@ class TestSparseError(UncertaintySuite):
         return SparseError()
 
 
+class TestRelativeSparseError(UncertaintySuite):
+    def make_uncertainty(self) -> Uncertainty:
+        return SparseError(relative=True)
+
+
 def test_it_is_the_weighted_mean_of_the_formula():
     """Summed by hand at two pixels, the weights cut off at three standard deviations."""
     generator = torch.Generator().manual_seed(0)
@@ -35,6 +40,16 @@ def test_a_pixel_takes_the_error_of_the_points_around_it():
     assert uncertainty[:, :16].max() < 0.02
     assert uncertainty[:, 48:].min() > 0.48
     assert (uncertainty[:, 1:] >= uncertainty[:, :-1] - 0.02).all()  # from one to the other between them
+
+
+def test_relative_errors_do_not_grow_with_the_distance():
+    """The prediction is a tenth too far everywhere, of a wall at two metres on the left and at six on the right."""
+    view = wall_view(torch.full((1, 1, 48, 64), 2.2), points=point_grid())
+    for part in (view.depth, view.sparse_depth):
+        part[..., 32:] *= 3.0
+    torch.testing.assert_close(SparseError(relative=True)(view)[0], torch.full((48, 64), 0.1))
+    metres = SparseError()(view)[0]
+    assert metres[:, 60:].min() > 2.5 * metres[:, :4].max()
 
 
 def test_far_from_all_points_it_is_their_mean():

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
+from hydra._internal.hydra import Hydra
 
 from deux.__main__ import main
 from deux.contracts import DepthModel, Prediction
@@ -126,6 +127,9 @@ def deux():
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
             patch.setattr(sys, "argv", ["deux", *arguments])
             patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
+            if not {"-m", "--multirun"} & set(arguments):
+                # Hydra would compose everything once more, to see whether some file asks for a sweep.
+                patch.setattr(Hydra, "get_mode", lambda *_, **__: None)
             try:
                 code = main()
             except SystemExit as left:

@@ -14,6 +14,7 @@ import pytest
 import torch
 import trimesh
 from hydra._internal.hydra import Hydra
+from matplotlib.figure import Figure
 
 from deux.__main__ import main
 from deux.contracts import DepthModel, Prediction
@@ -119,17 +120,22 @@ class Outcome:
 
 @pytest.fixture(scope="session")
 def deux():
-    """Run the command line inside this process, which spares the seconds of its imports: deux(*arguments)."""
+    """Run the command line inside this process, which spares the seconds of its imports: deux(*arguments).
 
-    def run(*arguments: str) -> Outcome:
+    Figures are written, but blank unless `figures` is true.
+    """
+
+    def run(*arguments: str, figures: bool = False) -> Outcome:
         out, err, threads = io.StringIO(), io.StringIO(), torch.get_num_threads()
         torch.set_num_threads(1)  # on images as small as these, more of them only wait for each other
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
             patch.setattr(sys, "argv", ["deux", *arguments])
             patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
-            if not {"-m", "--multirun"} & set(arguments):
-                # Hydra would compose everything once more, to see whether some file asks for a sweep.
+            if not any(argument == "-m" or argument.startswith("experiment=") for argument in arguments):
+                # Hydra would compose everything once more, to see whether a file asks for a sweep.
                 patch.setattr(Hydra, "get_mode", lambda *_, **__: None)
+            if not figures:
+                patch.setattr(Figure, "draw", lambda *_, **__: None)  # blank ones: layout takes longer than training
             try:
                 code = main()
             except SystemExit as left:

@@ -440,12 +440,12 @@ TERMINATED = (143, "deux: ended by SIGTERM; the same command goes on from here.\
 
 def test_an_interrupted_training_goes_on(tiny, tiny_arguments, collected, tmp_path):
     dataset, run = next(collected.glob("datasets/random-*")), tmp_path / "run"
-    options = ["task=train", f"training_data={dataset}", "training.steps=100", f"hydra.run.dir={run}"]
+    options = ["task=train", f"training_data={dataset}", "training.steps=50", f"hydra.run.dir={run}"]
     command = [sys.executable, "-m", "deux", *tiny_arguments(tmp_path, *options)]
     assert interrupt(command, lambda: list(run.glob("checkpoints/*.ckpt"))) == INTERRUPTED
     (checkpoint,) = run.glob("checkpoints/*.ckpt")
     done = torch.load(checkpoint, weights_only=True)["global_step"]
-    assert 0 < done < 100
+    assert 0 < done < 50
     assert not (run / "model.safetensors").exists()
 
     outcome = tiny(tmp_path, *options)
@@ -453,7 +453,7 @@ def test_an_interrupted_training_goes_on(tiny, tiny_arguments, collected, tmp_pa
     with (run / "logs" / "version_1" / "metrics.csv").open() as log:
         steps = [int(row["step"]) for row in csv.DictReader(log)]
     assert done <= min(steps) < done + 5  # every fifth step is logged
-    assert max(steps) == 99
+    assert max(steps) == 49
 
 
 @pytest.mark.slow

@@ -53,19 +53,17 @@ def test_checkpoints_hold_plain_values_only(finished):
     assert torch.load(checkpoint, weights_only=True)["global_step"] == 6
 
 
-def test_a_finished_run_is_not_run_again(finished, experiment):
+def test_a_finished_run_is_not_run_again(finished, command, deux):
     before = (finished / "run" / "results.json").stat().st_mtime_ns
-    process = experiment(finished, "explore=deux")
-    assert process.returncode == 0
-    assert "This run is complete" in process.stdout
+    outcome = deux(*command(finished, "explore=deux")[3:])
+    assert outcome.code == 0
+    assert "This run is complete" in outcome.out
     assert (finished / "run" / "results.json").stat().st_mtime_ns == before
 
 
-def test_a_folder_of_another_run_is_refused(finished, experiment):
-    process = experiment(finished, "explore=deux", "training.steps=7")
-    assert process.returncode == 1
-    assert process.stderr.count("\n") == 1
-    assert "training.steps: 6 there, 7 here" in process.stderr
+def test_a_folder_of_another_run_is_refused(finished, command, deux):
+    outcome = deux(*command(finished, "explore=deux", "training.steps=7")[3:])
+    assert "training.steps: 6 there, 7 here" in outcome.sentence
 
 
 def digests(outputs: Path) -> dict[str, str]:

@@ -1,3 +1,4 @@
+import copy
 import json
 import logging
 import sys
@@ -23,7 +24,7 @@ from deux.configuration import (
 from deux.contracts import Action, Episode, Explorer, Observation, Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.options import REQUIRED, Option, construct, options
+from deux.options import REQUIRED, construct, options
 from deux.registry import KINDS, registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS
 from deux.tasks.compare_explorers import CompareSettings
@@ -97,23 +98,21 @@ def test_every_option_of_every_group_composes(choice: str) -> None:
         assert cfg[group].name == {"low_camera": "apartments"}.get(name, name)  # a preset, and no source of its own
 
 
-PLUGIN_OPTIONS = [
-    (section, name, option)
-    for section, kind in PLUGIN_SECTIONS.items()
-    for name in registry().names(kind)
-    for option in options(registry().get(kind, name), KINDS[kind].given).values()
-    if option.default is not REQUIRED
-]
+PLUGINS = [(section, name) for section, kind in PLUGIN_SECTIONS.items() for name in registry().names(kind)]
 
 
-@pytest.mark.parametrize(("section", "name", "option"), PLUGIN_OPTIONS, ids=lambda value: getattr(value, "name", value))
-def test_every_option_of_every_plugin_can_be_given(section: str, name: str, option: Option) -> None:
-    every = options(registry().get(PLUGIN_SECTIONS[section], name), KINDS[PLUGIN_SECTIONS[section]].given).values()
-    required = [f"{section}.{other.name}=there" for other in every if other.default is REQUIRED]
-    cfg = compose([f"{section}={name}", "task=train", *required])
-    cfg[section][option.name] = option.default if not isinstance(option.default, tuple) else list(option.default)
-    chosen = sections_of(cfg).plugin(section)
-    assert chosen.settings[option.name] == cfg[section][option.name]
+@pytest.mark.parametrize(("section", "name"), PLUGINS)
+def test_every_option_of_every_plugin_can_be_given(section: str, name: str) -> None:
+    kind = PLUGIN_SECTIONS[section]
+    every = options(registry().get(kind, name), KINDS[kind].given).values()
+    required = [f"{section}.{option.name}=there" for option in every if option.default is REQUIRED]
+    composed = compose([f"{section}={name}", "task=train", *required])
+    for option in every:
+        if option.default is not REQUIRED:
+            cfg = copy.deepcopy(composed)
+            cfg[section][option.name] = list(option.default) if isinstance(option.default, tuple) else option.default
+            chosen = sections_of(cfg).plugin(section)
+            assert chosen.settings[option.name] == cfg[section][option.name], option.name
 
 
 SECTION_OPTIONS = [

@@ -220,6 +220,8 @@ def test_two_processes_share_scenes_and_frames(tmp_path):
     assert both[0][0] + both[1][0] == first
     assert both[0][1] + both[1][1] == first + found
     assert [one[1].total() for one in both] == [FIRST, FIRST]
+    told = [json.loads((tmp_path / f"told{rank}.json").read_text()) for rank in (0, 1)]
+    assert told == [{"told": [True, False, False, True], "leads": rank == 0} for rank in (0, 1)]
 
 
 class States(Callback):

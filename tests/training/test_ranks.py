@@ -87,9 +87,8 @@ def commands(launcher: str, arguments: list[str]) -> list[tuple[list[str], dict[
     return [([sys.executable, *arguments], environment) for environment in ranked]
 
 
-@pytest.mark.parametrize(
-    "launcher", [pytest.param(name, marks=() if name == "lightning" else pytest.mark.slow) for name in LAUNCHERS]
-)
+@pytest.mark.slow  # test_active_collection.py looks at decisions of two processes, too
+@pytest.mark.parametrize("launcher", LAUNCHERS)
 def test_two_processes_do_what_the_leading_one_decides(launcher, tmp_path):
     """Before there is a process group, where Lightning starts the second process later, and after it."""
     starting = commands(launcher, [str(PROGRAM), str(tmp_path), *LAUNCHERS[launcher]])

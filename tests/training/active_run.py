@@ -151,7 +151,7 @@ def train(
 
 
 def main(folder: Path, options: dict[str, Any]) -> None:
-    """Train, and note what the leading process decided before and after it: each would decide for itself by its rank."""
+    """Train, and note what the leading process decided before and after it; another one would say the opposite."""
     told = [decided_by_leader(leads), decided_by_leader(lambda: not leads())]
     train(folder, **options)
     told += [decided_by_leader(lambda: not leads()), decided_by_leader(leads)]

@@ -37,7 +37,9 @@ sys.exit(kills.main())
 """A campaign that kills a command whose task does next to nothing; all else is real."""
 
 
-def campaign(folder: Path, kills: int, *scenarios: str, program=("-m", "deux.testing.kills"), code: int = 0) -> list:
+def campaign(
+    folder: Path, kills: int, *scenarios: str, program=("-m", "deux.testing.kills"), code: int = 0
+) -> list[dict]:
     """Run a campaign that ends with a code; what it counted."""
     options = ["--kills", str(kills), "--json", str(folder / "counts.json"), "--folder", str(folder / "kills")]
     process = subprocess.run(

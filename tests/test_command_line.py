@@ -1,10 +1,14 @@
-"""The real command in processes of its own, with the task `train` replaced by a stub."""
+"""The real command, in processes of its own and within this one, with the task `train` replaced by a stub."""
 
 import json
+import logging
 import os
 import subprocess
 import sys
+import types
 import weakref
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -13,8 +17,8 @@ from deux.__main__ import _release_frames, main
 from deux.errors import DeuxError
 from deux.registry import registry
 
-STUB = """
-import json, os, signal, sys, types
+RUN = """
+import json, os, signal
 from pathlib import Path
 
 def run(cfg):
@@ -29,7 +33,11 @@ def run(cfg):
         import numba
     facts = {"explore": cfg.explore.name, "sweep": in_sweep(), "folder": str(run_folder()), "path": str(user_path("x"))}
     Path(run_folder() / "facts.json").write_text(json.dumps(facts))
+"""
 
+STUB = f"""
+{RUN}
+import sys, types
 task = types.ModuleType("deux.tasks.train")
 task.run = run
 sys.modules["deux.tasks.train"] = task
@@ -46,6 +54,34 @@ def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 def stubbed(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
     return command(folder, "-c", STUB, *overrides, "task=train")
+
+
+@pytest.fixture
+def here(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Run the command inside this process, which spares the seconds of its imports: here(*overrides)."""
+    monkeypatch.chdir(tmp_path)
+    task = types.ModuleType("deux.tasks.train")
+    exec(RUN, task.__dict__)
+    monkeypatch.setitem(sys.modules, "deux.tasks.train", task)
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        capfd.readouterr()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["deux", *arguments])
+            patch.setenv("HYDRA_FULL_ERROR", "1")
+            patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
+            try:
+                code = main()
+            except SystemExit as left:
+                code = int(left.code or 0)
+            for handler in logging.root.handlers:
+                handler.close()
+        told = capfd.readouterr()
+        return subprocess.CompletedProcess(arguments, code, told.out, told.err)
+
+    return run
 
 
 SLOW_PACKAGES = {"torch", "lightning", "torchmetrics", "numpy", "scipy", "numba", "cv2", "matplotlib", "deux_plugins"}
@@ -107,31 +143,54 @@ TRAINING_PACKAGES = {"lightning", "torchmetrics", "torchvision", "matplotlib", "
 """Seconds of imports, for what comes minutes after a task's first line."""
 
 
-def test_a_mistake_in_a_plugins_options_is_told_before_the_task_is_imported(tmp_path: Path) -> None:
-    result = command(tmp_path, "-X", "importtime", "-m", "deux", "experiment=debug", "model.foo=1")
-    assert result.returncode == 1
-    assert "deux: model.foo is not an option of KBNet: there is: " in result.stderr
-    assert "deux.tasks.experiment" not in result.stderr
-    assert not imported_packages(result.stderr) & (TRAINING_PACKAGES | {"numba", "kornia", "scipy"})
+IN_TURN = """
+import importlib, sys
+from deux.__main__ import main
+
+def run(*arguments):
+    sys.argv = ["deux", "experiment=debug", *arguments]
+    try:
+        code = main()
+    except SystemExit as left:
+        code = left.code
+    print("exit code", code, "next", file=sys.stderr)
+
+run("model.foo=1")
+run("explore=random", "training.steps=0")
+for name in ("train", "collect", "evaluate", "predict", "export"):
+    importlib.import_module(f"deux.tasks.{name}")
+"""
+"""What is imported once stays so: each command must import no more than the next one may."""
 
 
 def test_tasks_say_their_first_line_before_they_import_what_trains(tmp_path: Path) -> None:
-    result = command(
-        tmp_path, "-X", "importtime", "-m", "deux", "experiment=debug", "explore=random", "training.steps=0"
-    )
-    said = [line for line in result.stderr.splitlines() if not line.startswith("import time:")]
-    assert said == ["deux: training.steps is 0: it must be at least 1."]
-    assert not imported_packages(result.stderr) & TRAINING_PACKAGES
-    names = ("train", "collect", "evaluate", "predict", "export")
-    tasks = "import " + ", ".join(f"deux.tasks.{name}" for name in names)
-    result = command(tmp_path, "-X", "importtime", "-c", tasks)
+    result = command(tmp_path, "-X", "importtime", "-c", IN_TURN)
     assert result.returncode == 0
-    assert not imported_packages(result.stderr) & (TRAINING_PACKAGES - {"matplotlib"})  # predict draws at once
+    options, steps, tasks = result.stderr.split("next\n")
+
+    def said(part: str) -> list[str]:
+        return [line for line in part.splitlines() if not line.startswith("import time:")]
+
+    mistake, code = said(options)
+    assert mistake.startswith("deux: model.foo is not an option of KBNet: there is: ")
+    assert code == "exit code 1 "
+    assert "deux.tasks.experiment" not in options
+    assert not imported_packages(options) & (TRAINING_PACKAGES | {"numba", "kornia", "scipy"})
+    assert said(steps) == ["deux: training.steps is 0: it must be at least 1.", "exit code 1 "]
+    assert not imported_packages(steps) & TRAINING_PACKAGES
+    assert said(tasks) == []
+    assert "deux.deployment.onnx_export" in tasks
+    assert not imported_packages(tasks) & (TRAINING_PACKAGES - {"matplotlib"})  # predict draws at once
 
 
-def test_the_same_command_finds_the_same_run_folder(tmp_path: Path) -> None:
-    for _ in range(2):
-        result = stubbed(tmp_path, "explore=random")
+Here = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def test_the_same_command_finds_the_same_run_folder(tmp_path: Path, here: Here) -> None:
+    """First in a process whose working folder holds one of the name of a library."""
+    (tmp_path / "coverage").mkdir()  # numba imports a library of that name, if there is one
+    for run in (partial(stubbed, tmp_path), partial(here, "task=train")):
+        result = run("explore=random", "seed=4")
         assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
     known = facts(tmp_path, "outputs/runs/kbnet-random-*/facts.json")
     (folder,) = tmp_path.glob("outputs/runs/*")
@@ -140,8 +199,8 @@ def test_the_same_command_finds_the_same_run_folder(tmp_path: Path) -> None:
     assert "name: random" in (folder / ".hydra" / "config.yaml").read_text()
 
 
-def test_a_mistake_of_the_users_is_one_sentence_without_a_stack_trace(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "seed=1")
+def test_a_mistake_of_the_users_is_one_sentence_without_a_stack_trace(tmp_path: Path, here: Here) -> None:
+    result = here("seed=1", "task=train")
     assert (result.returncode, result.stdout, result.stderr) == (1, "", "deux: the seed is 1.\n")
     (log,) = tmp_path.glob("outputs/runs/*/deux.log")
     assert "Traceback" in log.read_text()
@@ -165,15 +224,15 @@ def test_a_mistake_in_the_configuration_is_one_sentence_too(tmp_path: Path, over
     assert result.stderr.count("\n") == 1
 
 
-def test_a_fault_of_the_program_keeps_its_stack_trace(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "seed=2")
+def test_a_fault_of_the_program_keeps_its_stack_trace(here: Here) -> None:
+    result = here("seed=2", "task=train")
     assert result.returncode == 1
     assert "Traceback" in result.stderr
     assert "ZeroDivisionError: a fault" in result.stderr
 
 
-def test_an_interrupted_run_ends_with_130(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "seed=3")
+def test_an_interrupted_run_ends_with_130(here: Here) -> None:
+    result = here("seed=3", "task=train")
     assert result.returncode == 130
     assert result.stderr == "deux: interrupted; the same command goes on from here.\n"
 
@@ -196,28 +255,20 @@ def test_an_interrupted_run_ends_with_130(tmp_path: Path) -> None:
         ("callbacks=[nothing]", "there is no callback called 'nothing': there is: active_collection"),
     ],
 )
-def test_values_and_names_that_do_not_work_are_told_with_what_would(
-    tmp_path: Path, argument: str, sentence: str
-) -> None:
-    result = command(tmp_path, "-m", "deux", "task=predict", argument)
+def test_values_and_names_that_do_not_work_are_told_with_what_would(here: Here, argument: str, sentence: str) -> None:
+    result = here("task=predict", argument)
     assert result.returncode == 1
     assert result.stderr.startswith(f"deux: {sentence}")
     assert result.stderr.count("\n") == 1
 
 
-def test_a_folder_may_have_a_name_that_reads_as_a_number(tmp_path: Path) -> None:
-    assert stubbed(tmp_path, "paths.outputs=2024_01_15").returncode == 0
+def test_a_folder_may_have_a_name_that_reads_as_a_number(tmp_path: Path, here: Here) -> None:
+    assert here("paths.outputs=2024_01_15", "task=train").returncode == 0
     assert [path.name for path in tmp_path.iterdir()] == ["2024_01_15"]
 
 
-def test_folders_in_the_working_folder_are_no_libraries(tmp_path: Path) -> None:
-    (tmp_path / "coverage").mkdir()  # numba imports a library of that name, if there is one
-    result = stubbed(tmp_path, "seed=4")
-    assert (result.returncode, result.stderr) == (0, "")
-
-
-def test_a_sweep_goes_on_after_a_job_that_fails_and_ends_with_1(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "-m", "seed=1,0", "explore=random,deux")
+def test_a_sweep_goes_on_after_a_job_that_fails_and_ends_with_1(tmp_path: Path, here: Here) -> None:
+    result = here("-m", "seed=1,0", "explore=random,deux", "task=train")
     assert result.returncode == 1
     assert "deux: [seed=1 explore=random task=train] the seed is 1.\n" in result.stderr
     assert "deux: [seed=1 explore=deux task=train] the seed is 1.\n" in result.stderr
@@ -227,8 +278,8 @@ def test_a_sweep_goes_on_after_a_job_that_fails_and_ends_with_1(tmp_path: Path) 
     assert facts(tmp_path, "outputs/sweeps/*/kbnet-deux-*/facts.json")["sweep"] is True
 
 
-def test_a_sweep_that_cannot_be_composed_starts_no_job(tmp_path: Path) -> None:
-    result = stubbed(tmp_path, "-m", "explore=random,nowhere")
+def test_a_sweep_that_cannot_be_composed_starts_no_job(tmp_path: Path, here: Here) -> None:
+    result = here("-m", "explore=random,nowhere", "task=train")
     assert result.returncode == 1
     assert result.stderr.startswith("deux: there is no explorer called 'nowhere'")
     assert not list(tmp_path.glob("outputs/**/facts.json"))
@@ -257,19 +308,14 @@ def test_an_end_by_sigterm_is_told_and_has_its_exit_code(tmp_path: Path) -> None
     ],
 )
 def test_what_fails_before_a_job_begins_is_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], override: str, sentence: str
+    tmp_path: Path, here: Here, override: str, sentence: str
 ) -> None:
     (tmp_path / "loop").symlink_to("loop")
     (tmp_path / "file").touch()
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["deux", "task=report", override])
-    if override.endswith(("camera", "camera=5")) or override.startswith("pose"):
-        monkeypatch.setattr(sys, "argv", ["deux", "task=train", override])
-    monkeypatch.setenv("HYDRA_FULL_ERROR", "1")
-    with pytest.raises(SystemExit) as ended:
-        raise SystemExit(main())
-    told = capfd.readouterr().err
-    assert ended.value.code == 1
+    read = override.endswith(("camera", "camera=5")) or override.startswith("pose")
+    result = here("task=train" if read else "task=report", override)
+    told = result.stderr
+    assert result.returncode == 1
     assert told.startswith("deux: ")
     assert told.count("\n") == 1
     assert sentence in told

@@ -1,11 +1,14 @@
-"""A depth model that is small enough to be measured in no time."""
+"""A depth model that is small enough to be measured in no time, and flats that are generated once."""
 
-from typing import ClassVar
+from collections.abc import Callable
+from functools import cache
+from typing import Any, ClassVar
 
 import pytest
 import torch
 from torch import Tensor, nn
 
+from deux.bench.bench_scenes import flats
 from deux.contracts import DepthModel, LossSettings, Prediction
 from deux.registry import registry
 
@@ -48,3 +51,15 @@ def tiny_models(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(registry()._plugins, "depth_models", [])
     registry().register("depth_models", "tiny", TinyModel)
     registry().register("depth_models", "demanding", DemandingModel)
+
+
+@pytest.fixture(scope="session")
+def load_once() -> Callable[..., Any]:
+    """How a flat is loaded, whose second load is the same one."""
+    return cache(type(flats(1)[0]).load)
+
+
+@pytest.fixture(autouse=True)
+def flats_are_generated_once(load_once: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flat takes a second to generate, and most measurements load the same ones again and again."""
+    monkeypatch.setattr(type(flats(1)[0]), "load", load_once)

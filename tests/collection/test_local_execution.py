@@ -16,10 +16,9 @@ from toy_world import ToyScene, ToySimulator, convolving_predictor, tree
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
 from deux.collection.jobs import Executor, run_here
-from deux.collection.local_execution import LocalExecutor, prepare_process
+from deux.collection.local_execution import LocalExecutor
 from deux.contracts import Explorer
 from deux.errors import DeuxError
-from deux.io.processes import in_processes
 from deux.registry import registry
 from deux_plugins.uncertainties.photometric import L1Residual
 
@@ -36,7 +35,7 @@ def make_explorer(name: str) -> Explorer:
     return made
 
 
-def collect(folder: Path, explorer: str, execute: Executor, make_simulator=ToySimulator, progress=print) -> None:
+def collect(folder: Path, explorer: str, execute: Executor, make_simulator=ToySimulator) -> None:
     explore(
         plans(folder),
         make_simulator,
@@ -45,7 +44,6 @@ def collect(folder: Path, explorer: str, execute: Executor, make_simulator=ToySi
         uncertainty=L1Residual(),
         batch_size=2,
         execute=execute,
-        progress=progress,
     )
 
 
@@ -58,36 +56,57 @@ def two_threads() -> Iterator[None]:
     torch.set_num_threads(before)
 
 
-@pytest.mark.parametrize(
-    "explorer",
-    [pytest.param("random", marks=pytest.mark.slow), pytest.param("frontier", marks=pytest.mark.slow), "deux"],
-)
+class SignedRooms:
+    """Makes signed rooms; where it comes to another process, it leaves the numbers of threads there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__ = state
+        threads = f"{torch.get_num_threads()} {cv2.getNumThreads()} {os.environ['LP_NUM_THREADS']}"
+        (self.folder / f"threads {os.getpid()}").write_text(threads)
+
+    def __call__(self, scene: ToyScene) -> ToySimulator:
+        return signed_room(self.folder, scene)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("explorer", ["random", "frontier", "deux"])
 def test_the_frames_are_the_same_for_any_number_of_processes(explorer, tmp_path, two_threads):
-    told: list[int] = []
     collect(tmp_path / "one", explorer, run_here)
-    collect(tmp_path / "two", explorer, LocalExecutor(2), progress=lambda stage, done, total: told.append(done))
+    collect(tmp_path / "two", explorer, LocalExecutor(2))
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
-    assert torch.get_num_threads() == 2
-    assert told == sorted(told)
-    assert told[-1] == 3 * STEPS
-    assert len(told) > STEPS  # they are counted as they come
 
 
-def test_the_robots_of_one_batch_are_shared_out_on_a_cpu(tmp_path, two_threads):
+def test_the_robots_of_one_batch_are_shared_out_on_a_cpu(tmp_path, two_threads, monkeypatch):
+    """And processes share the threads of the first."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    monkeypatch.delenv("LP_NUM_THREADS", raising=False)
+    rooms = tmp_path / "rooms"
+    rooms.mkdir()
+    told: list[int] = []
     for folder, execute in {"one": run_here, "two": LocalExecutor(2)}.items():
+        told.clear()
         explore(
             plans(tmp_path / folder),
-            partial(signed_room, tmp_path / "rooms"),
+            SignedRooms(rooms),
             partial(make_explorer, "deux"),
             convolving_predictor(),
             uncertainty=L1Residual(),
             batch_size=4,
             execute=execute,
+            progress=lambda stage, done, total: told.append(done),
         )
     assert tree(tmp_path / "one") == tree(tmp_path / "two")
-    rooms = [path.name.split(" ") for path in (tmp_path / "rooms").iterdir()]
-    others = {name: process for name, process in rooms if process != str(os.getpid())}
+    assert torch.get_num_threads() == 2
+    assert told == sorted(told)
+    assert told[-1] == 3 * STEPS
+    assert len(told) > STEPS  # they are counted as they come
+    signs = [path.name.split(" ") for path in rooms.iterdir()]
+    others = {name: process for name, process in signs if process != str(os.getpid())}
     assert others["room0"] == others["room1"] != others["room2"]
+    assert {path.read_text() for path in rooms.glob("threads *")} == {"1 1 1"}
 
 
 class Deadly(ToySimulator):
@@ -115,6 +134,7 @@ def closed_room(scene: ToyScene) -> ToySimulator:
     return ToySimulator(replace(scene))
 
 
+@pytest.mark.slow
 def test_a_mistake_in_a_process_is_told_as_it_is(tmp_path):
     with pytest.raises(DeuxError, match=r"^room1 is closed\.$"):
         collect(tmp_path, "random", LocalExecutor(2), closed_room)
@@ -129,14 +149,3 @@ def test_one_job_needs_no_other_process(tmp_path):
 
     explore(plans(tmp_path)[:1], make_simulator, partial(make_explorer, "random"), execute=LocalExecutor(2))
     assert made[0].rendered == STEPS
-
-
-def write_threads(file: Path, count: object) -> None:
-    file.write_text(f"{torch.get_num_threads()} {cv2.getNumThreads()} {os.environ['LP_NUM_THREADS']}")
-
-
-def test_processes_share_the_threads_of_the_first(tmp_path, two_threads, monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    monkeypatch.delenv("LP_NUM_THREADS", raising=False)
-    in_processes(write_threads, [tmp_path / "threads"], 1, print, str, prepare_process(2))
-    assert (tmp_path / "threads").read_text() == "1 1 1"

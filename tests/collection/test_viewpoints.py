@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mesh_world import RoomFile
-from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, tree
+from toy_world import ROBOT, ROOM, ToyScene, ToySimulator, run_travelled, tree
 
 from deux.collection import viewpoints
+from deux.collection.jobs import Executor
 from deux.collection.local_execution import LocalExecutor
 from deux.collection.viewpoints import MOTIONS, collect_viewpoints, plan_viewpoints, poses_before
 from deux.contracts import Action
@@ -92,11 +93,14 @@ def test_few_viewpoints_are_made_here(tmp_path: Path) -> None:
     assert handed == [viewpoints._FEW, 3]
 
 
-def test_viewpoints_are_the_same_for_any_number_of_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("two", [run_travelled, pytest.param(LocalExecutor(2), marks=pytest.mark.slow)])
+def test_viewpoints_are_the_same_for_any_number_of_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, two: Executor
+) -> None:
     monkeypatch.setattr(viewpoints, "_FEW", 0)
     scenes = [ToyScene("kitchen", "toy-1"), ToyScene("hall", "toy-22"), ToyScene("attic", "toy-333")]
     told: list[int] = []
-    for folder, execute in {"one": LocalExecutor(1), "two": LocalExecutor(2)}.items():
+    for folder, execute in {"one": LocalExecutor(1), "two": two}.items():
         floors = [plan_viewpoints(tmp_path / folder, scene, seed, 4, 1) for seed, scene in enumerate(scenes)]
         floors[1][2].folder.mkdir(parents=True)  # begun and not finished
         told.clear()

@@ -2,7 +2,9 @@
 
 import hashlib
 import math
+import pickle
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from deux.collection.jobs import Job, JobRunner, P, share_out
 from deux.collection.specification import DatasetSpec
 from deux.contracts import (
     Action,
@@ -32,6 +35,7 @@ from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.geometry.poses import camera_pose
 from deux.inference.precision import FastPredictor
+from deux.io.processes import Count
 from deux.registry import PluginChoice
 from deux.simulator.simulation import Simulation
 
@@ -208,6 +212,13 @@ def tree(folder: Path) -> dict[str, str]:
 
 def guided_explorer() -> Wanderer:
     return Wanderer(frozenset({Need.SENSOR_DEPTH, Need.PREDICTED_DEPTH, Need.RESIDUAL, Need.LABELS}))
+
+
+def run_travelled(run: JobRunner[P], jobs: Sequence[Job[P]], count: Count) -> None:
+    """An executor that hands out pickles of all that it is given, the last job first, as to two other processes."""
+    for job in reversed(share_out(jobs, 2, count)):
+        there, sent = pickle.loads(pickle.dumps((run, job)))
+        there(sent, count)
 
 
 def slow_simulator(scene: ToyScene) -> ToySimulator:

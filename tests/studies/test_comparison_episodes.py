@@ -1,10 +1,12 @@
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from box_scenes import CAMERA, SCENES, BoxRoomSimulator, FarModel, box_simulation, explorer, measure
 
+from deux.collection.jobs import run_here, share_out
 from deux.collection.local_execution import LocalExecutor
 from deux.collection.perception import Perception
 from deux.collection.specification import episode_seed
@@ -98,14 +100,22 @@ def test_a_damaged_episode_is_named(compare, tmp_path):
         compare(tmp_path)
 
 
-def test_processes_change_nothing(tmp_path):
+def run_travelled(run, jobs, count):
+    """An executor that hands out pickles of all that it is given, the last job first, as to two other processes."""
+    for job in reversed(share_out(jobs, 2, count)):
+        there, sent = pickle.loads(pickle.dumps((run, job)))
+        there(sent, count)
+
+
+@pytest.mark.parametrize("several", [run_travelled, pytest.param(LocalExecutor(2), marks=pytest.mark.slow)])
+def test_processes_change_nothing(tmp_path, several):
     simulation = Simulation(Camera(32, 32), Robot(), registry().choose("simulators", {"name": "mesh"}))
     scenes = registry().create("scenes", "apartments", {"test": 2}).splits().test
     explorers = [explorer("deux"), explorer("random")]
     told = []
-    alone, several = (
+    alone, shared = (
         compare_explorers(
-            tmp_path / str(processes),
+            tmp_path / name,
             simulation,
             scenes,
             explorers,
@@ -113,10 +123,10 @@ def test_processes_change_nothing(tmp_path):
             seed=1,
             steps=5,
             perception=Perception(FarModel(), uncertainty=measure("l1").create()),
-            execute=LocalExecutor(processes),
+            execute=execute,
             progress=lambda stage, done, total: told.append((done, total)),
         )
-        for processes in (1, 2)
+        for name, execute in {"alone": run_here, "shared": several}.items()
     )
-    assert numbers(alone) == numbers(several)
+    assert numbers(alone) == numbers(shared)
     assert told == [(done, 4) for done in range(5)] * 2

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 from lightning.pytorch import Callback
+from lightning.pytorch.utilities import rank_zero_only
 from torch import Tensor, nn
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "collection"))
@@ -28,6 +29,7 @@ from deux.inference.precision import AUTOCAST
 from deux.io.layout import sequences
 from deux.training.active_collection import ActiveCollection, Collect
 from deux.training.fit import fit
+from deux.training.ranks import decided_by_leader, leads, wait_for_all
 from deux.training.rounds import RankResult, RoundRequest, RoundSettings
 from deux.training.training_settings import TrainingSettings
 
@@ -148,5 +150,14 @@ def train(
     return model, active
 
 
+def main(folder: Path, options: dict[str, Any]) -> None:
+    """Train, and note what the leading process decided before and after it; another one would say the opposite."""
+    told = [decided_by_leader(leads), decided_by_leader(lambda: not leads())]
+    train(folder, **options)
+    told += [decided_by_leader(lambda: not leads()), decided_by_leader(leads)]
+    (folder / f"told{rank_zero_only.rank}.json").write_text(json.dumps({"told": told, "leads": leads()}))
+    wait_for_all()
+
+
 if __name__ == "__main__":
-    train(Path(sys.argv[1]), **json.loads(sys.argv[2] if len(sys.argv) > 2 else "{}"))
+    main(Path(sys.argv[1]), json.loads(sys.argv[2] if len(sys.argv) > 2 else "{}"))

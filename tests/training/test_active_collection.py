@@ -67,14 +67,13 @@ def weights(model: torch.nn.Module) -> torch.Tensor:
 
 MEASURES = {
     "steps": {"steps": 20},
-    "epochs": {"steps": None, "epochs": 4},
     "averaged epochs": {"steps": None, "epochs": 4, "averaging": 0.3},
 }
 
 
 @pytest.fixture(scope="module")
 def unbroken_runs(tmp_path_factory) -> Callable[[str], Path]:
-    """The folder of a run that nobody disturbed, measured in "steps" or "epochs"."""
+    """The folder of a run that nobody disturbed, measured in one of `MEASURES`."""
     folders: dict[str, Path] = {}
 
     def run(measure: str) -> Path:
@@ -193,6 +192,7 @@ def test_killed_and_resumed_it_ends_like_an_unbroken_run(unbroken_runs, tmp_path
     assert active.state_dict()["rounds"] == json.loads((unbroken / "rounds.json").read_text())
 
 
+@pytest.mark.slow
 def test_really_killed_it_sees_the_frames_of_an_unbroken_run(unbroken, tmp_path):
     process = subprocess.Popen([sys.executable, PROGRAM, tmp_path], start_new_session=True, stderr=subprocess.DEVNULL)
     seen, deadline = tmp_path / "seen0.txt", time.monotonic() + 200
@@ -202,7 +202,7 @@ def test_really_killed_it_sees_the_frames_of_an_unbroken_run(unbroken, tmp_path)
         time.sleep(0.002)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    subprocess.run([sys.executable, PROGRAM, tmp_path], check=True, stderr=subprocess.DEVNULL)
+    active_run.train(tmp_path)
     assert shown(tmp_path) == shown(unbroken)
 
 
@@ -220,6 +220,8 @@ def test_two_processes_share_scenes_and_frames(tmp_path):
     assert both[0][0] + both[1][0] == first
     assert both[0][1] + both[1][1] == first + found
     assert [one[1].total() for one in both] == [FIRST, FIRST]
+    told = [json.loads((tmp_path / f"told{rank}.json").read_text()) for rank in (0, 1)]
+    assert told == [{"told": [True, False, False, True], "leads": rank == 0} for rank in (0, 1)]
 
 
 class States(Callback):

@@ -172,7 +172,11 @@ RUNS = {
 KILLS = [(0, 1), (0, 4), (0, 5), (1, 0), (1, 3)]
 """Epoch and batch before which a run is killed."""
 
-CASES = [(kind, kill_at) for kind in RUNS for kill_at in (KILLS if kind in ("steps", "epochs") else KILLS[1::3])]
+CASES = [("steps", kill_at) for kill_at in KILLS]
+CASES += [("epochs", kill_at) for kill_at in ((0, 4), (1, 0))]
+CASES += [(kind, (1, 3)) for kind in ("loader processes", "float64", "averaged weights")]
+CASES += [("accumulated gradients", kill_at) for kill_at in ((0, 4), (1, 3))]  # between two steps, and within one
+CASES += [("validation", kill_at) for kill_at in ((0, 4), (1, 3))]
 CASES += [("validation", ("validation", step)) for step in (3, 6)]  # within an epoch, and at its end
 
 

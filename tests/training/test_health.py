@@ -1,4 +1,6 @@
 import math
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -109,17 +111,30 @@ def test_nothing_broken_is_written(small_model, fit, tmp_path, every, message):
     assert not any(tmp_path.iterdir())
 
 
-def _judge_together(rank, address, results):
-    torch.distributed.init_process_group("gloo", init_method=address, rank=rank, world_size=2)
-    own = torch.tensor([1.0, torch.nan if rank else 3.0])
-    results[rank] = _mean_of_processes(own).tolist()
-    torch.distributed.destroy_process_group()
+OTHER_PROCESS = """
+import sys
+import torch
+torch.distributed.init_process_group("gloo", init_method=sys.argv[1], rank=1, world_size=2)
+for value in (torch.nan, 5.0, 5.0):
+    torch.distributed.all_reduce(torch.tensor([1.0, value]))
+torch.distributed.destroy_process_group()
+"""
 
 
 def test_what_one_process_finds_all_of_them_find(tmp_path):
-    with torch.multiprocessing.Manager() as manager:
-        results = manager.dict()
-        torch.multiprocessing.spawn(_judge_together, (f"file://{tmp_path}/meeting", results), nprocs=2)
-        found = dict(results)
-    assert found[0][0] == found[1][0] == 1.0
-    assert all(math.isnan(found[rank][1]) for rank in (0, 1))
+    address = f"file://{tmp_path}/meeting"
+    other = subprocess.Popen([sys.executable, "-c", OTHER_PROCESS, address])
+    torch.distributed.init_process_group("gloo", init_method=address, rank=0, world_size=2)
+    try:
+        of_the_other = _mean_of_processes(torch.tensor([1.0, 3.0])).tolist()
+        of_its_own = _mean_of_processes(torch.tensor([1.0, torch.nan])).tolist()
+        of_none = _mean_of_processes(torch.tensor([1.0, 3.0])).tolist()
+        assert other.wait(timeout=60) == 0
+    finally:
+        torch.distributed.destroy_process_group()
+        other.kill()
+        other.wait()
+    assert of_the_other[0] == of_its_own[0] == 1.0
+    assert math.isnan(of_the_other[1])
+    assert math.isnan(of_its_own[1])
+    assert of_none == [1.0, 4.0]

@@ -1,5 +1,6 @@
 """Two processes of which one fails, dies or hangs: both end, and both say why."""
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -13,10 +14,16 @@ import pytest
 import torch
 
 from deux.errors import DeuxError
-from deux.training import rank_failures
-from deux.training.rank_failures import EndTogether, RankWatch, told_to_all
+from deux.training import rank_failures, rank_watch
+from deux.training.rank_failures import EndTogether, told_to_all
+from deux.training.rank_watch import RankWatch
 
 PROGRAM = Path(__file__).with_name("watched_rank.py")
+_spec = importlib.util.spec_from_file_location("watched_rank", PROGRAM)
+assert _spec is not None
+assert _spec.loader is not None
+watched_rank = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(watched_rank)
 TOLD = "deux: process 1 of the 2 that train together: a frame is broken."
 NO_LEADER = "deux: the leading one of the processes that train together has ended."
 
@@ -27,19 +34,18 @@ def free_port() -> int:
         return found.getsockname()[1]
 
 
-def ended(leader: str, other: str) -> list[tuple[int, str]]:
-    """Exit code and last line of stderr of the leading process and of the other one."""
-    port = str(free_port())
-    started = [
-        subprocess.Popen(
-            [sys.executable, str(PROGRAM), str(rank), port, way],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=os.environ | {"OMP_NUM_THREADS": "1", "TORCH_CPP_LOG_LEVEL": "ERROR"},
-        )
-        for rank, way in enumerate((leader, other))
-    ]
+def start(rank: int, port: int, way: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, str(PROGRAM), str(rank), str(port), way],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1", "TORCH_CPP_LOG_LEVEL": "ERROR"},
+    )
+
+
+def ended(*started: subprocess.Popen[str]) -> list[tuple[int, str]]:
+    """Exit code and last line of stderr of each process."""
     try:
         outputs = [process.communicate(timeout=250)[1] for process in started]
     finally:
@@ -52,11 +58,15 @@ def ended(leader: str, other: str) -> list[tuple[int, str]]:
 
 
 def test_a_process_that_waits_ends_with_the_sentence_of_the_one_that_failed():
-    assert ended("waits", "fails") == [(1, TOLD), (1, "deux: a frame is broken.")]
+    port = free_port()
+    leader = start(0, port, "waits")
+    assert watched_rank.watched(1, port).fail(DeuxError("a frame is broken."), "a frame is broken.") is None
+    assert ended(leader) == [(1, TOLD)]
 
 
 def test_a_leading_process_that_is_killed_ends_the_other():
-    assert ended("dies", "waits") == [(9, ""), (1, NO_LEADER)]
+    port = free_port()
+    assert ended(start(0, port, "dies"), start(1, port, "waits")) == [(9, ""), (1, NO_LEADER)]
 
 
 @pytest.fixture
@@ -95,7 +105,7 @@ def test_a_process_that_has_done_its_part_does_not_count_as_dead(pair):
 
 @pytest.mark.parametrize("end", ["fail", "interrupt"])
 def test_a_process_that_ends_within_a_training_counts_as_dead(pair, monkeypatch, end):
-    monkeypatch.setattr(rank_failures, "_PATIENCE", 0.2)
+    monkeypatch.setattr(rank_watch, "_PATIENCE", 0.2)
     leader, other = pair
     other.start()
     while leader._seen.get(1, ("", 0.0))[0] == "":
@@ -121,7 +131,7 @@ def test_a_failure_is_found_by_an_operation_that_fails_because_of_it(pair):
 
 
 def test_an_operation_that_fails_because_another_process_was_killed(pair, monkeypatch):
-    monkeypatch.setattr(rank_failures, "_PATIENCE", 0.2)
+    monkeypatch.setattr(rank_watch, "_PATIENCE", 0.2)
     found = pair[0].fail(RuntimeError("[gloo] Connection closed by peer"), "an error of the program")
     assert str(found).startswith("another of the 2 processes that train together has ended without a word")
 

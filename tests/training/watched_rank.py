@@ -2,8 +2,8 @@
 
     python watched_rank.py RANK PORT WAY
 
-It leads if RANK is 0. WAY says how it ends: "waits" for ever, as in a collective operation; "fails" with a mistake of
-the user's; "loses": an operation between the processes fails; "dies" at once, without a word.
+It leads if RANK is 0. WAY says how it ends: "waits" for ever, as in a collective operation; "dies" at once, without a
+word.
 """
 
 import os
@@ -13,11 +13,11 @@ from datetime import timedelta
 
 import torch
 
-from deux.errors import DeuxError
-from deux.training.rank_failures import RankWatch
+from deux.training.rank_watch import RankWatch
 
 
-def main(rank: int, port: int, way: str) -> int:
+def watched(rank: int, port: int) -> RankWatch:
+    """The watch of one of the two, once both have shown life."""
     store = torch.distributed.TCPStore(
         "127.0.0.1", port, is_master=rank == 0, timeout=timedelta(seconds=60), wait_for_workers=False
     )
@@ -26,14 +26,11 @@ def main(rank: int, port: int, way: str) -> int:
     while not store.check([f"alive-{1 - rank}"]):
         time.sleep(0.05)
     time.sleep(0.5)
-    if way == "dies":
-        os._exit(9)
-    if way == "waits":
-        time.sleep(120)
-    error = DeuxError("a frame is broken.") if way == "fails" else RuntimeError("[gloo] Connection closed by peer")
-    print(f"deux: {watch.fail(error, str(error)) or error}", file=sys.stderr)
-    return 1
+    return watch
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]))
+    watched(int(sys.argv[1]), int(sys.argv[2]))
+    if sys.argv[3] == "dies":
+        os._exit(9)
+    time.sleep(120)

@@ -164,10 +164,10 @@ def tiny_arguments():
 
 @pytest.fixture(scope="session")
 def tiny(deux, tiny_arguments):
-    """Run such a command inside this process: tiny(outputs, *overrides, model="kbnet")."""
+    """Run such a command inside this process: tiny(outputs, *overrides, model="kbnet", figures=False)."""
 
-    def run(outputs: Path, *overrides: str, model: str = "kbnet") -> Outcome:
-        return deux(*tiny_arguments(outputs, *overrides, model=model))
+    def run(outputs: Path, *overrides: str, model: str = "kbnet", figures: bool = False) -> Outcome:
+        return deux(*tiny_arguments(outputs, *overrides, model=model), figures=figures)
 
     return run
 

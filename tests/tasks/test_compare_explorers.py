@@ -31,8 +31,8 @@ def rows(path: Path) -> list[dict[str, str]]:
 def compare(tiny):
     """Run a small comparison in a folder of its own: compare(run, *overrides)."""
 
-    def run(folder: Path, *overrides: str):
-        return tiny(folder.parent, *SMALL, f"hydra.run.dir={folder}", *overrides)
+    def run(folder: Path, *overrides: str, figures: bool = False):
+        return tiny(folder.parent, *SMALL, f"hydra.run.dir={folder}", *overrides, figures=figures)
 
     return run
 
@@ -40,7 +40,7 @@ def compare(tiny):
 @pytest.fixture(scope="module")
 def finished(compare, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("compared") / "run"
-    outcome = compare(folder, "compare.explorers=[frontier,random]")
+    outcome = compare(folder, "compare.explorers=[frontier,random]", figures=True)
     assert (outcome.code, outcome.err) == (0, "")
     assert "What the explorers saw" in outcome.out
     return folder

@@ -56,7 +56,7 @@ def predict(deux, frame, model_file, monkeypatch):
     """Run the task on the frame's files, with other options where given, in the frame's folder."""
     monkeypatch.chdir(frame.folder)
 
-    def run(**options):
+    def run(figures=False, **options):
         given = {
             "image": "image.png",
             "sparse": "sparse.png",
@@ -65,7 +65,8 @@ def predict(deux, frame, model_file, monkeypatch):
             "hydra.run.dir": frame.folder / "run",
         }
         chosen = {key: value for key, value in (given | options).items() if value is not None}
-        return deux("task=predict", *(f"{SECTION.get(key, '')}{key}={value}" for key, value in chosen.items()))
+        arguments = (f"{SECTION.get(key, '')}{key}={value}" for key, value in chosen.items())
+        return deux("task=predict", *arguments, figures=figures)
 
     return run
 
@@ -77,7 +78,7 @@ def written(folder: Path) -> set[str]:
 
 @pytest.mark.parametrize("model", ["kbnet", "voiced", "scaffnet", "fusionnet"])
 def test_the_files_hold_what_the_arrays_give(predict, frame, model_file, model):
-    outcome = predict(checkpoint=model_file(model))
+    outcome = predict(checkpoint=model_file(model), figures=True)
     assert (outcome.code, outcome.err) == (0, "")
     folder = frame.folder / "run"
     assert written(folder) == FILES

@@ -12,7 +12,7 @@ SMALL = ["task=study_uncertainty", "explore=frontier", "scenes.test=2", "collect
 @pytest.fixture(scope="module")
 def finished(tiny, tmp_path_factory):
     folder = tmp_path_factory.mktemp("studied") / "run"
-    outcome = tiny(folder.parent, *SMALL, f"hydra.run.dir={folder}")
+    outcome = tiny(folder.parent, *SMALL, f"hydra.run.dir={folder}", figures=True)
     assert (outcome.code, outcome.err) == (0, "")
     assert "Uncertainty against the true error" in outcome.out
     return folder

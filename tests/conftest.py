@@ -1,6 +1,7 @@
 """Fixtures that all tests share."""
 
 import io
+import logging
 import os
 import shutil
 import signal
@@ -8,6 +9,7 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # A shell starts its background jobs so, and the commands that tests interrupt would inherit it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+from deux.__main__ import main
 from deux.contracts import Scene
 from deux.scenes.ray_caster import RayCaster
 from deux_plugins.scenes.files import load_scene
@@ -34,6 +37,30 @@ def no_job_goes_on() -> Iterator[None]:
     """Hydra keeps the configuration of a sweep that ran in this process; paths would be relative to its folder."""
     yield
     HydraConfig.instance().cfg = None
+
+
+@pytest.fixture(scope="session")
+def command_line() -> Callable[..., int]:
+    """Run the command inside this process, which spares the seconds of its imports: command_line(*arguments).
+
+    It gives the exit code.
+    """
+
+    def run(*arguments: str) -> int:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["deux", *arguments])
+            patch.setenv("HYDRA_FULL_ERROR", "1")
+            patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
+            try:
+                code = main()
+            except SystemExit as left:
+                code = int(left.code or 0)
+            for handler in logging.root.handlers:
+                with suppress(OSError):  # a log file on a full disk
+                    handler.close()
+        return code
+
+    return run
 
 
 @pytest.fixture(scope="session")

@@ -1,7 +1,6 @@
 """The real command, in processes of its own and within this one, with the task `train` replaced by a stub."""
 
 import json
-import logging
 import os
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from deux.__main__ import _release_frames, main
+from deux.__main__ import _release_frames
 from deux.errors import DeuxError
 from deux.registry import registry
 
@@ -58,9 +57,12 @@ def stubbed(folder: Path, *overrides: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def here(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    command_line: Callable[..., int],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run the command inside this process, which spares the seconds of its imports: here(*overrides)."""
+    """Run the command inside this process, in the test's folder: here(*overrides)."""
     monkeypatch.chdir(tmp_path)
     task = types.ModuleType("deux.tasks.train")
     exec(RUN, task.__dict__)
@@ -68,16 +70,7 @@ def here(
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
         capfd.readouterr()
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys, "argv", ["deux", *arguments])
-            patch.setenv("HYDRA_FULL_ERROR", "1")
-            patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
-            try:
-                code = main()
-            except SystemExit as left:
-                code = int(left.code or 0)
-            for handler in logging.root.handlers:
-                handler.close()
+        code = command_line(*arguments)
         told = capfd.readouterr()
         return subprocess.CompletedProcess(arguments, code, told.out, told.err)
 

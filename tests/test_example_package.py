@@ -1,17 +1,15 @@
 """The example in docs/ is a real package: it is installed here and used as a third party's would be."""
 
 import json
-import logging
 import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
-import torch
 
-from deux.__main__ import main
 from deux.configuration import compose
 from deux.registry import KINDS, registry
 
@@ -91,27 +89,12 @@ NO_NETWORK = [f"~model.{name}" for name in ("image_filters", "depth_filters", "d
 
 
 @pytest.fixture
-def deux(installed: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
-    """Run the command line inside this process, which spares the seconds of its imports: deux(*arguments)."""
+def deux(
+    command_line: Callable[..., int], installed: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., int]:
+    """Run the smallest command inside this process, in the test's folder: deux(*arguments)."""
     monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> int:
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(sys, "argv", ["deux", *SMALLEST, *arguments])
-            patch.setenv("HYDRA_FULL_ERROR", "1")
-            patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
-            try:
-                code = main()
-            except SystemExit as left:
-                code = int(left.code or 0)
-            for handler in logging.root.handlers:
-                handler.close()
-        torch.set_num_threads(threads)
-        return code
-
-    return run
+    return partial(command_line, *SMALLEST)
 
 
 def test_its_scenes_simulator_and_measure_guide_the_robot(

@@ -1,11 +1,10 @@
 """The smallest experiment that goes through every stage, as a user runs it, and smaller ones in this process."""
 
 import io
-import logging
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +15,6 @@ import trimesh
 from hydra._internal.hydra import Hydra
 from matplotlib.figure import Figure
 
-from deux.__main__ import main
 from deux.contracts import DepthModel, Prediction
 from deux.deployment.model_files import save_model
 from deux.registry import registry
@@ -119,8 +117,8 @@ class Outcome:
 
 
 @pytest.fixture(scope="session")
-def deux():
-    """Run the command line inside this process, which spares the seconds of its imports: deux(*arguments).
+def deux(command_line):
+    """Run the command line inside this process, on one thread: deux(*arguments).
 
     Figures are written, but blank unless `figures` is true.
     """
@@ -129,20 +127,12 @@ def deux():
         out, err, threads = io.StringIO(), io.StringIO(), torch.get_num_threads()
         torch.set_num_threads(1)  # on images as small as these, more of them only wait for each other
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-            patch.setattr(sys, "argv", ["deux", *arguments])
-            patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
             if not any(argument == "-m" or argument.startswith("experiment=") for argument in arguments):
                 # Hydra would compose everything once more, to see whether a file asks for a sweep.
                 patch.setattr(Hydra, "get_mode", lambda *_, **__: None)
             if not figures:
-                patch.setattr(Figure, "draw", lambda *_, **__: None)  # blank ones: layout takes longer than training
-            try:
-                code = main()
-            except SystemExit as left:
-                code = left.code
-            for handler in logging.root.handlers:
-                with suppress(OSError):  # a log file on a full disk
-                    handler.close()
+                patch.setattr(Figure, "draw", lambda *_, **__: None)  # layout takes longer than training
+            code = command_line(*arguments)
         torch.set_num_threads(threads)
         return Outcome(code, out.getvalue(), err.getvalue())
 

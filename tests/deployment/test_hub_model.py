@@ -78,7 +78,7 @@ def test_what_is_uploaded_is_the_folder(kbnet, tmp_path, uploads):
     assert sent["files"].keys() == written.keys() == {CARD_FILE, CONFIG_FILE, MODEL_FILE}
     assert all(sent["files"][name] == written[name] for name in (CONFIG_FILE, MODEL_FILE))
     assert b'license: "cc0-1.0"' in sent["files"][CARD_FILE]
-    assert hub.ModelCard(sent["files"][CARD_FILE].decode()).data.library_name == "deux"
+    assert hub.ModelCard(sent["files"][CARD_FILE].decode()).data.to_dict()["library_name"] == "deux"
 
 
 def test_a_card_that_is_there_is_uploaded(kbnet, tmp_path, uploads):

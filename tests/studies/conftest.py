@@ -1,4 +1,4 @@
-"""Makes the helper modules of this folder importable by name; what several of its tests look at."""
+"""Makes the helper modules of this folder and of tests/collection importable by name; what several of its tests look at."""
 
 import functools
 import sys
@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "collection"))
 
 from box_scenes import BoxRoomSimulator
 from compared_episodes import episode

@@ -1,12 +1,12 @@
 import json
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from box_scenes import CAMERA, SCENES, BoxRoomSimulator, FarModel, box_simulation, explorer, measure
+from toy_world import run_travelled
 
-from deux.collection.jobs import run_here, share_out
+from deux.collection.jobs import run_here
 from deux.collection.local_execution import LocalExecutor
 from deux.collection.perception import Perception
 from deux.collection.specification import episode_seed
@@ -98,13 +98,6 @@ def test_a_damaged_episode_is_named(compare, tmp_path):
     (tmp_path / "random-short-00/episode.json").write_text(json.dumps({"explorer": "random"}))
     with pytest.raises(DeuxError, match=r"random-short-00/episode\.json is damaged, it holds no episode"):
         compare(tmp_path)
-
-
-def run_travelled(run, jobs, count):
-    """An executor that hands out pickles of all that it is given, the last job first, as to two other processes."""
-    for job in reversed(share_out(jobs, 2, count)):
-        there, sent = pickle.loads(pickle.dumps((run, job)))
-        there(sent, count)
 
 
 @pytest.mark.parametrize("several", [run_travelled, pytest.param(LocalExecutor(2), marks=pytest.mark.slow)])

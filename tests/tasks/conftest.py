@@ -35,12 +35,21 @@ SMALLEST = [
 
 
 @pytest.fixture(scope="session")
-def command():
+def smallest_arguments():
+    """The arguments of the smallest experiment: smallest_arguments(outputs, *overrides)."""
+
+    def make(outputs: Path, *overrides: str) -> list[str]:
+        return [*SMALLEST, f"paths.outputs={outputs}", f"hydra.run.dir={outputs}/run", *overrides]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def command(smallest_arguments):
     """The command line of the smallest experiment, with further overrides: command(outputs, "explore=random", ...)."""
 
     def make(outputs: Path, *overrides: str) -> list[str]:
-        folders = [f"paths.outputs={outputs}", f"hydra.run.dir={outputs}/run"]
-        return [sys.executable, "-m", "deux", *SMALLEST, *folders, *overrides]
+        return [sys.executable, "-m", "deux", *smallest_arguments(outputs, *overrides)]
 
     return make
 

@@ -53,16 +53,16 @@ def test_checkpoints_hold_plain_values_only(finished):
     assert torch.load(checkpoint, weights_only=True)["global_step"] == 6
 
 
-def test_a_finished_run_is_not_run_again(finished, command, deux):
+def test_a_finished_run_is_not_run_again(finished, smallest_arguments, deux):
     before = (finished / "run" / "results.json").stat().st_mtime_ns
-    outcome = deux(*command(finished, "explore=deux")[3:])
+    outcome = deux(*smallest_arguments(finished, "explore=deux"))
     assert outcome.code == 0
     assert "This run is complete" in outcome.out
     assert (finished / "run" / "results.json").stat().st_mtime_ns == before
 
 
-def test_a_folder_of_another_run_is_refused(finished, command, deux):
-    outcome = deux(*command(finished, "explore=deux", "training.steps=7")[3:])
+def test_a_folder_of_another_run_is_refused(finished, smallest_arguments, deux):
+    outcome = deux(*smallest_arguments(finished, "explore=deux", "training.steps=7"))
     assert "training.steps: 6 there, 7 here" in outcome.sentence
 
 

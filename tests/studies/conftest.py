@@ -1,4 +1,4 @@
-"""Makes the helper modules of this folder and of tests/collection importable by name; what several of its tests look at."""
+"""Makes the helper modules here and in tests/collection importable by name; what several of its tests look at."""
 
 import functools
 import sys

@@ -38,8 +38,9 @@ class GridFrame:
 
     def cell(self, x: float, z: float) -> tuple[int, int]:
         """Row and column of one world point, moved to the border where it lies outside."""
-        row, column = self.cells(x, z)
-        return int(np.clip(row, 0, self.rows - 1)), int(np.clip(column, 0, self.columns - 1))
+        # Plain numbers: an explorer asks this many times a step, and arrays of one element take ten times as long.
+        row, column = (z - self.origin_z) / self.resolution, (x - self.origin_x) / self.resolution
+        return int(min(max(0.0, row), self.rows - 1)), int(min(max(0.0, column), self.columns - 1))
 
     def contains(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         """Which (row, column) pairs lie inside the grid, as a boolean array."""

@@ -191,8 +191,11 @@ class BoxWorld(Simulator):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Ray parameters at which each ray enters and leaves an axis-aligned box."""
         safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
-        a, b = (np.array(low) - origin) / safe, (np.array(high) - origin) / safe
-        return np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
+        enters, leaves = np.float64(-np.inf), np.float64(np.inf)
+        for axis in range(3):  # a reduction over a last axis of three takes three times as long
+            a, b = (low[axis] - origin[axis]) / safe[..., axis], (high[axis] - origin[axis]) / safe[..., axis]
+            enters, leaves = np.maximum(enters, np.minimum(a, b)), np.minimum(leaves, np.maximum(a, b))
+        return enters, leaves
 
     @classmethod
     def _leave(

@@ -20,6 +20,13 @@ def test_cell_is_moved_to_the_border_and_cells_are_not():
     assert columns[0] < 0
 
 
+def test_one_point_has_the_cell_that_many_points_have():
+    x, z = np.random.default_rng(0).uniform([-1.5, 1.5], [0.5, 4.5], size=(2000, 2)).T
+    rows, columns = FRAME.cells(x, z)
+    many = np.clip(rows, 0, FRAME.rows - 1), np.clip(columns, 0, FRAME.columns - 1)
+    np.testing.assert_array_equal([FRAME.cell(*point) for point in zip(x, z, strict=True)], np.stack(many, axis=1))
+
+
 def test_centre_of_a_cell_lies_in_it():
     for row, column in [(0, 0), (7, 3), (39, 19)]:
         assert FRAME.cell(*FRAME.centre(row, column)) == (row, column)

@@ -1,5 +1,6 @@
 """Fixtures that all tests share."""
 
+import gc
 import io
 import logging
 import os
@@ -30,6 +31,12 @@ from deux.scenes.ray_caster import RayCaster
 from deux_plugins.scenes.files import load_scene
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def pytest_collection_finish() -> None:
+    """Take what was imported until here out of the garbage collector, which would walk through it for each test."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -33,10 +33,18 @@ from deux_plugins.scenes.files import load_scene
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
 
-def pytest_collection_finish() -> None:
-    """Take what was imported until here out of the garbage collector, which would walk through it for each test."""
-    gc.collect()
-    gc.freeze()
+LEFT_OUT = {"modules": 0}
+"""How many modules were imported when the garbage collector was last told to leave them out."""
+
+
+@pytest.fixture(autouse=True)
+def modules_are_no_garbage() -> Iterator[None]:
+    """What torch and others bring at their import is left out of collections, which would walk through it each time."""
+    yield
+    if len(sys.modules) > LEFT_OUT["modules"] + 100:
+        LEFT_OUT["modules"] = len(sys.modules)
+        gc.collect()
+        gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,6 @@ import torch
 from torch import Tensor
 
 from deux.compilation import compiled
-from deux.errors import DeuxError
 
 LUMINANCE_CONSTANT = 0.01**2
 CONTRAST_CONSTANT = 0.03**2
@@ -27,16 +26,7 @@ def compiled_ssim(image: Tensor, other: Tensor, weights: list[float], margin: in
 
     Returns:
         ... x (H + 2 margin - k + 1) x (W + 2 margin - k + 1).
-
-    Raises:
-        DeuxError: the images are too small to be mirrored.
     """
-    height, width = other.shape[-2:]
-    if margin >= min(height, width):
-        raise DeuxError(
-            f"SSIM with a window of {len(weights)} pixels mirrors {margin} rows and columns, and the images have "
-            f"{height} x {width} pixels: use a smaller window or border=valid."
-        )
     image, other = torch.broadcast_tensors(image, other)
     return _Similarity.apply(image, other, weights, margin)
 

@@ -6,6 +6,7 @@ import torch
 from kornia.filters import filter2d_separable, get_box_kernel1d, get_gaussian_kernel1d
 from torch import Tensor
 
+from deux.errors import DeuxError
 from deux.geometry.compiled_ssim import CONTRAST_CONSTANT, LUMINANCE_CONSTANT, compiled_ssim
 from deux.geometry.tuned_forms import tuned_for_cpu
 
@@ -39,11 +40,21 @@ def ssim(
     Returns:
         N x ... x C x H x W in [-1, 1], smaller by `window_size - 1` in both directions with `border="valid"`.
 
+    Raises:
+        DeuxError: the images are too small for the window.
+
     Example:
         >>> image = torch.rand(1, 3, 8, 8)
         >>> ssim(image, image).mean().item()
         1.0
     """
+    height, width = image.shape[-2:]
+    largest = 2 * min(height, width) - 1 if border == "reflect" else min(height, width)
+    if window_size > largest:
+        raise DeuxError(
+            f"SSIM has a window of {window_size} pixels, and the images have {height} x {width}: "
+            f"they take one of {largest} at most."
+        )
     dtype = torch.promote_types(torch.promote_types(image.dtype, other.dtype), torch.float32)
     compare = _by_rows if tuned_for_cpu(image) else _by_kornia
     with torch.autocast(image.device.type, enabled=False):

@@ -5,7 +5,6 @@ import pytest
 import torch
 from skimage.metrics import structural_similarity
 
-from deux.errors import DeuxError
 from deux.geometry.compiled_ssim import compiled_ssim
 
 BOX = [0.2] * 5
@@ -50,8 +49,3 @@ def test_images_mirrored_up_to_their_last_row():
     image, other = images(1, 3, 8)
     mirrored = [torch.nn.functional.pad(x, [2] * 4, mode="reflect") for x in (image, other)]
     torch.testing.assert_close(compiled_ssim(image, other, BOX, 2), compiled_ssim(*mirrored, BOX, 0))
-
-
-def test_images_that_cannot_be_mirrored_are_refused():
-    with pytest.raises(DeuxError, match="2 x 8 pixels"):
-        compiled_ssim(*images(1, 2, 8), BOX, margin=2)

@@ -5,6 +5,7 @@ from kornia.metrics import ssim as kornia_ssim
 from scipy.ndimage import minimum_filter
 from skimage.metrics import structural_similarity
 
+from deux.errors import DeuxError
 from deux.geometry import ssim as ssim_module
 from deux.geometry.ssim import ssim, wholly_visible
 
@@ -50,6 +51,15 @@ def test_both_computations_agree_in_values_and_gradients(window, window_size, bo
         outcomes.append([values, *torch.autograd.grad((values * weights).sum(), inputs)])
     for ours, kornias in zip(*outcomes, strict=True):
         torch.testing.assert_close(ours, kornias, atol=1e-9, rtol=1e-9)
+
+
+@on_both_paths
+@pytest.mark.parametrize(("border", "largest"), [("reflect", 13), ("valid", 7)])
+def test_a_window_is_refused_from_where_the_images_are_too_small(border, largest):
+    image, other = images(1, 3, 7, 12)
+    assert torch.isfinite(ssim(image, other, "box", largest, border)).all()
+    with pytest.raises(DeuxError, match=f"{largest + 2} pixels, and .* 7 x 12: they take one of {largest} at most"):
+        ssim(image, other, "box", largest + 2, border)
 
 
 @on_both_paths

@@ -191,7 +191,7 @@ class BoxWorld(Simulator):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Ray parameters at which each ray enters and leaves an axis-aligned box."""
         safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
-        enters, leaves = np.float64(-np.inf), np.float64(np.inf)
+        enters, leaves = np.array(-np.inf), np.array(np.inf)
         for axis in range(3):  # a reduction over a last axis of three takes three times as long
             a, b = (low[axis] - origin[axis]) / safe[..., axis], (high[axis] - origin[axis]) / safe[..., axis]
             enters, leaves = np.maximum(enters, np.minimum(a, b)), np.minimum(leaves, np.maximum(a, b))

@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,11 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 from deux.__main__ import main
 from deux.contracts import Scene
 from deux.scenes.ray_caster import RayCaster
+from deux_plugins.scenes.apartments import source
 from deux_plugins.scenes.files import load_scene
+
+generated_flat = lru_cache(maxsize=16)(source.apartment)
+"""As `deux_plugins.scenes.apartments.generator.apartment`, made once."""
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
@@ -66,6 +71,7 @@ def command_line() -> Callable[..., int]:
             patch.setattr(sys, "argv", ["deux", *arguments])
             patch.setenv("HYDRA_FULL_ERROR", "1")
             patch.setattr(logging.root, "handlers", [])  # Hydra's hold files and streams of this one run
+            patch.setattr(source, "apartment", generated_flat)  # commands go through the same few flats
             try:
                 code = main()
             except SystemExit as left:

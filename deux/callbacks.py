@@ -110,6 +110,6 @@ def lightning_object(
     except DeuxError:
         raise
     except Exception as error:  # Lightning checks few of its arguments, and the others fail in many ways
-        sentence = " ".join(str(error).split()).removesuffix(".")
+        sentence = " ".join(str(error).split()).rstrip(".!")
         name = getattr(target, "__name__", str(target))
         raise DeuxError(f"the settings under {where} make no lightning.{name}: {sentence}.") from error

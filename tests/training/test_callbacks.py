@@ -8,7 +8,14 @@ from lightning.pytorch import Callback
 from lightning.pytorch.loggers import CSVLogger
 
 from deux import callbacks
-from deux.callbacks import ACTIVE_COLLECTION, CALLBACKS, callback_names, check_monitor, make_callback
+from deux.callbacks import (
+    ACTIVE_COLLECTION,
+    CALLBACKS,
+    callback_names,
+    check_monitor,
+    lightning_object,
+    make_callback,
+)
 from deux.errors import DeuxError
 from deux.testing.losses import perfect_sample
 from deux.training.module import DepthCompletion
@@ -133,3 +140,15 @@ def test_what_makes_no_callback(name, settings, sentence):
     with pytest.raises(DeuxError, match=sentence) as raised:
         make_callback(name, settings)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "complaint", ["No supported backend found!", "No supported backend\n found.", "No supported backend found"]
+)
+def test_lightnings_complaint_becomes_one_sentence(complaint):
+    def trainer() -> None:
+        raise RuntimeError(complaint)
+
+    with pytest.raises(DeuxError) as raised:
+        lightning_object(trainer, {}, "trainer")
+    assert str(raised.value) == "the settings under trainer make no lightning.trainer: No supported backend found."

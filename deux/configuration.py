@@ -14,7 +14,6 @@ import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import resources
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +98,7 @@ def package_folders() -> dict[str, Path]:
     A folder that cannot be found is left out with a warning, so that a broken package does not stop the command.
     """
     folders = {}
-    for entry in entry_points(group="deux.conf"):
+    for entry in registry().entry_points("deux.conf"):
         package = entry.dist.name if entry.dist else entry.name
         try:
             folders[package] = Path(str(resources.files(entry.value)))

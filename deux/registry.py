@@ -15,7 +15,7 @@ import functools
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from deux.errors import DeuxError, near_matches
@@ -126,6 +126,16 @@ class Registry:
     def __init__(self) -> None:
         self._plugins: dict[str, list[Plugin]] = {}
 
+    @functools.cached_property
+    def _installed(self) -> Any:
+        """What the installed packages declare, of all groups: going through them takes some 20 ms each time."""
+        return entry_points()
+
+    def entry_points(self, group: str) -> EntryPoints:
+        """What the packages that were installed at the first call declare of a group."""
+        found: EntryPoints = self._installed.select(group=group)
+        return found
+
     def plugins(self, kind: str) -> list[Plugin]:
         """All plugins of a kind, sorted by name; where two packages use one name, both are listed."""
         return sorted(self._table(kind), key=lambda plugin: (plugin.name, plugin.package))
@@ -229,7 +239,7 @@ class Registry:
         if kind not in KINDS:
             raise DeuxError(f"{kind!r} is not a kind of plugin: {near_matches(kind, KINDS)}")
         if kind not in self._plugins:
-            self._plugins[kind] = [_from_entry_point(kind, e) for e in entry_points(group=KINDS[kind].group)]
+            self._plugins[kind] = [_from_entry_point(kind, e) for e in self.entry_points(KINDS[kind].group)]
         return self._plugins[kind]
 
     @staticmethod

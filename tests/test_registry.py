@@ -1,4 +1,5 @@
 import sys
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -209,3 +210,12 @@ def test_a_choice_knows_what_was_chosen() -> None:
     assert choice.chosen == {"max_depth": 10.0, "margin": 4}
     assert choice.chosen.keys() < choice.settings.keys()
     assert choice.create().max_depth == 10.0
+
+
+def test_installed_packages_are_gone_through_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    monkeypatch.setattr("deux.registry.entry_points", lambda: calls.append("all") or metadata.entry_points())
+    found = Registry()
+    assert all(found.plugins(kind) for kind in KINDS)
+    assert [entry.value for entry in found.entry_points("deux.weights") if entry.dist.name == "deux"]
+    assert calls == ["all"]

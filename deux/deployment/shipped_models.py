@@ -14,11 +14,12 @@ import logging
 import os
 from functools import cache
 from importlib import resources
-from importlib.metadata import entry_points
 from os import PathLike
 from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
+
+from deux.registry import registry
 
 log = logging.getLogger(__name__)
 
@@ -51,7 +52,7 @@ def shipped_files() -> dict[str, Path]:
     A package that cannot be imported is left out with a warning, and so is a second model of one name.
     """
     found: dict[str, Path] = {}
-    for entry in entry_points(group=GROUP):
+    for entry in registry().entry_points(GROUP):
         try:
             folder = Path(str(resources.files(entry.value))) / FOLDER
         except Exception as error:  # the foreign package is imported here, which may raise anything

@@ -34,7 +34,7 @@ def packages(tmp_path, monkeypatch):
                 save_model(file, model, "kbnet", SMALL, half=True, header=header)
             entries.append(EntryPoint(package, package, shipped_models.GROUP))
         entries.append(EntryPoint("broken", "no_such_package", shipped_models.GROUP))
-        monkeypatch.setattr(shipped_models, "entry_points", lambda group: entries)
+        monkeypatch.setattr(registry(), "entry_points", lambda group: entries)
         monkeypatch.syspath_prepend(str(made))
 
     shipped_files.cache_clear()

@@ -32,24 +32,16 @@ from deux.scenes.ray_caster import RayCaster
 from deux_plugins.scenes.apartments import source
 from deux_plugins.scenes.files import load_scene
 
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
 generated_flat = lru_cache(maxsize=16)(source.apartment)
 """As `deux_plugins.scenes.apartments.generator.apartment`, made once."""
 
-SHARED = Path(__file__).resolve().parents[2] / "shared"
 
-
-LEFT_OUT = {"modules": 0}
-"""How many modules were imported when the garbage collector was last told to leave them out."""
-
-
-@pytest.fixture(autouse=True)
-def modules_are_no_garbage() -> Iterator[None]:
-    """What torch and others bring at their import is left out of collections, which would walk through it each time."""
-    yield
-    if len(sys.modules) > LEFT_OUT["modules"] + 100:
-        LEFT_OUT["modules"] = len(sys.modules)
-        gc.collect()
-        gc.freeze()
+def pytest_collection_finish() -> None:
+    """Take what was imported until here out of the garbage collector, which would walk through it for each test."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

@@ -11,6 +11,9 @@ from deux.errors import DeuxError
 SHARE = 0.5
 """Part of the free memory that one file, scene or prediction may take; the rest is for what is made of it."""
 
+SMALL = 16 * 1024**2
+"""Bytes up to which nothing is refused: to ask what is free takes longer than to decode a small picture."""
+
 UNKNOWN_MEMORY = 4 * 1024**3
 """Bytes that are taken to be available where the system does not say."""
 
@@ -45,7 +48,7 @@ def memory_budget() -> int:
 
 
 def check_memory(size: int, what: str, remedy: str) -> None:
-    """Refuse what would take more than `memory_budget`, before it is asked for.
+    """Refuse what would take more than `memory_budget`, before it is asked for; up to `SMALL` nothing is.
 
     Args:
         size: bytes at its greatest, intermediate results included.
@@ -61,7 +64,7 @@ def check_memory(size: int, what: str, remedy: str) -> None:
         ...
         deux.errors.DeuxError: scene.glb: its 5,000 instances would take 931,322,574.6 GiB of memory, ...
     """
-    if size > (budget := memory_budget()):
+    if size > SMALL and size > (budget := memory_budget()):
         raise DeuxError(
             f"{what} would take {size / 2**30:,.1f} GiB of memory, more than the {budget / 2**30:,.1f} GiB that are "
             f"half of what is free: {remedy}."

@@ -26,6 +26,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     # A shell starts its background jobs so, and the commands that tests interrupt would inherit it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+from deux import memory_budget
 from deux.__main__ import main
 from deux.contracts import Scene
 from deux.scenes.ray_caster import RayCaster
@@ -49,6 +50,17 @@ def no_job_goes_on() -> Iterator[None]:
     """Hydra keeps the configuration of a sweep that ran in this process; paths would be relative to its folder."""
     yield
     HydraConfig.instance().cfg = None
+
+
+@pytest.fixture
+def leave_memory(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
+    """Let so much memory be free, in bytes, and nothing too small to be looked at: leave_memory(count)."""
+
+    def leave(count: int) -> None:
+        monkeypatch.setattr(memory_budget, "free_memory", lambda: count)
+        monkeypatch.setattr(memory_budget, "SMALL", 0)
+
+    return leave
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,6 @@
 import mmap
 import resource
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -37,11 +38,18 @@ def test_a_limit_of_the_address_space_counts() -> None:
         resource.setrlimit(resource.RLIMIT_AS, limits)
 
 
-def test_half_of_what_is_free_may_be_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory_budget, "free_memory", lambda: 4 * 2**30)
+def test_half_of_what_is_free_may_be_taken(leave_memory: Callable[[int], None]) -> None:
+    leave_memory(4 * 2**30)
     check_memory(2 * 2**30, "a.glb", "draw less")
     with pytest.raises(DeuxError) as caught:
         check_memory(2 * 2**30 + 2**29, "a.glb", "draw less")
     assert str(caught.value) == (
         "a.glb would take 2.5 GiB of memory, more than the 2.0 GiB that are half of what is free: draw less."
     )
+
+
+def test_what_is_small_is_not_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory_budget, "free_memory", lambda: 1000)
+    check_memory(memory_budget.SMALL, "a.png", "make it smaller")
+    with pytest.raises(DeuxError, match="make it smaller"):
+        check_memory(memory_budget.SMALL + 1, "a.png", "make it smaller")

@@ -6,7 +6,6 @@ import torch
 from PIL import Image
 
 import deux
-from deux import memory_budget
 from deux.contracts import DepthModel, Prediction
 from deux.deployment.model_files import save_model
 from deux.errors import DeuxError
@@ -152,9 +151,9 @@ def test_focal_lengths_of_no_camera_are_an_error(model, focus):
         deux.predict(**given, model=model)
 
 
-def test_an_image_for_which_there_is_no_memory_is_refused(monkeypatch):
+def test_an_image_for_which_there_is_no_memory_is_refused(monkeypatch, leave_memory):
     monkeypatch.setattr(prediction, "LARGE", 10)
-    monkeypatch.setattr(memory_budget, "free_memory", lambda: 1000)
+    leave_memory(1000)
     with pytest.raises(DeuxError, match="the prediction of 1 x 50 x 37 pixels would take"):
         deux.predict(**frame(), model=Doubling())
 

@@ -6,7 +6,6 @@ import zipfile
 import numpy as np
 import pytest
 
-from deux import memory_budget
 from deux.errors import DeuxError
 from deux.io.arrays import read_array, read_arrays
 
@@ -39,7 +38,7 @@ def test_a_file_of_another_length_than_its_header_says_is_refused(tmp_path):
             read_array(tmp_path / "a.npy")
 
 
-def test_archives_come_back_and_are_refused_before_they_unpack(tmp_path, monkeypatch):
+def test_archives_come_back_and_are_refused_before_they_unpack(tmp_path, leave_memory):
     arrays = {"a": np.arange(6).reshape(2, 3), "b": np.array(0.5)}
     np.savez_compressed(tmp_path / "a.npz", **arrays)
     found = read_arrays(tmp_path / "a.npz")
@@ -51,6 +50,6 @@ def test_archives_come_back_and_are_refused_before_they_unpack(tmp_path, monkeyp
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("a.npy", bytes(10**6))
     (tmp_path / "a.npz").write_bytes(content.getvalue())
-    monkeypatch.setattr(memory_budget, "free_memory", lambda: 10**6)
+    leave_memory(10**6)
     with pytest.raises(DeuxError, match=r"a\.npz, which unpacks to 0\.0 GiB, would take"):
         read_arrays(tmp_path / "a.npz")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deux import memory_budget
 from deux.errors import DeuxError
 from deux.io.camera_files import read_any_depth, read_any_image
 from deux.io.images import read_image
@@ -94,9 +93,9 @@ def test_more_than_8_bits_are_refused(tmp_path, dtype, mode):
         read_any_image(tmp_path / "a.tiff")
 
 
-def test_a_bomb_is_refused(tmp_path, monkeypatch, rgb):
+def test_a_bomb_is_refused(tmp_path, leave_memory, rgb):
     Image.fromarray(rgb).save(tmp_path / "a.png")
-    monkeypatch.setattr(memory_budget, "free_memory", lambda: 20_000)
+    leave_memory(20_000)
     with pytest.raises(DeuxError, match=r"a\.png, of .* pixels, would take .* GiB of memory"):
         read_any_image(tmp_path / "a.png")
 

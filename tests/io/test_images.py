@@ -1,6 +1,7 @@
 """PNG files: what is written comes back, and what is damaged is refused by name."""
 
 import errno
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -8,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deux import memory_budget
 from deux.errors import DeuxError
 from deux.io import images
 
@@ -90,9 +90,9 @@ def test_the_wrong_kind_of_image_is_refused(tmp_path: Path) -> None:
         images.read_depth(file)
 
 
-def test_more_pixels_than_anybody_means_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_pixels_than_anybody_means_are_refused(tmp_path: Path, leave_memory: Callable[[int], None]) -> None:
     images.write_image(tmp_path / "a.png", np.zeros((40, 40, 3), np.uint8))
-    monkeypatch.setattr(memory_budget, "free_memory", lambda: 200_000)
+    leave_memory(200_000)
     with pytest.raises(DeuxError, match=r"a\.png, of 40 x 40 pixels, would take .* GiB of memory"):
         images.read_image(tmp_path / "a.png")
 

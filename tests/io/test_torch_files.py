@@ -4,7 +4,6 @@ import zipfile
 import pytest
 import torch
 
-from deux import memory_budget
 from deux.errors import DeuxError
 from deux.io.torch_files import read_torch
 
@@ -30,9 +29,9 @@ def test_tensors_come_back_and_code_is_not_run(tmp_path):
     assert not (tmp_path / "marker").exists()
 
 
-def test_a_file_that_unpacks_to_much_is_refused(tmp_path, monkeypatch):
+def test_a_file_that_unpacks_to_much_is_refused(tmp_path, leave_memory):
     with zipfile.ZipFile(tmp_path / "a.pt", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("archive/data/0", bytes(10**6))
-    monkeypatch.setattr(memory_budget, "free_memory", lambda: 10**6)
+    leave_memory(10**6)
     with pytest.raises(DeuxError, match=r"a\.pt, which unpacks to .* would take"):
         read_torch(tmp_path / "a.pt")

@@ -6,7 +6,6 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from trimesh import transformations
 
-from deux import memory_budget
 from deux.errors import DeuxError
 from deux.mesh_files.gltf_file import read_gltf
 
@@ -130,11 +129,11 @@ def test_instances_of_some_attributes_only(box):
     np.testing.assert_allclose(second.vertices, BOX.vertices + np.array([10, 0, 0]))
 
 
-def test_more_instances_than_memory_has_room_for_are_refused(box, monkeypatch):
+def test_more_instances_than_memory_has_room_for_are_refused(box, leave_memory):
     places = box.add("accessors", {"count": 50_000, "componentType": 5126, "type": "VEC3"})
     box.header["nodes"][0]["extensions"] = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": places}}}
     box.require("EXT_mesh_gpu_instancing")
-    monkeypatch.setattr(memory_budget, "free_memory", lambda: 200_000_000)
+    leave_memory(200_000_000)
     with pytest.raises(DeuxError, match=r"with 600,000 triangles in 50,000 placed surfaces would take .* GiB"):
         read_gltf(box.save())
 

@@ -88,6 +88,7 @@ def test_episodes_of_other_settings_are_refused(compare, finished):
     assert "holds a run with other settings (compare.steps: 6 there, 7 here)" in sentence
 
 
+@pytest.mark.slow  # tests/studies/test_comparison_episodes.py looks at the same without the command
 def test_processes_change_nothing(compare, finished, tmp_path):
     chosen = ["compare.explorers=[frontier,random]", "collect.processes=2"]
     assert compare(tmp_path / "run", *chosen).code == 0

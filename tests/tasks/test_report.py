@@ -63,6 +63,7 @@ def results(outputs: Path) -> dict[str, dict]:
     return {path.parent.name: json.loads(path.read_text()) for path in outputs.glob("sweeps/*/*/results.json")}
 
 
+@pytest.mark.slow  # nine runs; tests/report looks at tables and pages
 @pytest.mark.timeout(900)
 def test_three_sweeps_become_three_tables(tiny, deux, tmp_path):
     def sweep(name: str, *overrides: str):

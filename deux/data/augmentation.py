@@ -16,21 +16,27 @@ from torchvision.transforms.v2 import functional
 from deux.collection.point_patterns import PATTERNS, Pattern, disturb, draw_points
 from deux.contracts import Augmentation
 from deux.data.augmentation_settings import AugmentationSettings
-from deux.data.transforms import DepthMap, InputSparseDepth, Intrinsics
+from deux.data.transforms import DepthMap, InputSparseDepth, Intrinsics, RandomScale
 
 
-def training_transforms(settings: AugmentationSettings, model: Sequence[Augmentation] = ()) -> list[Augmentation]:
+def training_transforms(
+    settings: AugmentationSettings, model: Sequence[Augmentation] = (), scalable: bool = True
+) -> list[Augmentation]:
     """The augmentation of a training.
 
     Args:
         settings: the options.
         model: the model's own augmentation.
+        scalable: whether the way between the frames of a sample is known, or it is one frame alone; pictures do not
+            tell a small scene from a large one.
     """
     found: list[Augmentation] = []
     if settings.sizes or settings.least_view < 1:
         found.append(RandomView(settings.sizes, settings.least_view))
     if settings.flip:
         found.append(v2.RandomHorizontalFlip(settings.flip))
+    if scalable and settings.scale != (1.0, 1.0):
+        found.append(RandomScale(settings.scale))
     if settings.colors:
         found.append(v2.ColorJitter(settings.colors, settings.colors, settings.colors))
     if settings.density is not None:

@@ -19,6 +19,9 @@ class AugmentationSettings:
             a part p of a field of view h leaves 2 arctan(p tan(h/2)). Drawn uniformly from here to 1 for each sample;
             the window lies anywhere in the frame. The intrinsics follow.
         flip: probability of mirroring left to right.
+        scale: least and greatest factor, drawn log-uniformly for each sample, by which its depth and the way between
+            its frames are multiplied: the same pictures of a smaller or larger scene. Without effect where frames are
+            compared whose poses are not known but learned.
         colors: strength of changes of brightness, contrast and saturation: each is multiplied by a factor from
             1 - colors to 1 + colors.
         density: least and greatest number of sparse points, as a fraction of the pixels, drawn log-uniformly. They are
@@ -35,6 +38,7 @@ class AugmentationSettings:
     sizes: tuple[tuple[int, int], ...] = ()
     least_view: float = 1.0
     flip: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
     colors: float = 0.0
     density: tuple[float, float] | None = None
     patterns: tuple[Pattern, ...] = PATTERNS
@@ -50,6 +54,10 @@ class AugmentationSettings:
         for name in ("flip", "colors", "outliers"):
             check_range(f"{where}.{name}", getattr(self, name), 0, 1)
         check_range(f"{where}.noise", self.noise, 0, 0.5)
+        for factor in self.scale:
+            check_range(f"{where}.scale", factor, 0.05, 20)
+        if self.scale[0] > self.scale[1]:
+            raise DeuxError(f"{where}.scale is {list(self.scale)}: it is the least and the greatest factor.")
         if self.density is None:
             if self.noise or self.outliers:
                 raise DeuxError(f"{where}.noise and outliers are of points that are drawn anew: set {where}.density.")

@@ -11,7 +11,7 @@ import torch
 from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
-from deux.contracts import Batch, DepthModel, Reader
+from deux.contracts import Augmentation, Batch, DepthModel, Reader
 from deux.data.augmentation import training_transforms
 from deux.data.augmentation_settings import AugmentationSettings
 from deux.data.cache_choice import (
@@ -150,7 +150,7 @@ class TripletDataModule(LightningDataModule):
                 ground_truth=self._supervised or self._augmentation.draws_points,
                 sources=self._sources,
                 poses=self._poses,
-                augmentation=training_transforms(self._augmentation, self._model.augmentation()),
+                augmentation=self._transforms(),
                 prepare=self._model.prepare,
             )
             dataset = TripletDataset(self.train, "train", settings, offsets=self._offsets, choice=self._source_choice)
@@ -170,6 +170,11 @@ class TripletDataModule(LightningDataModule):
     def test_dataloader(self) -> TripletLoader:
         """In order, the middle of each frame, with ground truth and without source frames."""
         return self._evaluation_loader(self.test, "test", sources="unread", poses=False, choice="recent")
+
+    def _transforms(self) -> list[Augmentation]:
+        """The augmentation of training samples."""
+        scalable = self._poses or self._sources == "unread"
+        return training_transforms(self._augmentation, self._model.augmentation(), scalable)
 
     def _evaluation_loader(
         self, readers: Sequence[Reader], split: str, sources: SourceFrames, poses: bool, choice: SourceChoice

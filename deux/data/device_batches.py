@@ -2,8 +2,8 @@
 
 All images of a batch are cut out of the cache in one operation, and so are all depth maps of a kind; what that takes,
 intrinsics and poses among it, goes to the device in one copy. The draws of crops and augmentation are the CPU's, each
-sample with its own seed. Only an augmentation of other transforms than flips and `DropPoints` is applied to one sample
-after the other. The host waits for the device nowhere, unless such a transform does.
+sample with its own seed. Only an augmentation of other transforms than flips, `RandomScale` and `DropPoints` is applied
+to one sample after the other. The host waits for the device nowhere, unless such a transform does.
 """
 
 import copy
@@ -89,7 +89,11 @@ def device_batch(samples: Sequence[StoredSample], augmentation: Sequence[Augment
     check_alike(_kind(sample) for sample in samples)
     windows, count = [sample.window for sample in samples], len(samples)
     cameras = _cameras([one.intrinsics for one in windows], [one.motions for one in windows if one.motions is not None])
+    if any(one.scale != 1.0 for one in windows):
+        cameras["scale"] = np.array([one.scale for one in windows], np.float32)[:, None, None, None]
     parts = _cut(samples, device, cameras)
+    if "scale" in parts:
+        parts |= {name: parts[name] * parts["scale"] for name in samples[0].maps}
     if len(parts["hidden"]):
         parts["input_sparse_depth"] = parts["sparse_depth"].clone()
         parts["input_sparse_depth"].view(-1).index_fill_(0, parts["hidden"], 0.0)

@@ -1,8 +1,9 @@
 """Which pixels of its frames a training sample is made of, drawn on the host before any pixel is touched.
 
-Crops and mirror images are rows and columns in some order, and points that are hidden are pixels that are known
-beforehand. A batch of such samples is cut out of frames on a card in one operation (`deux.data.device_batches`). Other
-augmentations are applied to each sample (`deux.data.transforms.augment_tensors`); both give the same samples.
+Crops and mirror images are rows and columns in some order, points that are hidden are pixels that are known
+beforehand, and another scale is one factor. A batch of such samples is cut out of frames on a card in one operation
+(`deux.data.device_batches`). Other augmentations are applied to each sample (`deux.data.transforms.augment_tensors`);
+both give the same samples.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ from torchvision.transforms import v2
 
 from deux.contracts import Augmentation
 from deux.data.device_cache import StoredFrame
-from deux.data.transforms import DropPoints, mirrored_matrix, mirrored_motions
+from deux.data.transforms import DropPoints, RandomScale, mirrored_matrix, mirrored_motions, scaled_motions
 
 
 @dataclass
@@ -27,6 +28,7 @@ class Window:
         intrinsics: 3 x 3 float64, of the sample.
         motions: S x 4 x 4 float64, or None.
         hidden: indices of the h w pixels whose sparse points the network is not shown.
+        scale: factor by which the sample's depth is multiplied.
     """
 
     rows: np.ndarray
@@ -34,6 +36,7 @@ class Window:
     intrinsics: np.ndarray
     motions: np.ndarray | None
     hidden: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    scale: float = 1.0
 
     def mirror(self, axis: int) -> None:
         """Turn the sample over: axis 0 is x, left to right, and axis 1 is y."""
@@ -48,6 +51,12 @@ class Window:
         if self.motions is not None:
             self.motions = mirrored_motions(self.motions, axis)
 
+    def enlarge(self, factor: float) -> None:
+        """Multiply all lengths of the sample."""
+        self.scale *= factor
+        if self.motions is not None:
+            self.motions = scaled_motions(self.motions, factor)
+
     def shown(self, sparse_depth: StoredFrame) -> np.ndarray:
         """The sample's sparse points that are not hidden, as increasing indices of the h w pixels."""
         assert sparse_depth.points is not None
@@ -59,8 +68,8 @@ class Window:
 
 
 def is_drawn(augmentation: Sequence[Augmentation]) -> bool:
-    """Whether an augmentation consists of flips and dropped points alone, for which `draw` suffices."""
-    known = (v2.RandomHorizontalFlip, v2.RandomVerticalFlip, DropPoints)
+    """Whether an augmentation consists of flips, scales and dropped points alone, for which `draw` suffices."""
+    known = (v2.RandomHorizontalFlip, v2.RandomVerticalFlip, RandomScale, DropPoints)
     return all(type(transform) in known for transform in augmentation)
 
 
@@ -82,6 +91,8 @@ def draw(
                 shown = window.shown(sparse_depth)
                 lost = transform.draw_points(len(shown), fraction, generator).numpy()
                 window.hidden = np.concatenate([window.hidden, shown[lost]])
+        elif isinstance(transform, RandomScale):
+            window.enlarge(transform.draw_factor(generator))
         elif float(torch.rand(1, generator=generator)) < np.float32(transform.p):  # type: ignore[attr-defined]
             window.mirror(0 if isinstance(transform, v2.RandomHorizontalFlip) else 1)
 

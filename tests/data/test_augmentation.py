@@ -64,6 +64,33 @@ def test_fields_of_view_lie_between_the_least_and_the_frames_own(folder: Path) -
         torch.testing.assert_close(batch.intrinsics[:, 0, 0], batch.intrinsics[:, 1, 1], rtol=0.06, atol=0.0)
 
 
+def test_a_scene_of_another_size_looks_the_same(folder: Path) -> None:
+    """With the scaled depth and poses, the same frames rebuild one another."""
+    settings = AugmentationSettings(scale=(0.25, 4.0))
+    of_frames, scaled = (batches(load(folder, one)) for one in (AugmentationSettings(), settings))
+    factors = []
+    for plain, batch in zip(of_frames, scaled, strict=True):
+        assert plain.ground_truth is not None
+        assert batch.ground_truth is not None
+        assert plain.source_from_target is not None
+        assert batch.source_from_target is not None
+        assert torch.equal(plain.image, batch.image)
+        pairs = zip(plain.ground_truth, batch.ground_truth, strict=True)
+        of_sample = [float((after[before > 0] / before[before > 0]).mean()) for before, after in pairs]
+        factor = torch.tensor(of_sample)[:, None, None, None]
+        for name in ("ground_truth", "sparse_depth", "input_sparse_depth"):
+            torch.testing.assert_close(getattr(batch, name), factor * getattr(plain, name))
+        before, after = (
+            reproject(one.sources, one.ground_truth, one.intrinsics, one.source_from_target)[0]  # type: ignore[arg-type]
+            for one in (plain, batch)
+        )
+        torch.testing.assert_close(before, after, rtol=0.0, atol=1e-3)
+        factors += of_sample
+    assert 0.25 <= min(factors) < 0.4
+    assert 2.5 < max(factors) <= 4.0
+    assert np.mean(np.log(factors)) == pytest.approx(0.0, abs=3 * np.log(4) / np.sqrt(3 * len(factors)))  # log-uniform
+
+
 def test_points_are_taken_from_the_ground_truth(folder: Path) -> None:
     counts = []
     for batch in batches(load(folder, POINTS)):
@@ -126,6 +153,8 @@ def test_the_defaults_leave_all_to_the_model() -> None:
         ({"sizes": [[64, 0]]}, "sizes"),
         ({"sizes": [64]}, "sizes"),
         ({"flip": 2}, "flip"),
+        ({"scale": [1.5, 0.5]}, r"training\.augmentation\.scale is \[1\.5, 0\.5\]"),
+        ({"scale": [0.0, 1.0]}, "scale"),
     ],
 )
 def test_mistakes_are_one_sentence(settings: dict[str, object], message: str) -> None:

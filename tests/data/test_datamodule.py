@@ -19,6 +19,7 @@ from torchvision.transforms import v2
 from void_layout import dataset
 
 from deux.contracts import Augmentation, Batch, DepthModel, Prediction
+from deux.data.augmentation_settings import AugmentationSettings
 from deux.data.chosen_sources import list_triplets
 from deux.data.datamodule import TripletDataModule
 from deux.data.dataset_reader import DatasetReader
@@ -271,6 +272,22 @@ def test_frames_without_source_frames_train_where_none_are_needed(tmp_path: Path
     for loader in (data.train_dataloader(), data.val_dataloader()):
         assert len(loader.dataset) == frames  # type: ignore[arg-type]
         assert all(batch.sources.shape[1] == (2 if sources else 0) for batch in loader)
+
+
+@pytest.mark.parametrize(
+    ("sources", "poses", "scaled"),
+    [(True, True, True), (False, False, True), pytest.param(True, False, False, id="poses that are learned")],
+)
+def test_scenes_are_scaled_where_the_way_between_the_frames_is_known(
+    tmp_path: Path, sources: bool, poses: bool, scaled: bool
+) -> None:
+    settings = AugmentationSettings(own=False), AugmentationSettings(own=False, scale=(2.0, 2.0))
+    readers = [DatasetReader(dataset(tmp_path / "a"))]
+    plain, enlarged = (
+        TripletDataModule(ToyModel(), readers, sources=sources, poses=poses, augmentation=one) for one in settings
+    )
+    before, after = (next(iter(data.train_dataloader())) for data in (plain, enlarged))
+    torch.testing.assert_close(after.sparse_depth, (2.0 if scaled else 1.0) * before.sparse_depth)
 
 
 def test_training_and_validation_take_the_chosen_source_frames(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from deux.data.dataset_reader import DatasetReader
 from deux.data.device_batches import LoadedBatch
 from deux.data.device_cache import DeviceCache, colors, cut_on_device, metres_on_device
 from deux.data.frame_cache import metres
-from deux.data.transforms import DropPoints, InputSparseDepth, augment_tensors, remove_points_on_device
+from deux.data.transforms import DropPoints, InputSparseDepth, RandomScale, augment_tensors, remove_points_on_device
 from deux.data.triplets import SampleSettings, TripletDataset, collate
 from deux.errors import DeuxError
 
@@ -31,6 +31,9 @@ AUGMENTATIONS: dict[str, Sequence[Augmentation]] = {
     "points": (DropPoints((0.3, 0.6), p=0.8),),
     "flips and points": (*FLIPS, DropPoints((0.3, 0.6), p=0.8)),
     "points, flips and points": (DropPoints((0.3, 0.6), p=0.8), *FLIPS, DropPoints((0.0, 1.0), p=0.8)),
+    "scale": (RandomScale((0.5, 1.5)),),
+    "flips, scale and points": (*FLIPS, RandomScale((0.5, 1.5)), DropPoints((0.3, 0.6), p=0.8)),
+    "scale and colours": (RandomScale((0.5, 1.5)), v2.ColorJitter(0.3, 0.3, 0.3), DropPoints((0.3, 0.6), p=0.8)),
     "colours": (v2.ColorJitter(0.3, 0.3, 0.3), v2.RandomGrayscale(0.3), v2.GaussianBlur(3)),
     "geometry": (v2.RandomCrop((12, 16)), v2.RandomResizedCrop((16, 16), antialias=True), DropPoints((0.5, 0.5), p=1)),
     "floats": (v2.RandomApply([v2.ToDtype(torch.float32, scale=True)], p=0.5),),
@@ -120,7 +123,9 @@ class CountedOperations(TorchDispatchMode):
         return result
 
 
-@pytest.mark.parametrize(("name", "most", "per_sample"), [("none", 25, 0), ("flips", 25, 4), ("points", 40, 4)])
+@pytest.mark.parametrize(
+    ("name", "most", "per_sample"), [("none", 25, 0), ("flips", 25, 4), ("points", 40, 4), ("scale", 30, 4)]
+)
 def test_a_larger_batch_is_no_more_work_for_the_host_on_a_card(
     folder: Path, name: str, most: int, per_sample: int
 ) -> None:
@@ -204,7 +209,7 @@ def test_all_bytes_and_all_stored_depths_come_out_alike() -> None:
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
-@pytest.mark.parametrize("name", ["none", "points", "flips and points"])
+@pytest.mark.parametrize("name", ["none", "points", "flips and points", "flips, scale and points"])
 def test_a_card_makes_the_same_batches_and_nobody_waits_for_it(folder: Path, name: str) -> None:
     card = torch.device("cuda", 0)
     settings = replace(TRAINING, augmentation=AUGMENTATIONS[name])

@@ -62,7 +62,7 @@ def commands() -> list[tuple[str, ...]]:
 
 def _first(option: str) -> str:
     """The option with the first of a sweep's values, which may be a list."""
-    return re.sub(r"(=\[.*?\]|=[^,]*),.*", r"\1", option)
+    return re.sub(r"(=\[.*?\]|=[^,\[]*),.*", r"\1", option)
 
 
 def test_there_are_commands():

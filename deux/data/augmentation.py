@@ -16,7 +16,7 @@ from torchvision.transforms.v2 import functional
 from deux.collection.point_patterns import PATTERNS, Pattern, disturb, draw_points
 from deux.contracts import Augmentation
 from deux.data.augmentation_settings import AugmentationSettings
-from deux.data.transforms import DepthMap, InputSparseDepth, Intrinsics, RandomScale
+from deux.data.transforms import DepthMap, InputSparseDepth, Intrinsics, RelativePoses
 
 
 def training_transforms(
@@ -80,6 +80,48 @@ class RandomView(v2.Transform):
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
         """Crop and resize one part of the sample."""
         return self._call_kernel(functional.resized_crop, inpt, **params)
+
+
+class RandomScale(v2.Transform):
+    """The same pictures of a smaller or larger scene: depth and the way between frames are multiplied by one factor.
+
+    No photometric error changes by it, as a camera that moves s times as far sees the same of a scene s times as large.
+
+    Args:
+        factors: least and greatest factor, drawn log-uniformly for each sample.
+    """
+
+    def __init__(self, factors: tuple[float, float]) -> None:
+        super().__init__()
+        self.factors = factors
+
+    def draw_factor(self, generator: torch.Generator | None = None) -> float:
+        """The factor of a sample; by default drawn from torch's default generator."""
+        least, greatest = self.factors
+        return least * (greatest / least) ** float(torch.rand((), generator=generator))
+
+    def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
+        """Draw the factor of this sample."""
+        return {"factor": self.draw_factor()}
+
+    def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
+        """Scale one part of the sample, if it has a length."""
+        if isinstance(inpt, RelativePoses):
+            motions = scaled_motions(inpt.as_subclass(Tensor).numpy(), params["factor"])
+            return torch.from_numpy(motions).as_subclass(RelativePoses)
+        if not isinstance(inpt, DepthMap):
+            return inpt
+        scaled = (inpt.as_subclass(Tensor) * params["factor"]).as_subclass(type(inpt))
+        if isinstance(inpt, InputSparseDepth):
+            scaled.points = inpt.points
+        return scaled
+
+
+def scaled_motions(motions: np.ndarray, factor: float) -> np.ndarray:
+    """The motions, S x 4 x 4, in a world whose lengths are multiplied by a factor."""
+    scaled = motions.copy()
+    scaled[:, :3, 3] *= factor
+    return scaled
 
 
 class DrawPoints:

@@ -14,8 +14,9 @@ import torch
 from torchvision.transforms import v2
 
 from deux.contracts import Augmentation
+from deux.data.augmentation import RandomScale, scaled_motions
 from deux.data.device_cache import StoredFrame
-from deux.data.transforms import DropPoints, RandomScale, mirrored_matrix, mirrored_motions, scaled_motions
+from deux.data.transforms import DropPoints, mirrored_matrix, mirrored_motions
 
 
 @dataclass

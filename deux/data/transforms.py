@@ -163,52 +163,6 @@ class DropPoints(v2.Transform):
         return _with_points(remove(depth, hidden), count - len(hidden))
 
 
-class RandomScale(v2.Transform):
-    """The same pictures of a smaller or larger scene: depth and the way between frames are multiplied by one factor.
-
-    No photometric error changes by it, as a camera that moves s times as far sees the same of a scene s times as large.
-
-    Args:
-        factors: least and greatest factor, drawn log-uniformly for each sample.
-
-    Raises:
-        DeuxError: a factor is not above 0.
-    """
-
-    def __init__(self, factors: tuple[float, float]) -> None:
-        super().__init__()
-        for factor in factors:
-            check_range("RandomScale: factors", factor, 0.001, 1000)
-        self.factors = factors
-
-    def draw_factor(self, generator: torch.Generator | None = None) -> float:
-        """The factor of a sample; by default drawn from torch's default generator."""
-        least, greatest = self.factors
-        return float(least * (greatest / least) ** float(torch.rand((), generator=generator)))
-
-    def make_params(self, flat_inputs: list[Any]) -> dict[str, float]:
-        """Draw the factor of this sample."""
-        return {"factor": self.draw_factor()}
-
-    def transform(self, inpt: Any, params: dict[str, float]) -> Any:
-        """Scale one part of the sample, if it has a length."""
-        factor = params["factor"]
-        if isinstance(inpt, InputSparseDepth):
-            return _with_points(inpt.as_subclass(Tensor) * factor, inpt.points)
-        if isinstance(inpt, DepthMap):
-            return (inpt.as_subclass(Tensor) * factor).as_subclass(DepthMap)
-        if isinstance(inpt, RelativePoses):
-            return torch.from_numpy(scaled_motions(inpt.as_subclass(Tensor).numpy(), factor)).as_subclass(RelativePoses)
-        return inpt
-
-
-def scaled_motions(motions: np.ndarray, factor: float) -> np.ndarray:
-    """The motions, S x 4 x 4, in a world whose lengths are multiplied by a factor."""
-    scaled = motions.copy()
-    scaled[:, :3, 3] *= factor
-    return scaled
-
-
 def _remove_points(depth: Tensor, hidden: Tensor) -> Tensor:
     """The depth map without some of its points, which are numbered row by row."""
     kept = depth.numpy().copy()

@@ -15,11 +15,12 @@ from torchvision.transforms import v2
 from void_layout import dataset
 
 from deux.contracts import Augmentation, Batch
+from deux.data.augmentation import RandomScale
 from deux.data.dataset_reader import DatasetReader
 from deux.data.device_batches import LoadedBatch
 from deux.data.device_cache import DeviceCache, colors, cut_on_device, metres_on_device
 from deux.data.frame_cache import metres
-from deux.data.transforms import DropPoints, InputSparseDepth, RandomScale, augment_tensors, remove_points_on_device
+from deux.data.transforms import DropPoints, InputSparseDepth, augment_tensors, remove_points_on_device
 from deux.data.triplets import SampleSettings, TripletDataset, collate
 from deux.errors import DeuxError
 

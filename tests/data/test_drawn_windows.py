@@ -5,9 +5,10 @@ import pytest
 import torch
 from torchvision.transforms import v2
 
+from deux.data.augmentation import RandomScale
 from deux.data.device_cache import FrameStack, StoredFrame
 from deux.data.drawn_windows import Window, draw, is_drawn
-from deux.data.transforms import DropPoints, RandomScale, augment
+from deux.data.transforms import DropPoints, augment
 
 HEIGHT, WIDTH = 20, 30
 FLIPS = (v2.RandomHorizontalFlip(p=0.5), v2.RandomVerticalFlip(p=0.3))

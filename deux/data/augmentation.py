@@ -4,6 +4,7 @@ A model that is to work with any camera and any sensor is trained on samples who
 drawn anew each time. The transforms work on the samples of `deux.data.transforms`, beside those that a model brings.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,13 +21,17 @@ from deux.data.transforms import DepthMap, InputSparseDepth, Intrinsics, Relativ
 
 
 def training_transforms(
-    settings: AugmentationSettings, model: Sequence[Augmentation] = (), scalable: bool = True
+    settings: AugmentationSettings,
+    model: Sequence[Augmentation] = (),
+    depth_range: tuple[float, float] = (0.0, math.inf),
+    scalable: bool = True,
 ) -> list[Augmentation]:
     """The augmentation of a training.
 
     Args:
         settings: the options.
         model: the model's own augmentation.
+        depth_range: nearest and farthest depth in metres that the model predicts.
         scalable: whether the way between the frames of a sample is known, or it is one frame alone; pictures do not
             tell a small scene from a large one.
     """
@@ -36,7 +41,7 @@ def training_transforms(
     if settings.flip:
         found.append(v2.RandomHorizontalFlip(settings.flip))
     if scalable and settings.scale != (1.0, 1.0):
-        found.append(RandomScale(settings.scale))
+        found.append(RandomScale(settings.scale, depth_range))
     if settings.colors:
         found.append(v2.ColorJitter(settings.colors, settings.colors, settings.colors))
     if settings.density is not None:
@@ -86,23 +91,36 @@ class RandomScale(v2.Transform):
     """The same pictures of a smaller or larger scene: depth and the way between frames are multiplied by one factor.
 
     No photometric error changes by it, as a camera that moves s times as far sees the same of a scene s times as large.
+    A sample's factors end where its nearest or its farthest sparse point would leave the depth that the model predicts:
+    a network that is shown points there is drawn to the end of its range.
 
     Args:
         factors: least and greatest factor, drawn log-uniformly for each sample.
+        depth_range: nearest and farthest depth in metres that the model predicts.
     """
 
-    def __init__(self, factors: tuple[float, float]) -> None:
+    def __init__(self, factors: tuple[float, float], depth_range: tuple[float, float] = (0.0, math.inf)) -> None:
         super().__init__()
-        self.factors = factors
+        self.factors, self.depth_range = factors, depth_range
 
-    def draw_factor(self, generator: torch.Generator | None = None) -> float:
-        """The factor of a sample; by default drawn from torch's default generator."""
+    def draw_factor(self, span: tuple[float, float] | None, generator: torch.Generator | None = None) -> float:
+        """The factor of a sample.
+
+        Args:
+            span: depth in metres of its nearest and farthest sparse point; None without points.
+            generator: of the draw; by default torch's default one.
+        """
         least, greatest = self.factors
+        if span is not None:
+            near, far = self.depth_range
+            least = min(max(least, near / max(span[0], near)), greatest)
+            greatest = max(min(greatest, far / min(span[1], far)), least)
         return least * (greatest / least) ** float(torch.rand((), generator=generator))
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
         """Draw the factor of this sample."""
-        return {"factor": self.draw_factor()}
+        shown = next(part for part in flat_inputs if isinstance(part, InputSparseDepth))
+        return {"factor": self.draw_factor(shown.find_span())}
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
         """Scale one part of the sample, if it has a length."""

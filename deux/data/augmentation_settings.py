@@ -20,8 +20,9 @@ class AugmentationSettings:
             the window lies anywhere in the frame. The intrinsics follow.
         flip: probability of mirroring left to right.
         scale: least and greatest factor, drawn log-uniformly for each sample, by which its depth and the way between
-            its frames are multiplied: the same pictures of a smaller or larger scene. Without effect where frames are
-            compared whose poses are not known but learned.
+            its frames are multiplied: the same pictures of a smaller or larger scene. No sparse point is carried out of
+            the depth that the model predicts. Without effect where frames are compared whose poses are not known but
+            learned.
         colors: strength of changes of brightness, contrast and saturation: each is multiplied by a factor from
             1 - colors to 1 + colors.
         density: least and greatest number of sparse points, as a fraction of the pixels, drawn log-uniformly. They are

@@ -174,7 +174,8 @@ class TripletDataModule(LightningDataModule):
     def _transforms(self) -> list[Augmentation]:
         """The augmentation of training samples."""
         scalable = self._poses or self._sources == "unread"
-        return training_transforms(self._augmentation, self._model.augmentation(), scalable)
+        depth_range = self._model.min_depth, self._model.max_depth
+        return training_transforms(self._augmentation, self._model.augmentation(), depth_range, scalable)
 
     def _evaluation_loader(
         self, readers: Sequence[Reader], split: str, sources: SourceFrames, poses: bool, choice: SourceChoice

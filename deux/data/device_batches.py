@@ -136,8 +136,9 @@ def _augmented_batch(
             tensors["intrinsics"] = torch.from_numpy(sample.window.intrinsics)
             if sample.window.motions is not None:
                 tensors["source_from_target"] = torch.from_numpy(sample.window.motions.copy())
-            points = len(sample.window.shown(sample.maps["sparse_depth"]))
-            augmented.append(augment_tensors(tensors, augmentation, sample.seed, points))
+            sparse_depth = sample.maps["sparse_depth"]
+            points, span = len(sample.window.shown(sparse_depth)), sample.window.span(sparse_depth)
+            augmented.append(augment_tensors(tensors, augmentation, sample.seed, points, span))
     check_alike(
         (tuple(sample["images"].shape[-2:]), len(sample["images"]) - 1, "source_from_target" in sample)
         for sample in augmented

@@ -83,17 +83,35 @@ class StoredFrame(NamedTuple):
     Args:
         stack: the tensor.
         row: the array's place in it.
-        points: of a sparse depth map, its points as increasing indices of its H W pixels; else None.
+        points: of a sparse depth map, its points; else None.
     """
 
     stack: FrameStack
     row: int
-    points: np.ndarray | None
+    points: "HostPoints | None"
 
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width."""
         return self.stack.size
+
+
+class HostPoints(NamedTuple):
+    """The points of a sparse depth map, on the host, which does not have to ask the device for them.
+
+    Args:
+        pixels: increasing indices of the map's H W pixels.
+        depth: of each, float32 metres.
+    """
+
+    pixels: np.ndarray
+    depth: np.ndarray
+
+    @classmethod
+    def of(cls, depth: np.ndarray) -> "HostPoints":
+        """The points of a map, H x W float32 metres."""
+        pixels = np.flatnonzero(depth).astype(np.int32)
+        return cls(pixels, depth.flat[pixels])
 
 
 class DeviceCache(FrameCache):
@@ -149,7 +167,7 @@ class DeviceCache(FrameCache):
 
     def _store(self, key: FrameKey, array: np.ndarray) -> StoredFrame:
         """Copy an array to the device, and keep it if there is room."""
-        points = np.flatnonzero(array).astype(np.int32) if key.kind == "sparse_depth" else None
+        points = HostPoints.of(array) if key.kind == "sparse_depth" else None
         array = np.ascontiguousarray(compact(array))
         name = array.dtype, array.shape
         stack = self._stacks.get(name) or FrameStack(array, self.device)

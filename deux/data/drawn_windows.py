@@ -61,11 +61,22 @@ class Window:
     def shown(self, sparse_depth: StoredFrame) -> np.ndarray:
         """The sample's sparse points that are not hidden, as increasing indices of the h w pixels."""
         assert sparse_depth.points is not None
-        row, column = np.divmod(sparse_depth.points.astype(np.int64), sparse_depth.shape[1])
+        row, column = np.divmod(sparse_depth.points.pixels.astype(np.int64), sparse_depth.shape[1])
         row, column = _places(self.rows, row), _places(self.columns, column)
         inside = (row >= 0) & (column >= 0)
         there = np.sort(row[inside] * len(self.columns) + column[inside])
         return np.setdiff1d(there, self.hidden, assume_unique=True) if len(self.hidden) else there
+
+    def span(self, sparse_depth: StoredFrame) -> tuple[float, float] | None:
+        """Depth in metres of the nearest and the farthest point that `shown` finds; None without points."""
+        shown = self.shown(sparse_depth)
+        if not len(shown):
+            return None
+        assert sparse_depth.points is not None
+        row, column = np.divmod(shown, len(self.columns))
+        pixels = self.rows[row] * sparse_depth.shape[1] + self.columns[column]
+        depth = sparse_depth.points.depth[np.searchsorted(sparse_depth.points.pixels, pixels)] * np.float32(self.scale)
+        return float(depth.min()), float(depth.max())
 
 
 def is_drawn(augmentation: Sequence[Augmentation]) -> bool:
@@ -93,7 +104,7 @@ def draw(
                 lost = transform.draw_points(len(shown), fraction, generator).numpy()
                 window.hidden = np.concatenate([window.hidden, shown[lost]])
         elif isinstance(transform, RandomScale):
-            window.enlarge(transform.draw_factor(generator))
+            window.enlarge(transform.draw_factor(window.span(sparse_depth), generator))
         elif float(torch.rand(1, generator=generator)) < np.float32(transform.p):  # type: ignore[attr-defined]
             window.mirror(0 if isinstance(transform, v2.RandomHorizontalFlip) else 1)
 

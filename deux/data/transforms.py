@@ -41,11 +41,21 @@ class DepthMap(Mask):
 class InputSparseDepth(DepthMap):
     """The sparse depth that the network is shown; the losses read another one.
 
-    `points` is the number of its points, where that is known without looking at it, which would make the host wait for
-    a card. Flips keep it; after other changes of the geometry it is None.
+    `points` is the number of its points and `span` the depth in metres of the nearest and the farthest, where they are
+    known without looking at it, which would make the host wait for a card. Flips keep them; after other changes of the
+    geometry they are None.
     """
 
     points: int | None = None
+    span: tuple[float, float] | None = None
+
+    def find_span(self) -> tuple[float, float] | None:
+        """Depth in metres of the nearest and the farthest point; None without points."""
+        if self.span is not None or self.points == 0:
+            return self.span
+        depth = self.as_subclass(Tensor)
+        known = depth[depth > 0]
+        return (float(known.min()), float(known.max())) if len(known) else None
 
 
 class Intrinsics(TVTensor):
@@ -85,7 +95,11 @@ def augment(sample: Mapping[str, np.ndarray], augmentation: Sequence[Augmentatio
 
 
 def augment_tensors(
-    sample: Mapping[str, Tensor], augmentation: Sequence[Augmentation], seed: int, points: int | None = None
+    sample: Mapping[str, Tensor],
+    augmentation: Sequence[Augmentation],
+    seed: int,
+    points: int | None = None,
+    span: tuple[float, float] | None = None,
 ) -> dict[str, Tensor]:
     """Apply a model's augmentation to a sample.
 
@@ -95,6 +109,7 @@ def augment_tensors(
         augmentation: the transforms, in order.
         seed: of all that the transforms draw from torch's default generator on the CPU.
         points: number of points in the sparse depth, see `InputSparseDepth`.
+        span: depth in metres of the nearest and the farthest of them.
 
     Returns:
         The tensors of the sample, "input_sparse_depth" among them.
@@ -103,7 +118,7 @@ def augment_tensors(
         DeuxError: a transform makes no sense for a camera, or has changed the size of one part without the others.
     """
     tensors: dict[str, Tensor] = {name: tensor.as_subclass(_TYPES[name]) for name, tensor in sample.items()}
-    tensors["input_sparse_depth"] = _with_points(sample["sparse_depth"].clone(), points)
+    tensors["input_sparse_depth"] = _with_points(sample["sparse_depth"].clone(), points, span)
     height, width = sample["images"].shape[-2:]
     tensors["intrinsics"] = Intrinsics(tensors["intrinsics"], (height, width))
     state = torch.get_rng_state()
@@ -184,22 +199,22 @@ def remove_points_on_device(depth: Tensor, hidden: Tensor) -> Tensor:
     return depth.masked_fill((is_point & removed[number]).view_as(depth), 0.0)
 
 
-def _with_points(depth: Tensor, points: int | None) -> InputSparseDepth:
+def _with_points(depth: Tensor, points: int | None, span: tuple[float, float] | None = None) -> InputSparseDepth:
     shown: InputSparseDepth = depth.as_subclass(InputSparseDepth)
-    shown.points = points
+    shown.points, shown.span = points, span
     return shown
 
 
 @functional.register_kernel(functional.horizontal_flip, InputSparseDepth)
 def horizontal_flip_input_points(depth: InputSparseDepth) -> InputSparseDepth:
-    """Mirror left to right; the number of points stays known."""
-    return _with_points(depth.as_subclass(Tensor).flip(-1), depth.points)
+    """Mirror left to right; what is known of the points stays known."""
+    return _with_points(depth.as_subclass(Tensor).flip(-1), depth.points, depth.span)
 
 
 @functional.register_kernel(functional.vertical_flip, InputSparseDepth)
 def vertical_flip_input_points(depth: InputSparseDepth) -> InputSparseDepth:
-    """Mirror top to bottom; the number of points stays known."""
-    return _with_points(depth.as_subclass(Tensor).flip(-2), depth.points)
+    """Mirror top to bottom; what is known of the points stays known."""
+    return _with_points(depth.as_subclass(Tensor).flip(-2), depth.points, depth.span)
 
 
 @functional.register_kernel(functional.crop, Intrinsics)

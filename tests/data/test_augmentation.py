@@ -8,7 +8,7 @@ import torch
 from void_layout import dataset as written
 
 from deux.contracts import Batch
-from deux.data.augmentation import training_transforms
+from deux.data.augmentation import RandomScale, training_transforms
 from deux.data.augmentation_settings import AugmentationSettings
 from deux.data.dataset_reader import DatasetReader
 from deux.data.device_cache import DeviceCache
@@ -89,6 +89,49 @@ def test_a_scene_of_another_size_looks_the_same(folder: Path) -> None:
     assert 0.25 <= min(factors) < 0.4
     assert 2.5 < max(factors) <= 4.0
     assert np.mean(np.log(factors)) == pytest.approx(0.0, abs=3 * np.log(4) / np.sqrt(3 * len(factors)))  # log-uniform
+
+
+def test_no_point_leaves_the_depth_that_the_model_predicts(folder: Path) -> None:
+    """The toy frames' points lie between 1.1 and 3.9 m: a sample's own nearest and farthest decide."""
+    near, far = 1.0, 4.5
+    settings = SampleSettings(
+        training=True,
+        augmentation=training_transforms(AugmentationSettings(scale=(0.25, 4.0)), depth_range=(near, far)),
+    )
+    scaled = TripletDataset([DatasetReader(folder)], "train", settings)
+    plain = load(folder, AugmentationSettings())
+    for before, after in zip(batches(plain), batches(scaled), strict=True):
+        for depth, other in zip(before.sparse_depth, after.sparse_depth, strict=True):
+            points = other[other > 0]
+            assert near * 0.9999 <= float(points.min()) < float(points.max()) <= far * 1.0001
+            assert len(points) == int((depth > 0).sum())
+
+
+@pytest.mark.parametrize(
+    ("span", "least", "greatest"),
+    [
+        (None, 0.5, 2.0),
+        ((0.3, 4.0), 0.5, 2.0),
+        ((0.125, 4.0), 0.8, 2.0),
+        ((0.3, 8.0), 0.5, 1.25),
+        ((0.1, 10.0), 1.0, 1.0),
+        ((0.02, 4.0), 1.0, 2.0),  # already nearer than the model can say: no nearer
+        ((0.3, 40.0), 0.5, 1.0),
+    ],
+)
+def test_factors_end_where_a_point_would_leave_the_range(
+    span: tuple[float, float] | None, least: float, greatest: float
+) -> None:
+    scale, generator = RandomScale((0.5, 2.0), (0.1, 10.0)), torch.Generator().manual_seed(0)
+    factors = [scale.draw_factor(span, generator) for _ in range(300)]
+    assert least <= min(factors) <= least * 1.02
+    assert greatest / 1.02 <= max(factors) <= greatest * 1.0000001
+    assert np.median(factors) == pytest.approx(np.sqrt(least * greatest), rel=0.12)
+
+
+def test_factors_that_leave_the_range_at_any_rate_are_the_ones_asked_for() -> None:
+    assert RandomScale((0.5, 0.5), (0.1, 10.0)).draw_factor((0.1, 3.0)) == 0.5
+    assert RandomScale((2.0, 2.0), (0.1, 10.0)).draw_factor((1.0, 9.0)) == 2.0
 
 
 def test_points_are_taken_from_the_ground_truth(folder: Path) -> None:

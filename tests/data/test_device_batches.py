@@ -26,15 +26,16 @@ from deux.errors import DeuxError
 
 CPU = torch.device("cpu")
 TRAINING = SampleSettings((16, 20), training=True, ground_truth=True)
+RANGE = (1.6, 3.0)
 FLIPS = (v2.RandomHorizontalFlip(p=0.5), v2.RandomVerticalFlip(p=0.5))
 AUGMENTATIONS: dict[str, Sequence[Augmentation]] = {
     "none": (),
     "points": (DropPoints((0.3, 0.6), p=0.8),),
     "flips and points": (*FLIPS, DropPoints((0.3, 0.6), p=0.8)),
     "points, flips and points": (DropPoints((0.3, 0.6), p=0.8), *FLIPS, DropPoints((0.0, 1.0), p=0.8)),
-    "scale": (RandomScale((0.5, 1.5)),),
-    "flips, scale and points": (*FLIPS, RandomScale((0.5, 1.5)), DropPoints((0.3, 0.6), p=0.8)),
-    "scale and colours": (RandomScale((0.5, 1.5)), v2.ColorJitter(0.3, 0.3, 0.3), DropPoints((0.3, 0.6), p=0.8)),
+    "scale": (RandomScale((0.5, 1.5), RANGE),),
+    "flips, scale and points": (*FLIPS, RandomScale((0.5, 1.5), RANGE), DropPoints((0.3, 0.6), p=0.8)),
+    "scale and colours": (RandomScale((0.5, 1.5), RANGE), v2.ColorJitter(0.3, 0.3, 0.3), DropPoints((0.3, 0.6), p=0.8)),
     "colours": (v2.ColorJitter(0.3, 0.3, 0.3), v2.RandomGrayscale(0.3), v2.GaussianBlur(3)),
     "geometry": (v2.RandomCrop((12, 16)), v2.RandomResizedCrop((16, 16), antialias=True), DropPoints((0.5, 0.5), p=1)),
     "floats": (v2.RandomApply([v2.ToDtype(torch.float32, scale=True)], p=0.5),),

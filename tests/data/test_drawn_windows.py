@@ -6,7 +6,7 @@ import torch
 from torchvision.transforms import v2
 
 from deux.data.augmentation import RandomScale
-from deux.data.device_cache import FrameStack, StoredFrame
+from deux.data.device_cache import FrameStack, HostPoints, StoredFrame
 from deux.data.drawn_windows import Window, draw, is_drawn
 from deux.data.transforms import DropPoints, augment
 
@@ -15,7 +15,7 @@ FLIPS = (v2.RandomHorizontalFlip(p=0.5), v2.RandomVerticalFlip(p=0.3))
 
 
 def stored(depth: np.ndarray) -> StoredFrame:
-    return StoredFrame(FrameStack(depth, torch.device("cpu")), 0, np.flatnonzero(depth))
+    return StoredFrame(FrameStack(depth, torch.device("cpu")), 0, HostPoints.of(depth))
 
 
 @pytest.mark.parametrize("density", [0.0, 0.1, 1.0])
@@ -25,7 +25,7 @@ def test_windows_are_what_the_transforms_make_of_the_pixels(density: float) -> N
     augmentation = (
         DropPoints((0.1, 0.5), p=0.5),
         *FLIPS,
-        RandomScale((0.5, 2.0)),
+        RandomScale((0.5, 2.0), (0.8, 6.0)),
         DropPoints((0.2, 0.9), p=0.7),
         *FLIPS,
     )

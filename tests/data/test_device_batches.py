@@ -26,7 +26,7 @@ from deux.errors import DeuxError
 
 CPU = torch.device("cpu")
 TRAINING = SampleSettings((16, 20), training=True, ground_truth=True)
-RANGE = (1.6, 3.0)
+RANGE = (1.2, 4.5)
 FLIPS = (v2.RandomHorizontalFlip(p=0.5), v2.RandomVerticalFlip(p=0.5))
 AUGMENTATIONS: dict[str, Sequence[Augmentation]] = {
     "none": (),

@@ -1,7 +1,7 @@
 """`training.augmentation`: samples with cameras and sparse points other than those of the stored frames.
 
 A model that is to work with any camera and any sensor is trained on samples whose field of view, size and points are
-drawn anew each time. The transforms work on the samples of `deux.data.transforms`, beside those that a model brings.
+drawn anew each time. The transforms work on the parts of `deux.data.sample_parts`, beside those that a model brings.
 """
 
 import math
@@ -17,7 +17,7 @@ from torchvision.transforms.v2 import functional
 from deux.collection.point_patterns import PATTERNS, Pattern, disturb, draw_points
 from deux.contracts import Augmentation
 from deux.data.augmentation_settings import AugmentationSettings
-from deux.data.transforms import DepthMap, InputSparseDepth, Intrinsics, RelativePoses
+from deux.data.sample_parts import DepthMap, InputSparseDepth, Intrinsics, RelativePoses
 
 
 def training_transforms(

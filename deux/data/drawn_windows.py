@@ -16,7 +16,8 @@ from torchvision.transforms import v2
 from deux.contracts import Augmentation
 from deux.data.augmentation import RandomScale, scaled_motions
 from deux.data.device_cache import StoredFrame
-from deux.data.transforms import DropPoints, mirrored_matrix, mirrored_motions
+from deux.data.sample_parts import mirrored_matrix, mirrored_motions
+from deux.data.transforms import DropPoints
 
 
 @dataclass

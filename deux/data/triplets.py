@@ -165,7 +165,7 @@ class TripletDataset(Dataset[Batch]):
             yield FrameKey(reader, "ground_truth", triplet.target)
 
     def _host_sample(self, reader: Reader, triplet: Triplet, seed: int, poses: bool) -> dict[str, np.ndarray]:
-        """A sample without augmentation as arrays of its own; see `deux.data.transforms`."""
+        """A sample without augmentation as arrays of its own; see `deux.data.sample_parts`."""
         keys = self._keys(reader, triplet)
         images, maps = _frames(reader, triplet, [(key, _array(self.cache.read(key))) for key in keys])
         window = self._window(images[0].shape[-2:], reader, triplet, seed, poses)

@@ -20,7 +20,8 @@ from deux.data.dataset_reader import DatasetReader
 from deux.data.device_batches import LoadedBatch
 from deux.data.device_cache import DeviceCache, colors, cut_on_device, metres_on_device
 from deux.data.frame_cache import metres
-from deux.data.transforms import DropPoints, InputSparseDepth, augment_tensors, remove_points_on_device
+from deux.data.sample_parts import InputSparseDepth
+from deux.data.transforms import DropPoints, augment_tensors, remove_points_on_device
 from deux.data.triplets import SampleSettings, TripletDataset, collate
 from deux.errors import DeuxError
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from deux.collection.jobs import Job, JobRunner
 from deux.errors import DeuxError
 from deux.inference.threads import limit_threads
+from deux.registry import KINDS, registry
 
 _SECONDS = 0.5
 """Between two parts of a job's results."""
@@ -51,9 +52,10 @@ class JobPart(NamedTuple):
 
 
 def package_versions() -> dict[str, str]:
-    """The versions, by name, that must be the same wherever frames of one dataset are made."""
+    """The versions, by name, that must be the same wherever frames of one dataset are made; those of plugins too."""
     packages = ("deux", "torch", "numpy", "scipy", "numba", "kornia", "opencv-python-headless", "embreex")
-    return {"Python": platform.python_version(), **{name: version(name) for name in packages}}
+    plugins = {plugin.package: plugin.version for kind in KINDS for plugin in registry().plugins(kind)}
+    return {"Python": platform.python_version(), **plugins, **{name: version(name) for name in packages}}
 
 
 class JobWorker:
@@ -75,6 +77,8 @@ class JobWorker:
     def check(self, expected: dict[str, str]) -> str:
         """The name of this machine, if its packages are those of the process that hands the jobs out.
 
+        A plugin's package that is missing here is no error: a job that needs it will say so.
+
         Args:
             expected: the `package_versions` of that process.
 
@@ -82,7 +86,7 @@ class JobWorker:
             DeuxError: a version differs.
         """
         here = package_versions()
-        different = [name for name in expected if here[name] != expected[name]]
+        different = [name for name in expected if here.get(name, expected[name]) != expected[name]]
         if different:
             name = different[0]
             raise DeuxError(

@@ -12,6 +12,7 @@ from deux.collection.job_worker import JobWorker, package_versions
 from deux.collection.jobs import Job
 from deux.collection.perception import Perception
 from deux.errors import DeuxError
+from deux.registry import Plugin, Registry
 from deux_plugins.uncertainties.photometric import L1Residual
 
 RUN = EpisodeRunner(slow_simulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))
@@ -83,3 +84,19 @@ def test_other_versions_are_refused(worker: JobWorker) -> None:
     assert worker.check(here)
     with pytest.raises(DeuxError, match=rf"has torch {here['torch']}, but .* has torch 1\.0: install the same"):
         worker.check({**here, "torch": "1.0"})
+
+
+def test_packages_of_plugins_are_compared_where_both_have_them(
+    worker: JobWorker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def install(version: str) -> None:
+        plugin = Plugin("other", "rewards", "deux-other", version, "other:Other", lambda: None)
+        monkeypatch.setattr(Registry, "plugins", lambda registry, kind: [plugin] if kind == "rewards" else [])
+
+    install("1.0")
+    expected = package_versions()
+    install("1.1")
+    with pytest.raises(DeuxError, match=r"has deux-other 1\.1, but .* has deux-other 1\.0: install the same"):
+        worker.check(expected)
+    monkeypatch.undo()
+    assert worker.check(expected)

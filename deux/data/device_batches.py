@@ -18,6 +18,7 @@ from torch import Tensor
 from deux.contracts import Augmentation, Batch
 from deux.data.device_cache import FrameStack, Shipment, StoredFrame, colors, indexable, metres_on_device
 from deux.data.drawn_windows import Window, draw, is_drawn
+from deux.data.sample_parts import depth_span
 from deux.data.transforms import augment_tensors
 from deux.errors import DeuxError
 
@@ -136,9 +137,8 @@ def _augmented_batch(
             tensors["intrinsics"] = torch.from_numpy(sample.window.intrinsics)
             if sample.window.motions is not None:
                 tensors["source_from_target"] = torch.from_numpy(sample.window.motions.copy())
-            sparse_depth = sample.maps["sparse_depth"]
-            points, span = len(sample.window.shown(sparse_depth)), sample.window.span(sparse_depth)
-            augmented.append(augment_tensors(tensors, augmentation, sample.seed, points, span))
+            depth = sample.window.shown_depth(sample.maps["sparse_depth"])
+            augmented.append(augment_tensors(tensors, augmentation, sample.seed, len(depth), depth_span(depth)))
     check_alike(
         (tuple(sample["images"].shape[-2:]), len(sample["images"]) - 1, "source_from_target" in sample)
         for sample in augmented

@@ -16,7 +16,7 @@ from torchvision.transforms import v2
 from deux.contracts import Augmentation
 from deux.data.augmentation import RandomScale, scaled_motions
 from deux.data.device_cache import StoredFrame
-from deux.data.sample_parts import mirrored_matrix, mirrored_motions
+from deux.data.sample_parts import depth_span, mirrored_matrix, mirrored_motions
 from deux.data.transforms import DropPoints
 
 
@@ -68,16 +68,14 @@ class Window:
         there = np.sort(row[inside] * len(self.columns) + column[inside])
         return np.setdiff1d(there, self.hidden, assume_unique=True) if len(self.hidden) else there
 
-    def span(self, sparse_depth: StoredFrame) -> tuple[float, float] | None:
-        """Depth in metres of the nearest and the farthest point that `shown` finds; None without points."""
+    def shown_depth(self, sparse_depth: StoredFrame) -> np.ndarray:
+        """Depth in metres of the points that `shown` finds, in the same order."""
         shown = self.shown(sparse_depth)
-        if not len(shown):
-            return None
         assert sparse_depth.points is not None
         row, column = np.divmod(shown, len(self.columns))
         pixels = self.rows[row] * sparse_depth.shape[1] + self.columns[column]
-        depth = sparse_depth.points.depth[np.searchsorted(sparse_depth.points.pixels, pixels)] * np.float32(self.scale)
-        return float(depth.min()), float(depth.max())
+        depth: np.ndarray = sparse_depth.points.depth[np.searchsorted(sparse_depth.points.pixels, pixels)]
+        return depth * np.float32(self.scale)
 
 
 def is_drawn(augmentation: Sequence[Augmentation]) -> bool:
@@ -105,7 +103,7 @@ def draw(
                 lost = transform.draw_points(len(shown), fraction, generator).numpy()
                 window.hidden = np.concatenate([window.hidden, shown[lost]])
         elif isinstance(transform, RandomScale):
-            window.enlarge(transform.draw_factor(window.span(sparse_depth), generator))
+            window.enlarge(transform.draw_factor(depth_span(window.shown_depth(sparse_depth)), generator))
         elif float(torch.rand(1, generator=generator)) < np.float32(transform.p):  # type: ignore[attr-defined]
             window.mirror(0 if isinstance(transform, v2.RandomHorizontalFlip) else 1)
 

@@ -49,8 +49,12 @@ class InputSparseDepth(DepthMap):
         if self.span is not None or self.points == 0:
             return self.span
         depth = self.as_subclass(Tensor)
-        known = depth[depth > 0]
-        return (float(known.min()), float(known.max())) if len(known) else None
+        return depth_span(depth[depth > 0])
+
+
+def depth_span(depth: np.ndarray | Tensor) -> tuple[float, float] | None:
+    """The least and the greatest of N depths in metres; None of none."""
+    return (float(depth.min()), float(depth.max())) if len(depth) else None
 
 
 class Intrinsics(TVTensor):

@@ -39,10 +39,19 @@ generated_flat = lru_cache(maxsize=16)(source.apartment)
 """As `deux_plugins.scenes.apartments.generator.apartment`, made once."""
 
 
-def pytest_collection_finish() -> None:
-    """Take what was imported until here out of the garbage collector, which would walk through it for each test."""
-    gc.collect()
-    gc.freeze()
+_modules_left_out = 0
+
+
+def pytest_runtest_setup() -> None:
+    """Take what was imported until here out of the garbage collector, which would walk through it again and again.
+
+    The largest packages are imported by the first test that needs them.
+    """
+    global _modules_left_out
+    if len(sys.modules) > _modules_left_out + 20:
+        gc.collect()
+        gc.freeze()
+        _modules_left_out = len(sys.modules)
 
 
 @pytest.fixture(autouse=True)

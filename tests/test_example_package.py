@@ -76,6 +76,7 @@ def test_its_plugins_are_composed_and_made_without_any_yaml() -> None:
     }
 
 
+@pytest.mark.slow
 def test_its_own_tests_pass(site: Path) -> None:
     result = python(site, EXAMPLE, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist")
     assert result.returncode == 0, result.stdout

@@ -56,7 +56,7 @@ def test_all_models_that_ship_are_tested():
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in ("kbnet", "voiced") else pytest.mark.slow) for name in MODELS]
+    "name", [pytest.param(name, marks=() if name == "voiced" else pytest.mark.slow) for name in MODELS]
 )
 def test_the_file_predicts_what_the_model_predicts(export, model_file, name):
     outcome, path = export(model_file(name), f"export.height={HEIGHT}", f"export.width={WIDTH}")

@@ -62,7 +62,7 @@ def share_of_time_on_the_left(explorer, uncertain_side, seed):
     [
         ({}, 3, 0.3),
         (PAPER, 3, 0.15),
-        ({"residual_pose": "pose", "target": "informative"}, 3, 0.15),
+        pytest.param({"residual_pose": "pose", "target": "informative"}, 3, 0.15, marks=pytest.mark.slow),
         ({"target": "informative"}, 1, 0.35),
     ],
     ids=["default", "paper", "informative, at poses", "informative"],

@@ -21,7 +21,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from deux.composition_errors import check_names, composition_error, quoted_digits, raised_in_composition
-from deux.configuration import CONFIG_NAME, config_folder, in_sweep, register_configuration
+from deux.configuration import CONFIG_NAME, check_unused, config_folder, in_sweep, register_configuration
 from deux.errors import DeuxError, JobFailed, counted, printable
 from deux.machine_failures import PLACE_ERRORS, ended_by_sigterm, machine_failure
 from deux.search_path import leave_out_working_folder
@@ -135,6 +135,7 @@ def run_task(cfg: DictConfig) -> None:
             itself finds wrong.
     """
     check_plugins(cfg)
+    check_unused(cfg, HydraConfig.get().overrides.task)
     check_plugin_options(cfg)
     importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
 

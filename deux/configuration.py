@@ -188,7 +188,24 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
     finally:
         GlobalHydra.instance().hydra = command
     check_plugins(cfg)
+    check_unused(cfg, overrides)
     return cfg
+
+
+def check_unused(cfg: DictConfig, overrides: Iterable[str]) -> None:
+    """Raise DeuxError if an override would be without effect: epochs, where the training has a number of steps.
+
+    Args:
+        cfg: what the overrides were composed to.
+        overrides: of the command line.
+    """
+    steps = OmegaConf.select(cfg, "training.steps")
+    for override in overrides:
+        name, _, value = override.lstrip("+").partition("=")
+        if name == "training.epochs" and steps is not None:
+            raise DeuxError(
+                f"training.epochs={value} has no effect while training.steps is {steps}: set training.steps=null too."
+            )
 
 
 def in_sweep() -> bool:

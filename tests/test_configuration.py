@@ -140,6 +140,7 @@ def test_every_option_of_every_section_can_be_given(task: str, section: str, set
         f"{section}.{name}={json.dumps(plain_value(getattr(made, name)))}"
         for name in options(settings)
         if not is_dataclass(getattr(made, name))
+        and (section, name) != ("training", "epochs")  # refused beside steps
         and (not isinstance(getattr(made, name), Mapping | tuple) or not getattr(made, name))
     ]
     assert sections_of(compose([f"task={task}", *given])).read(section, settings) == made
@@ -154,6 +155,13 @@ def test_every_section_of_a_task_is_in_the_configuration(task: str) -> None:
     cfg = compose([f"task={task}"])
     assert set(TASKS[task].sections) <= set(cfg)
     assert set(sections_of(cfg).identity) == {"task", *TASKS[task].sections}
+
+
+def test_epochs_beside_a_number_of_steps_are_refused() -> None:
+    with pytest.raises(DeuxError, match=r"training.epochs=3 has no effect while training.steps is 1700: set training"):
+        compose(["training.epochs=3"])
+    assert compose(["training.epochs=3", "training.steps=null"]).training.epochs == 3
+    assert compose(["experiment=published_kbnet", "training.steps=100"]).training.steps == 100
 
 
 def test_a_task_reads_no_section_that_it_does_not_name() -> None:

@@ -40,12 +40,12 @@ def training_transforms(
         found.append(RandomView(settings.sizes, settings.least_view))
     if settings.flip:
         found.append(v2.RandomHorizontalFlip(settings.flip))
-    if scalable and settings.scale != (1.0, 1.0):
+    if settings.density is not None:
+        found.append(DrawPoints(settings.density, settings.patterns, (0.0, settings.noise), (0.0, settings.outliers)))
+    if scalable and settings.scale != (1.0, 1.0):  # after the points are drawn, which its factors depend on
         found.append(RandomScale(settings.scale, depth_range))
     if settings.colors:
         found.append(v2.ColorJitter(settings.colors, settings.colors, settings.colors))
-    if settings.density is not None:
-        found.append(DrawPoints(settings.density, settings.patterns, (0.0, settings.noise), (0.0, settings.outliers)))
     return [*found, *(model if settings.own else ())]
 
 

@@ -60,8 +60,10 @@ class AugmentationSettings:
         if self.scale[0] > self.scale[1]:
             raise DeuxError(f"{where}.scale is {list(self.scale)}: it is the least and the greatest factor.")
         if self.density is None:
-            if self.noise or self.outliers:
-                raise DeuxError(f"{where}.noise and outliers are of points that are drawn anew: set {where}.density.")
+            if self.noise or self.outliers or self.patterns != PATTERNS:
+                raise DeuxError(
+                    f"{where}.patterns, noise and outliers are of points that are drawn anew: set {where}.density."
+                )
             return
         for density in self.density:
             check_range(f"{where}.density", density, 1e-6, 1)

@@ -16,6 +16,9 @@ from deux.io.layout import SourceChoice
 PAPER_OFFSETS = (-1, -2)
 """t-1 and t-2, the default of `training.offsets`."""
 
+_LOOKED_AT = 16
+"""Triplets of which cameras are compared."""
+
 log = logging.getLogger(__name__)
 
 
@@ -44,6 +47,27 @@ def list_triplets(
         _warn_of_offsets(reader, offsets)
         return listed
     return list(_chosen(reader, split, offsets))
+
+
+def warn_of_cameras(reader: Reader, triplets: Sequence[Triplet]) -> None:
+    """Warn if source frames have other intrinsics than their targets: a sample has the target's alone.
+
+    Some triplets are looked at, evenly spread.
+
+    Args:
+        reader: of the frames.
+        triplets: that a training takes.
+    """
+    for target, sources in triplets[:: max(1, len(triplets) // _LOOKED_AT)]:
+        own = reader.intrinsics(target)
+        for source in sources:
+            if not np.allclose(reader.intrinsics(source), own, rtol=1e-3):
+                log.warning(
+                    "%s: frame %s of %s has other intrinsics than %s, whose source frame it is; photometric terms take "
+                    "the target's for both, so record with a fixed focus and zoom",
+                    *(reader.folder, source.name, source.sequence, target.name),
+                )
+                return
 
 
 def sources_by_parallax(

@@ -1,5 +1,7 @@
 """What is exported to foreign code: the frames of each split, under names that are theirs alone, file by file."""
 
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +18,8 @@ from deux.io.layout import SourceChoice
 
 SOURCES = 2
 """Source frames of a triplet, as the code of the published models takes them."""
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,25 @@ class ExportedSplit:
         for triplet in self.triplets:
             found.setdefault(self.sequence(triplet.target), []).append(triplet)
         return found
+
+
+def complete_lists(split: ExportedSplit, lines: Mapping[str, list[str]]) -> dict[str, list[str]]:
+    """The lines of those list files that name a file of every target: scripts pair the lists line by line.
+
+    A list that lacks some targets is left out with a warning; one that lacks them all, without.
+
+    Args:
+        split: whose targets are listed.
+        lines: of each list file, by what it lists.
+    """
+    count = len(split.triplets)
+    for kind, named in lines.items():
+        if 0 < len(named) < count:
+            log.warning(
+                "%s_%s.txt is left out: %d of the %d targets have no %s, and the lists are read line by line",
+                *(split.name, kind, count - len(named), count, kind),
+            )
+    return {kind: named for kind, named in lines.items() if len(named) == count}
 
 
 def read_splits(

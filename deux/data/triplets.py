@@ -12,7 +12,7 @@ from torch.utils.data import Dataset, Sampler
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
 from deux.data.augmentation import of_batch
-from deux.data.chosen_sources import list_triplets
+from deux.data.chosen_sources import list_triplets, warn_of_cameras
 from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, device_batch
 from deux.data.device_cache import DeviceCache
 from deux.data.drawn_windows import Window
@@ -106,6 +106,9 @@ class TripletDataset(Dataset[Batch]):
                 f"None of the {counted(len(listed), f'{split} frame')} of {listed[0][0].folder} has source frames: "
                 f"{lacking}"
             )
+        if settings.sources == "needed":
+            for reader in readers:
+                warn_of_cameras(reader, [triplet for other, triplet in self.triplets if other is reader])
         self.cache = cache or FrameCache()
         self._intrinsics: dict[tuple[Reader, FrameReference], np.ndarray] = {}
         self._motions: dict[tuple[Reader, Triplet], np.ndarray | None] = {}

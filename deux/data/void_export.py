@@ -24,7 +24,8 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.data.exported_split import ExportedSplit, FrameFiles
+from deux.data.exported_split import ExportedSplit, FrameFiles, complete_lists
+from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.calibration import write_matrix
 from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, frame_name, list_file, natural_order
@@ -50,7 +51,12 @@ def write_void(folder: Path, splits: Sequence[ExportedSplit], arrangement: Arran
         folder: takes `void_150`, `void_500` and `void_1500`.
         splits: to export; the names of their sequences are disjoint.
         arrangement: of the files of training and validation sequences.
+
+    Raises:
+        DeuxError: a sequence has more than one camera, for which the release has no place.
     """
+    for split in splits:
+        _check_cameras(split)
     for split in splits:
         lists: dict[str, list[str]] = {kind: [] for kind in (*PUBLISHED_KINDS, "intrinsics")}
         for sequence, triplets in split.sequences().items():
@@ -59,11 +65,10 @@ def write_void(folder: Path, splits: Sequence[ExportedSplit], arrangement: Arran
             yield from _write_sequence(folder, sequence, split.reader, arranged, targets)
             for kind, lines in lists.items():
                 lines += _lines(folder / FULL, sequence, kind, targets)
-        for density in DENSITIES:
-            for kind, lines in lists.items():
+        for kind, lines in complete_lists(split, lists).items():
+            for density in DENSITIES:
                 content = "".join(f"{density}/{line}\n" for line in lines)
-                if content:
-                    write_atomically(list_file(folder / density, split.name, kind), content.encode())
+                write_atomically(list_file(folder / density, split.name, kind), content.encode())
 
 
 def arrange(triplets: Sequence[Triplet], arrangement: Arrangement) -> list[FrameReference]:
@@ -167,9 +172,22 @@ def _link(source: Path, target: Path, known: str, name: str, suffix: str) -> Non
 
 
 def _lines(density: Path, sequence: str, kind: str, places: Sequence[int]) -> list[str]:
-    """The lines of a list file, after the name of the density's folder; none where the sequence has no such files."""
+    """The lines of a list file, after the name of the density's folder, for the targets that have such a file."""
     if kind == "intrinsics":
         return [f"data/{sequence}/K.txt"] * len(places)
-    if not (density / "data" / sequence / kind).is_dir():
-        return []
-    return [f"data/{sequence}/{kind}/{frame_name(place)}{SUFFIXES[kind]}" for place in places]
+    lines = [f"data/{sequence}/{kind}/{frame_name(place)}{SUFFIXES[kind]}" for place in places]
+    return [line for line in lines if (density / line).is_file()]
+
+
+def _check_cameras(split: ExportedSplit) -> None:
+    """Raise DeuxError if the frames of one sequence have different intrinsics: it has one K.txt."""
+    for sequence, triplets in split.sequences().items():
+        first = split.reader.intrinsics(triplets[0].target)
+        for target, sources in triplets:
+            for frame in (target, *sources):
+                if not np.array_equal(split.reader.intrinsics(frame), first):
+                    raise DeuxError(
+                        f"export_dataset.format=void has one camera for each sequence, but {sequence} of "
+                        f"{split.reader.folder} has another at {frame.name} than at {triplets[0].target.name}: "
+                        "export_dataset.format=triplets or webdataset has one for each target."
+                    )

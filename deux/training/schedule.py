@@ -32,6 +32,8 @@ class Schedule:
     def __post_init__(self) -> None:
         check_range("training.learning_rate", self.learning_rate, 0, ends=False)
         check_range("training.warmup_steps", self.warmup_steps, 0)
+        for factor in self.factors:
+            check_range("training.factors", factor, 0)
         if len(self.boundaries) != len(self.factors) or list(self.boundaries) != sorted(set(self.boundaries)):
             raise DeuxError(
                 f"the learning rate's boundaries {self.boundaries} and factors {self.factors} must be equally many, "

@@ -20,7 +20,8 @@ class TrainingSettings(Schedule):
         crop: height and width of the samples; None for whole frames.
         num_workers: processes that load data; None takes none where the frames are at hand, else one for each core but
             one, no more than eight.
-        validations: number of validations over the whole training.
+        validations: least number of validations over the whole training, as far as it has so many steps or epochs; they
+            are evenly spread over whole steps or epochs, which can make up to twice as many.
         sources: how the source frames are chosen. "baseline": of the five frames before and after the target the two
             that show most of it with parallax, by the poses and sparse points (`deux.geometry.source_frames`);
             "recent": the paper's t-1 and t-2, or those at `offsets`.

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.data.triplet_export import INTRINSICS, LISTED, source_name
+from deux.data.triplet_export import INTRINSICS, LISTED, own_intrinsics, source_name
 from deux.errors import DeuxError, shown
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_pose
@@ -61,9 +61,10 @@ class TripletImages(Reader):
         return image[:, first : first + width].copy()
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """The sequence's K.npy, 3 x 3 float64."""
-        path = self.folder / "data" / frame.sequence / INTRINSICS
-        return read_any_intrinsics(path)
+        """3 x 3 float64, of the target where a sequence has several cameras."""
+        sequence = self.folder / "data" / frame.sequence
+        own = sequence / own_intrinsics(_split_name(frame.name)[0])
+        return read_any_intrinsics(own if own.is_file() else sequence / INTRINSICS)
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
         """H x W float32 metres, 0 = none; of targets only."""

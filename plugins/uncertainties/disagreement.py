@@ -14,6 +14,7 @@ class FlipDisagreement(Uncertainty):
     def __call__(self, view: View) -> Tensor:
         """N x H x W metres."""
         intrinsics = view.intrinsics.clone()
+        intrinsics[:, 0, 1] *= -1  # as deux.data.sample_parts.mirrored_matrix
         intrinsics[:, 0, 2] = view.image.shape[-1] - 1 - intrinsics[:, 0, 2]
         mirrored = view.predict_depth(view.image.flip(-1), view.sparse_depth.flip(-1), intrinsics)
         return (mirrored.to(view.depth).flip(-1) - view.depth).abs()[:, 0]

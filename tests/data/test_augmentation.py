@@ -1,5 +1,6 @@
 """Samples with other cameras and other points: they must still be what a camera and a sensor would have seen."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -91,15 +92,18 @@ def test_a_scene_of_another_size_looks_the_same(folder: Path) -> None:
     assert np.mean(np.log(factors)) == pytest.approx(0.0, abs=3 * np.log(4) / np.sqrt(3 * len(factors)))  # log-uniform
 
 
-def test_no_point_leaves_the_depth_that_the_model_predicts(folder: Path) -> None:
-    """The toy frames' points lie between 1.3 and 5.1 m: the nearest and the farthest of each sample decide."""
+@pytest.mark.parametrize("density", [None, (0.02, 0.02)], ids=["own points", "drawn points"])
+def test_no_point_leaves_the_depth_that_the_model_predicts(folder: Path, density: tuple[float, float] | None) -> None:
+    """The toy frames' depths lie between 1.3 and 5.1 m: the nearest and the farthest point of each sample decide."""
     near, far = 1.0, 6.0
+    given = AugmentationSettings(density=density)
     settings = SampleSettings(
         training=True,
-        augmentation=training_transforms(AugmentationSettings(scale=(0.25, 4.0)), depth_range=(near, far)),
+        ground_truth=True,
+        augmentation=training_transforms(replace(given, scale=(0.25, 4.0)), depth_range=(near, far)),
     )
     scaled = TripletDataset([DatasetReader(folder)], "train", settings)
-    plain = load(folder, AugmentationSettings())
+    plain = load(folder, given)
     for before, after in zip(batches(plain), batches(scaled), strict=True):
         for depth, other in zip(before.sparse_depth, after.sparse_depth, strict=True):
             points = other[other > 0]
@@ -191,6 +195,7 @@ def test_the_defaults_leave_all_to_the_model() -> None:
         ({"density": [0.0, 0.1]}, "density"),
         ({"density": [0.01, 0.02], "patterns": []}, "at least one pattern"),
         ({"density": [0.01, 0.02], "patterns": ["corner"]}, "corners"),
+        ({"patterns": ["grid"]}, r"set training\.augmentation\.density"),
         ({"noise": 0.1}, r"set training\.augmentation\.density"),
         ({"least_view": 0.0}, "least_view"),
         ({"sizes": [[64, 0]]}, "sizes"),

@@ -3,11 +3,12 @@
 import logging
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import splits
+from exported import Zooming, splits
 from toy_world import ROOM, ToyScene, ToySimulator
 from void_layout import dataset, write
 
@@ -65,6 +66,18 @@ def test_offsets_that_are_not_used_are_told_once(tmp_path: Path, caplog: pytest.
         f"training.offsets=[-3, 3] is not used: the source frames of {reader.folder} are chosen by their parallax; "
         "training.sources=recent takes those at the offsets."
     ]
+
+
+def test_source_frames_of_another_camera_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    settings = SampleSettings(training=True)
+    folder = write(tmp_path / "d", {"hall-00": walk()}, triplets=True)
+    TripletDataset([DatasetReader(folder)], "train", settings)
+    assert not caplog.records
+    TripletDataset([Zooming(folder)], "train", replace(settings, sources="unread"))
+    assert not caplog.records
+    TripletDataset([Zooming(folder)], "train", settings)
+    (record,) = caplog.records
+    assert "frame 000001 of hall-00 has other intrinsics than 000002, whose source frame it is" in record.message
 
 
 def test_frames_without_poses_have_the_recent_sources(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -2,10 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exported import splits
+from exported import split_with_gaps, splits, zooming_split
 from PIL import Image
 
 from deux.data.triplet_export import write_triplets
+from deux_plugins.readers.triplet_images import TripletImages
 
 
 @pytest.fixture
@@ -41,3 +42,23 @@ def test_a_training_script_reads_the_lists(exported):
             truth = np.array(Image.open(named["ground_truth"][number])) / 256.0
             assert np.array_equal(truth, split.reader.ground_truth(target))
             assert np.array_equal(np.load(named["intrinsics"][number]), split.reader.intrinsics(target))
+
+
+def test_each_target_has_its_own_camera_where_a_sequence_has_several(tmp_path):
+    split = zooming_split(tmp_path / "given")
+    list(write_triplets(tmp_path / "export", [split], tmp_path / "export"))
+    named = lines(tmp_path / "export", "train_intrinsics.txt")
+    expected = [split.reader.intrinsics(target) for target, _ in split.triplets]
+    assert len({matrix[0, 0] for matrix in expected}) == len(expected) > 1
+    np.testing.assert_array_equal([np.load(path) for path in named], expected)
+    reader = TripletImages(tmp_path / "export")
+    found = [reader.intrinsics(target) for target, _ in reader.triplets("train", (-1, -2))]
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_list_that_would_lack_a_target_is_left_out(tmp_path, caplog):
+    split = split_with_gaps(tmp_path / "given")
+    list(write_triplets(tmp_path / "export", [split], tmp_path / "export"))
+    assert len(lines(tmp_path / "export", "train_image.txt")) == len(split.triplets) == 8
+    assert not (tmp_path / "export" / "train_ground_truth.txt").exists()
+    assert "train_ground_truth.txt is left out: 4 of the 8 targets have no ground_truth" in caplog.text

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from exported import splits
+from exported import split_with_gaps, splits, zooming_split
 from PIL import Image
 
 from deux.contracts import FrameReference, Triplet
 from deux.data.void_export import arrange, used_by_setup, write_void
+from deux.errors import DeuxError
 
 DENSITIES = ("void_150", "void_500", "void_1500")
 
@@ -120,3 +121,20 @@ def test_in_the_order_of_time_the_setup_takes_what_it_takes(tmp_path):
 
 def test_all_targets_are_used_when_triplets_are_arranged(exported):
     assert used_by_setup(exported[1], "triplets") == (26, 26)
+
+
+def test_a_sequence_with_several_cameras_has_no_place_in_the_release(tmp_path):
+    with pytest.raises(
+        DeuxError, match=r"format=void has one camera for each sequence, but hall-00 .* export_dataset.format=triplets"
+    ):
+        list(write_void(tmp_path, [zooming_split(tmp_path / "given")]))
+    assert not (tmp_path / "void_1500").exists()
+
+
+def test_a_list_that_would_lack_a_target_is_left_out(tmp_path, caplog):
+    split = split_with_gaps(tmp_path / "given")
+    list(write_void(tmp_path, [split]))
+    for density in DENSITIES:
+        assert len((tmp_path / density / "train_image.txt").read_text().split()) == len(split.triplets) == 8
+        assert not (tmp_path / density / "train_ground_truth.txt").exists()
+    assert caplog.text.count("train_ground_truth.txt is left out") == 1

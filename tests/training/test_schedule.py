@@ -26,6 +26,8 @@ def test_warm_up_rises_linearly_to_the_rate():
     [
         {"learning_rate": 0.0},
         {"learning_rate": float("nan")},
+        {"factors": (-1.0,)},
+        {"factors": (float("nan"),)},
         {"boundaries": (0.2, 0.4)},
         {"boundaries": (0.4, 0.2), "factors": (1.0, 2.0)},
     ],

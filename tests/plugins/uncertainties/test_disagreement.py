@@ -1,8 +1,10 @@
 from dataclasses import replace
 
+import numpy as np
 import torch
 
 from deux.contracts import Uncertainty
+from deux.data.sample_parts import mirrored_matrix
 from deux.testing.uncertainties import UncertaintySuite, point_grid, wall_view
 from deux_plugins.uncertainties.disagreement import FlipDisagreement, HiddenPointsDisagreement
 
@@ -32,18 +34,20 @@ def test_flip_is_the_difference_in_metres_to_the_mirrored_answer():
     torch.testing.assert_close(FlipDisagreement()(view)[0], (2.0 * ramp - 0.63)[0, 0].abs())
 
 
-def test_flip_moves_the_principal_point():
+def test_flip_mirrors_the_camera():
     seen = []
 
     def model(image, sparse_depth, intrinsics):
-        seen.append(intrinsics[0, 0, 2].item())
+        seen.append(intrinsics[0].numpy().copy())
         return image[:, :1]
 
     view = wall_view(predict_depth=model)
+    view.intrinsics[:, 0, 1] = 2.0
     view.intrinsics[:, 0, 2] = 20.0
+    given = view.intrinsics[0].numpy().copy()
     FlipDisagreement()(view)
-    assert seen == [43.0]
-    assert view.intrinsics[0, 0, 2] == 20.0
+    np.testing.assert_allclose(seen, [mirrored_matrix(given, view.image.shape[-2:], 0)])
+    np.testing.assert_array_equal(view.intrinsics[0], given)
 
 
 def test_flip_takes_an_answer_of_any_precision():

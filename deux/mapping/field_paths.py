@@ -23,13 +23,14 @@ class PathPoints:
     motion: np.ndarray
 
 
-def points_on_paths(distance: np.ndarray, goals: np.ndarray, spacing: int) -> PathPoints:
+def points_on_paths(distance: np.ndarray, goals: np.ndarray, spacing: float) -> PathPoints:
     """The points on the shortest paths from a distance field's start to given cells, the goals left out.
 
     Args:
         distance: rows x columns, as of `deux.mapping.planning.distance_field`.
         goals: N x 2 int64 (row, column); those that cannot be reached have no points.
-        spacing: moves between two cells between points, counted from the goal.
+        spacing: length of path in cells from one point to the next, counted from the goal; a point is the cell at or
+            next behind its place.
     """
     goal, cells, motion = _descend(distance, goals, spacing)
     return PathPoints(goal[1:], cells[1:], motion[1:])
@@ -41,7 +42,7 @@ def _descend(distance, goals, spacing):  # type: ignore[no-untyped-def]
     goal, cells, motion = [0], [(0, 0)], [(0.0, 0.0)]
     for i in range(len(goals)):
         row, column = goals[i, 0], goals[i, 1]
-        last_row, last_column, moves = row, column, 0
+        last_row, last_column, way = row, column, 0.0
         while 0.0 < distance[row, column] < np.inf:
             best_row, best_column, best = row, column, np.inf
             for down in range(-1, 2):
@@ -55,8 +56,10 @@ def _descend(distance, goals, spacing):  # type: ignore[no-untyped-def]
                     through = distance[to_row, to_column] + math.sqrt(down * down + right * right)
                     if through < best - 1e-9 and not (down != 0 and right != 0 and cuts_corner):
                         best_row, best_column, best = to_row, to_column, through
-            row, column, moves = best_row, best_column, moves + 1
-            if moves % spacing == 0:
+            way += math.sqrt((best_row - row) ** 2 + (best_column - column) ** 2)
+            row, column = best_row, best_column
+            if way >= spacing - 1e-9:
+                way -= spacing  # what is beyond counts for the next one
                 goal.append(i)
                 cells.append((row, column))
                 motion.append((float(last_row - row), float(last_column - column)))

@@ -146,10 +146,14 @@ class GoalExplorer(Explorer):
     def act(self, observation: Observation) -> Action:
         """Map what is seen, then go on towards the target."""
         self.occupancy.update(self.map_depth(observation), observation.pose, self.depth_error(observation))
+        self.mapped(observation)
         action = self._recovery.action(observation.pose, observation.collided)
         if self._recovery.failures > 0:
             self.occupancy.mark_contact(observation.pose)
         return self._go_on(observation.pose) if action is None else action
+
+    def mapped(self, observation: Observation) -> None:
+        """Called when a frame has entered the map, before a target is chosen; a subclass may take note of it."""
 
     def map_depth(self, observation: Observation) -> np.ndarray:
         """The depth image that the map is built from, H x W float32 metres."""

@@ -1,6 +1,7 @@
 """Targets by what a view from there is expected to teach the depth model, for each action that it costs."""
 
 import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,6 +11,7 @@ from scipy.spatial import cKDTree
 from deux.contracts import Episode
 from deux.geometry.grid import GridFrame
 from deux.geometry.poses import yaw_of
+from deux.geometry.source_frames import SOURCES, SourceRule
 from deux.mapping.action_costs import action_costs
 from deux.mapping.field_paths import points_on_paths
 from deux.mapping.frontier_targets import cell_centres
@@ -17,6 +19,9 @@ from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField
 from deux.mapping.surface_views import SurfaceViews
 from deux.mapping.view_fan import NOTHING, RAYS, cast_rays, headings, pixel_shares
+
+_SEEN_RAYS = 720
+"""Rays of a full circle along which a frame's view is remembered: at 5 m less than half a cell of 0.1 m apart."""
 
 ResidualPlace = Literal["surface", "pose", "constant"]
 
@@ -99,7 +104,8 @@ class InformativeTargets:
         self._poses = PoseResidualField()
         self._yaws = headings()[:: RAYS // HEADINGS]
         self._shares = pixel_shares(episode.camera, self._yaws)
-        self._last_place: np.ndarray | None = None
+        self._parallax = SourceRule()
+        self._before: deque[np.ndarray] = deque(maxlen=SOURCES)
 
     def record(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
         """Add one frame's uncertainty; arguments as of `ResidualField.update`."""
@@ -109,18 +115,19 @@ class InformativeTargets:
             self._poses.update(pose, depth, residual, uncertainty)
 
     def mark_seen(self, pose: np.ndarray, occupancy: np.ndarray, frame: GridFrame) -> None:
-        """Remember what the frame at this pose showed, unless the robot only turned since the frame before it.
+        """Remember what the frame at this pose showed, unless neither of the two before it has parallax to it.
 
         Args:
             pose: 4 x 4 camera-to-world.
             occupancy: rows x columns int8, with this frame in it.
             frame: where the grid lies.
         """
-        place, before = pose[[0, 2], 3], self._last_place
-        self._last_place = place
-        if before is None or np.hypot(*(place - before)) > 0.4 * self._robot.forward_step:
-            rays = cast_rays(occupancy, frame, place[None], self.max_range)
-            self._surfaces.mark_seen(rays, pixel_shares(self._camera, np.array([yaw_of(pose)])) > 0.0)
+        before = list(self._before)
+        self._before.append(pose)
+        if before and not any(self._parallax.apart(pose, earlier) for earlier in before):
+            return
+        rays = cast_rays(occupancy, frame, pose[[0, 2], 3][None], self.max_range, _SEEN_RAYS)
+        self._surfaces.mark_seen(rays, pixel_shares(self._camera, np.array([yaw_of(pose)]), _SEEN_RAYS) > 0.0)
 
     def choose(self, now: MapNow) -> Target | None:
         """The target that teaches the most for an action; None where there is no place to go to."""
@@ -168,7 +175,7 @@ class InformativeTargets:
 
     def _values_on_the_way(self, now: MapNow, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Sum of the views along the path to each cell, N: each is taken to be that from the nearest of the cells."""
-        points = points_on_paths(now.distance, cells, round(self.spacing / now.frame.resolution))
+        points = points_on_paths(now.distance, cells, self.spacing / now.frame.resolution)
         if len(points.goal) == 0:
             return np.zeros(len(cells))
         nearest = cKDTree(cells).query(points.cells)[1]

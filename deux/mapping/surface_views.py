@@ -65,7 +65,7 @@ class SurfaceViews:
 
         Args:
             rays: of one place or more.
-            shown: N x RAYS bool, the rays inside the field of view.
+            shown: N x R bool, the rays inside the field of view.
         """
         shown = shown & (rays.kind != NOTHING)
         if not shown.any():
@@ -78,7 +78,7 @@ class SurfaceViews:
         np.bitwise_or.at(self._cells["views"], (rows, columns), _views(rays)[shown])
 
     def uncertainty(self, rays: Rays) -> np.ndarray:
-        """The uncertainty of what each ray shows, N x RAYS float64; 0 for `NOTHING`.
+        """The uncertainty of what each ray shows, N x R float64; 0 for `NOTHING`.
 
         A surface has the mean residual of its cell in the class of the ray's distance; where it was never seen from
         that distance, the mean over the other classes; where it has none, and for the unknown, the mean over all
@@ -101,7 +101,7 @@ class SurfaceViews:
         return value
 
     def novelty(self, rays: Rays) -> np.ndarray:
-        """How much is left to learn from what each ray shows, N x RAYS float64 in (0, 1].
+        """How much is left to learn from what each ray shows, N x R float64 in (0, 1].
 
         (1 + n) ** -(1 + s), where n is the number of views that its cell was seen in, pairs of bearing and distance
         class, and s is 1 if this would be one of them, else 0: the more often and the more alike, the less.
@@ -121,7 +121,7 @@ class SurfaceViews:
 
 def _views(rays: Rays) -> np.ndarray:
     """The view in which each ray shows its end, one bit of an int64."""
-    sector = (headings() / (2.0 * math.pi) * SECTORS).astype(np.int64)
+    sector = (headings(rays.kind.shape[1]) / (2.0 * math.pi) * SECTORS).astype(np.int64)
     return np.int64(1) << (sector * len(CLASSES) + np.digitize(rays.distance, DISTANCES))
 
 

@@ -11,7 +11,7 @@ from deux.geometry.grid import GridFrame
 from deux.mapping.occupancy import OCCUPIED, UNKNOWN
 
 RAYS = 72
-"""Rays of a full circle: one every 5 degrees, as wide as four cells of 5 cm at a distance of 2.3 m."""
+"""Rays of a full circle where nothing else is said: one every 5 degrees, as wide as four cells of 5 cm at 2.3 m."""
 
 NOTHING, SURFACE, UNSEEN = 0, 1, 2
 """What a ray ends in: it leaves the range, it meets an occupied cell, or it enters the unknown."""
@@ -22,13 +22,13 @@ GAP = 3
 
 @dataclass(frozen=True)
 class Rays:
-    """Where the rays of N places end. Ray r looks along heading `headings()[r]`.
+    """Where the R rays of N places end. Ray r looks along heading `headings(R)[r]`.
 
     Args:
-        kind: N x RAYS uint8: `NOTHING`, `SURFACE` or `UNSEEN`.
-        ends: N x RAYS x 2 float64, world (x, z) of the centre of the occupied cell or of the first unknown one; NaN
+        kind: N x R uint8: `NOTHING`, `SURFACE` or `UNSEEN`.
+        ends: N x R x 2 float64, world (x, z) of the centre of the occupied cell or of the first unknown one; NaN
             for `NOTHING`.
-        distance: N x RAYS float64, metres from the place to where the ray enters that cell; the range for `NOTHING`.
+        distance: N x R float64, metres from the place to where the ray enters that cell; the range for `NOTHING`.
     """
 
     kind: np.ndarray
@@ -36,12 +36,12 @@ class Rays:
     distance: np.ndarray
 
 
-def headings() -> np.ndarray:
+def headings(count: int = RAYS) -> np.ndarray:
     """Headings of the rays in radians as of `camera_pose`: 0 looks along the world's -z, positive ones turn left."""
-    return np.arange(RAYS) * (2.0 * math.pi / RAYS)
+    return np.arange(count) * (2.0 * math.pi / count)
 
 
-def cast_rays(occupancy: np.ndarray, frame: GridFrame, places: np.ndarray, max_range: float) -> Rays:
+def cast_rays(occupancy: np.ndarray, frame: GridFrame, places: np.ndarray, max_range: float, count: int = RAYS) -> Rays:
     """Cast rays over the map in all directions.
 
     A ray visits every cell that it crosses (Amanatides and Woo 1987), the first one left out, until it meets an
@@ -52,16 +52,17 @@ def cast_rays(occupancy: np.ndarray, frame: GridFrame, places: np.ndarray, max_r
         frame: where the grid lies.
         places: N x 2 world (x, z) inside the grid.
         max_range: metres.
+        count: rays of each place.
     """
     starts = (np.asarray(places, np.float64) - (frame.origin_x, frame.origin_z)) / frame.resolution
-    directions = np.stack([-np.sin(headings()), -np.cos(headings())], axis=1)
+    directions = np.stack([-np.sin(headings(count)), -np.cos(headings(count))], axis=1)
     kind, cells, distance = _cast(occupancy, starts, directions, max_range / frame.resolution)
     ends = (frame.origin_x, frame.origin_z) + (cells + 0.5) * frame.resolution
     ends[kind == NOTHING] = np.nan
     return Rays(kind, ends, distance * frame.resolution)
 
 
-def pixel_shares(camera: Camera, yaw: np.ndarray) -> np.ndarray:
+def pixel_shares(camera: Camera, yaw: np.ndarray, count: int = RAYS) -> np.ndarray:
     """The share of the image's columns that each ray stands for in views along given headings.
 
     A ray at angle a from the optical axis shows the columns from f tan(a - w / 2) to f tan(a + w / 2), w being the
@@ -70,12 +71,13 @@ def pixel_shares(camera: Camera, yaw: np.ndarray) -> np.ndarray:
     Args:
         camera: its horizontal field of view counts.
         yaw: V float64, radians.
+        count: rays of a full circle.
 
     Returns:
-        V x RAYS float64, each row sums to 1.
+        V x count float64, each row sums to 1.
     """
-    half_view, half_ray = math.radians(camera.hfov) / 2.0, math.pi / RAYS
-    angle = (headings() - np.asarray(yaw)[:, None] + math.pi) % (2.0 * math.pi) - math.pi
+    half_view, half_ray = math.radians(camera.hfov) / 2.0, math.pi / count
+    angle = (headings(count) - np.asarray(yaw)[:, None] + math.pi) % (2.0 * math.pi) - math.pi
     first, last = (np.clip(angle + side, -half_view, half_view) for side in (-half_ray, half_ray))
     return (np.tan(last) - np.tan(first)) / (2.0 * math.tan(half_view))
 

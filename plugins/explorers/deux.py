@@ -32,10 +32,10 @@ class DeuxExplorer(GoalExplorer):
             robot stood at (the paper), of which frontiers are mostly too far away to differ; or "constant", the same
             everywhere.
         map_depth: what the map is built from: the "predicted" depth (the paper) or the "sensor".
-        target: "sampled", drawn as above; "greedy", the place with the highest uncertainty; or "informative".
-        temperature: 1 draws in proportion to the worth; towards 0 the draw becomes greedy.
-        guidance: exponent of the uncertainty: with 2, a place of twice the uncertainty is worth four times the actions.
-            0 leaves the nearest frontiers.
+        target: "sampled", drawn as above; "greedy", the place that is worth most; or "informative".
+        temperature: of sampled targets: 1 draws in proportion to the worth; towards 0 the draw becomes greedy.
+        guidance: exponent of the uncertainty, for targets that are sampled or greedy: with 2, a place of twice the
+            uncertainty is worth four times the actions. 0 leaves the nearest frontiers.
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
             and 3 for predicted depth, whose errors grow with the distance.
@@ -45,11 +45,12 @@ class DeuxExplorer(GoalExplorer):
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
-        least_way: metres of path to its frontier at least, where a frontier of some size is that far. Nearer ones are
-            mostly edges of the view beside the robot, for which it would turn on the spot. 0 for any.
+        least_way: metres of path to its frontier at least, for targets that are sampled or greedy, where a frontier of
+            some size is that far. Nearer ones are mostly edges of the view beside the robot, for which it would turn on
+            the spot. 0 for any.
         per_action: whether the value of a target, its uncertainty or what it teaches, is divided by the actions that it
             costs; Eq. 8 of the paper does not divide.
-        keep_targets: whether a frontier stays the target when it has come into view, as in the paper.
+        keep_targets: whether a sampled or greedy frontier stays the target when it has come into view, as in the paper.
         revisits: whether informative targets lie on known floor too while there is a frontier to go to.
         on_the_way: whether the views on the way to an informative target count as well as the one there.
     """
@@ -132,18 +133,19 @@ class DeuxExplorer(GoalExplorer):
 
     def act(self, observation: Observation) -> Action:
         """Record the frame's residual, then go on towards the target."""
+        self._pose = observation.pose
+        return super().act(observation)
+
+    def mapped(self, observation: Observation) -> None:
+        """Record the frame's residual, and what it shows, so that the choice of a target knows of it."""
         assert observation.residual is not None
         assert observation.uncertainty is not None
-        depth = self.map_depth(observation)
-        self._pose = observation.pose
+        seen = observation.pose, self.map_depth(observation), observation.residual, observation.uncertainty
         if self._residual_pose != "constant":
-            self._field.update(observation.pose, depth, observation.residual, observation.uncertainty)
-        if self._target != "informative":
-            return super().act(observation)
-        self._views.record(observation.pose, depth, observation.residual, observation.uncertainty)
-        action = super().act(observation)
-        self._views.mark_seen(observation.pose, self.occupancy.cells, self.occupancy.frame)
-        return action
+            self._field.update(*seen)
+        if self._target == "informative":
+            self._views.record(*seen)
+            self._views.mark_seen(observation.pose, self.occupancy.cells, self.occupancy.frame)
 
     def target_is_stale(self, target: Target) -> bool:
         """Whether an informative target is clearly outdone by another, or a frontier has come into view."""

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,16 @@ def test_points_lie_on_shortest_paths_at_even_spacing():
             assert distance[tuple(cell)] + onward == pytest.approx(distance[tuple(goal)])
         ends = np.concatenate([goal[None], own[:-1]])
         assert np.array_equal(own + points.motion[points.goal == number], ends)
+
+
+@pytest.mark.parametrize("goal", [(0, 60), (42, 42), (20, 52)])
+def test_points_are_as_far_apart_in_every_direction(goal):
+    """A diagonal move is longer than one along the grid: the rest of a move counts for the next point."""
+    distance = distance_field(np.ones((64, 64), bool), (0, 0))
+    points = points_on_paths(distance, np.array([goal]), 10.0)
+    assert len(points.goal) == int(distance[goal] / 10.0)
+    from_goal = distance[goal] - distance[tuple(points.cells.T)]
+    np.testing.assert_allclose(from_goal, 10.0 * np.arange(1, len(from_goal) + 1), atol=math.sqrt(2.0))
 
 
 def test_goals_that_are_the_start_or_out_of_reach_have_no_points():

@@ -64,8 +64,8 @@ def test_where_all_is_alike_a_value_is_the_share_of_the_image_that_shows_a_surfa
 
 def test_novelty_alone_prefers_what_was_not_seen():
     chooser = targets(residual_pose="constant")
-    for x in np.arange(2.0, 6.0, 0.5):
-        for yaw in (0.0, math.pi / 2, math.pi):
+    for yaw in (0.0, math.pi / 2, math.pi):
+        for x in np.arange(2.0, 6.0, 0.5):
             chooser.mark_seen(camera_pose(x, 1.25, 4.0, yaw), room(), FRAME)
     assert chooser.choose(now()).place[0] > 6.0
 
@@ -77,6 +77,26 @@ def test_turns_without_motion_teach_nothing_and_leave_the_novelty():
     for yaw in (1.0, 2.0, 3.0):
         chooser.mark_seen(camera_pose(6.0, 1.25, 4.0, yaw), room(), FRAME)
     assert np.array_equal(chooser.values(now(), np.array([[40, 60]])), before)
+
+
+def test_a_turn_right_after_a_step_has_parallax():
+    """To the frame before the last one, which is a source frame too; after two turns there is none."""
+    chooser = targets(residual_pose="constant")
+    marked = []
+    for x, yaw in ((5.0, 0.0), (5.25, 0.0), (5.25, -0.6), (5.25, -1.2), (5.5, -1.2), (5.5, -2.0)):
+        before = chooser.values(now(), np.array([[15, 60]]))
+        chooser.mark_seen(camera_pose(x, 1.25, 1.5, yaw), room(), FRAME)
+        marked.append(not np.array_equal(chooser.values(now(), np.array([[15, 60]])), before))
+    assert marked == [True, True, True, False, True, False]
+
+
+@pytest.mark.parametrize("shift", [0.05, 0.1, 0.2])
+def test_what_was_in_full_view_is_not_new_from_beside(shift):
+    """All of it but what only comes into view: nothing slips between the rays that say what was seen."""
+    seen, never = targets(residual_pose="constant"), targets(residual_pose="constant")
+    seen.mark_seen(camera_pose(6.0, 1.25, 4.0, 0.0), room(), FRAME)
+    cell = np.array([FRAME.cell(6.0 + shift, 4.0)])
+    assert seen.values(now(), cell)[0, 0] / never.values(now(), cell)[0, 0] < 0.32  # (1 + 1) ** -2, and the rim
 
 
 def test_the_unknown_is_worth_the_mean_error():

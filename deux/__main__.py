@@ -57,6 +57,7 @@ class Jobs:
         """Run one job. Its error is reported at once; it ends a single run, and a sweep goes on to its next job."""
         self.started += 1
         try:
+            check_unused(cfg, HydraConfig.get().overrides.task)
             run_task(cfg)
         except KeyboardInterrupt as interrupt:
             _stay_until_killed(interrupt)
@@ -88,7 +89,7 @@ def main() -> int:
     jobs = Jobs()
     try:
         register_configuration()
-        sys.argv[1:] = [quoted_digits(argument) for argument in sys.argv[1:]]
+        sys.argv[1:] = sorted((quoted_digits(argument) for argument in sys.argv[1:]), key=_goes_behind)
         check_names(argument for argument in sys.argv[1:] if "=" in argument and not argument.startswith("-"))
         with _quiet_log_writers(), _termination_raised(), _help_unchecked():
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
@@ -114,6 +115,11 @@ def main() -> int:
     return 0
 
 
+def _goes_behind(argument: str) -> bool:
+    """Whether an argument is none of the flags that Hydra's parser knows before the first option only."""
+    return argument not in ("-m", "--multirun")
+
+
 def sentence_of(error: Exception) -> str | None:
     """The sentence for an error that is the user's mistake, or a place's that takes no files; None for the program's.
 
@@ -135,7 +141,6 @@ def run_task(cfg: DictConfig) -> None:
             itself finds wrong.
     """
     check_plugins(cfg)
-    check_unused(cfg, HydraConfig.get().overrides.task)
     check_plugin_options(cfg)
     importlib.import_module(f"deux.tasks.{cfg.task}").run(cfg)
 

@@ -34,7 +34,7 @@ from deux.callbacks import ACTIVE_COLLECTION, callback_names
 from deux.composition_errors import check_names, composition_error, raised_in_composition
 from deux.errors import DeuxError, printable, shown
 from deux.registry import registry
-from deux.task_sections import PLUGIN_SECTIONS, TASKS, Sections, check_plugins, section, task_name, without_means
+from deux.task_sections import MEANS, PLUGIN_SECTIONS, TASKS, Sections, check_plugins, section, task_name, without_means
 
 CONFIG_NAME = "config"
 
@@ -193,15 +193,23 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
 
 
 def check_unused(cfg: DictConfig, overrides: Iterable[str]) -> None:
-    """Raise DeuxError if an override would be without effect: epochs, where the training has a number of steps.
+    """Raise DeuxError if an override would be without effect where one expects the most of it.
+
+    These are epochs, where the training has a number of steps, and recorded frames, where the task takes none.
 
     Args:
         cfg: what the overrides were composed to.
         overrides: of the command line.
     """
-    steps = OmegaConf.select(cfg, "training.steps")
+    task, steps = task_name(cfg), OmegaConf.select(cfg, "training.steps")
     for override in overrides:
         name, _, value = override.lstrip("+").partition("=")
+        if name in ("training_data", "data") and value not in ("null", "deux") and name not in TASKS[task].sections:
+            able = [other for other, one in TASKS.items() if name in one.sections]
+            raise DeuxError(
+                f"{override} has no effect with task={task}, which takes no recorded frames: {' and '.join(able)} do, "
+                f"such as task={able[0]}."
+            )
         if name == "training.epochs" and steps is not None:
             raise DeuxError(
                 f"training.epochs={value} has no effect while training.steps is {steps}: set training.steps=null too."
@@ -280,8 +288,16 @@ def _hash(content: Any) -> str:
 
 def _sweep_id() -> str:
     overrides = (argument for argument in sys.argv[1:] if "=" in argument)
-    # Whatever launches its jobs, it is the same sweep.
-    return _hash(sorted(override for override in overrides if not re.match(r"[+~]*hydra[./]", override)))
+    means = {f"{name}.{option}" for name, found in MEANS.items() for option in found}
+    # Whatever launches its jobs, and by whatever means they do their work, it is the same sweep.
+    return _hash(
+        sorted(
+            override
+            for override in overrides
+            if override.lstrip("+~").partition("=")[0] not in means
+            and not re.match(r"[+~]*hydra[./](?!sweeper\.params\.)", override)
+        )
+    )
 
 
 def _run_id(_root_: DictConfig) -> str:

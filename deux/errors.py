@@ -116,4 +116,5 @@ def check_range(
         return
     limits = {("at least" if ends else "above"): least, ("at most" if ends else "below"): most}
     wanted = " and ".join(f"{word} {limit}" for word, limit in limits.items() if math.isfinite(limit))
-    raise DeuxError(f"{name} is {value}: it must be {wanted}.")
+    finite = "a finite number " if math.isinf(value) else ""
+    raise DeuxError(f"{name} is {value}: it must be {finite}{wanted}.")

@@ -101,6 +101,7 @@ ALWAYS_READ = ("paths", "data")
 MEANS = {
     "collect": ("processes", "executor", "executor_options", "viewer"),
     "data": ("cache",),
+    "training": ("num_workers", "checkpoint_minutes", "cuda_graphs"),
     "predict": ("batch_size", "video", "export", "voxel", "keep", "least_confidence", "agreement", "viewer"),
 }
 """Options of sections by which nothing that a task makes changes: a command with others goes on where one was."""

@@ -180,6 +180,19 @@ def test_what_a_task_does_not_read_names_no_other_run_folder() -> None:
     )
 
 
+def test_means_of_a_training_name_no_other_run_folder() -> None:
+    """What is advised where memory runs out goes on with the same training."""
+    means = ["training.num_workers=0", "training.checkpoint_minutes=5", "training.cuda_graphs=false"]
+    assert run_id(compose()) == run_id(compose(means)) != run_id(compose(["training.validations=3"]))
+
+
+@pytest.mark.parametrize("override", ["training_data=frames", "data=void"])
+def test_recorded_frames_are_refused_where_nothing_takes_them(override: str) -> None:
+    with pytest.raises(DeuxError, match=rf"{override} has no effect with task=experiment, .* such as task=train\."):
+        compose([override])
+    assert compose([override, "task=train"]).task == "train"
+
+
 def test_how_jobs_are_handed_out_names_no_other_run_folder() -> None:
     plain, other = compose(), compose(["collect.processes=3", "collect.executor=ray", "collect.executor_options.a=1"])
     assert run_id(plain) == run_id(other) != run_id(compose(["collect.batch_size=3"]))

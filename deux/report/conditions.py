@@ -49,7 +49,13 @@ MODEL = (
 EXPLORER = ("explore", "callbacks")
 """What an explorer is made of: its own options and its rounds."""
 
-GUIDANCE = ("seed_model", "collect.uncertainty", "collect.uncertainty_options", "collect.correct_depth")
+GUIDANCE = (
+    "seed_model",
+    "collect.uncertainty",
+    "collect.uncertainty_options",
+    "collect.correct_depth",
+    "collect.batch_size",
+)
 """What an explorer that a depth model guides is made of, too: that model, how it is judged, and what is mapped."""
 
 CAMERA_AND_SCENES = ("camera", "robot", "simulator", "sampling", "verification", "scenes")
@@ -72,6 +78,8 @@ BUDGET = (
     "training.crop",
     "training.steps",
     "training.epochs",
+    "trainer.devices",
+    "trainer.num_nodes",
     "trainer.max_steps",
     "trainer.max_epochs",
     "trainer.max_time",
@@ -144,7 +152,8 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Con
     own_seed = int(configuration.get("seed", 0))
     by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
     options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)
-    recorded = bool((configuration.get("evaluation") or {}).get("data"))
+    # An experiment tests on views of its scenes, whatever is named there.
+    recorded = configuration.get("task") != "experiment" and bool((configuration.get("evaluation") or {}).get("data"))
     return Conditions(
         model=_name(configuration, "model"),
         model_options=_part(options, MODEL),
@@ -155,6 +164,12 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Con
         budget=_part(options, BUDGET),
         testing=_part(options, RECORDED_TEST_FRAMES if recorded else TEST_FRAMES),
     )
+
+
+def other_scenes(testing: FlatOptions, own: FlatOptions) -> bool:
+    """Whether test frames differ in more than how many there are and what is cut out of them."""
+    alike = ("evaluation.viewpoints", "training.crop")
+    return {option for option in testing if option[0] not in alike} != {one for one in own if one[0] not in alike}
 
 
 def flatten_options(options: Any, where: str = "") -> FlatOptions:

@@ -103,8 +103,8 @@ def table_three(
 ) -> ResultTable:
     """Table III: zero-shot transfer, every explorer averaged over the models.
 
-    A seed counts if all models have it. Where no seed has all, the mean is over the models that most seeds have; such a
-    row says over which, and is not ranked.
+    A seed counts if all models have it. Where no seed has all, the mean is over the largest set of models that a seed
+    has, and over the seeds with just that set; such a row says over which models, and is not ranked.
 
     Args:
         runs: of models that were tested on another dataset than they were trained on.

@@ -48,11 +48,6 @@ class Run:
     scorecard: Scorecard | None = None
 
     @property
-    def transferred(self) -> bool:
-        """Whether the model was tested on other frames than its training run would have been."""
-        return self.conditions.testing != self.own_testing
-
-    @property
     def errors(self) -> dict[str, float]:
         """The errors of a finished run."""
         assert self.results is not None
@@ -121,7 +116,7 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
         named = {"model": {"name": results.model}, "explore": {"name": results.explore}, "seed": results.seed}
         identity = {"task": "experiment" if results.explore else "evaluate", **named}
     trained_by = identity if identity["task"] == "experiment" else (results.trained or {}).get("settings")
-    if not isinstance(trained_by, Mapping):
+    if not isinstance(trained_by, Mapping) or trained_by.get("task") not in ("experiment", "train"):
         return "it is not known on what its model was trained"
     if trained_by.get("training_data"):
         return "its model was trained on a given dataset, which no explorer collected for it"

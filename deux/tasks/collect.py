@@ -10,6 +10,7 @@ from deux.collection.perception import needs_model
 from deux.collection.replay import ReplayDiverged
 from deux.configuration import run_folder, sections_of
 from deux.data.dataset_reader import DatasetReader
+from deux.errors import DeuxError
 from deux.inference.precision import FastPredictor
 from deux.io.layout import sequences
 from deux.metrics.scorecard import score
@@ -70,6 +71,12 @@ class Exploration:
         self.guided = needs_model(self.explorer)
         self._datasets = datasets
         self._training = training
+        camera, crop = datasets.simulation.camera, training.recipe.training.crop
+        if crop is not None and (crop[0] > camera.height or crop[1] > camera.width):
+            raise DeuxError(
+                f"training.crop is {crop[0]} x {crop[1]} pixels (height x width), which does not fit into the "
+                f"{camera.height} x {camera.width} of camera.height and camera.width."
+            )
         self._seed_model = None
         self._predictor: FastPredictor | None = None
         if self.guided:

@@ -206,7 +206,8 @@ class Datasets:
             model=predictor_identity,
             uncertainty=self.collect.measure if predictor_identity else None,
             correct_depth=self.collect.correct_depth and predictor_identity is not None,
-            batch_size=self.collect.batch_size,
+            # Robots that no model guides walk alone, so their frames do not depend on it.
+            batch_size=self.collect.batch_size if predictor_identity else DatasetSpec.batch_size,
         )
 
     def _viewpoints(self, name: str, split: Split, scenes: tuple[SceneReference, ...], count: int) -> Path:

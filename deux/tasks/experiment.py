@@ -10,6 +10,7 @@ from deux.collection.pipeline import frame_count
 from deux.configuration import run_folder, sections_of
 from deux.contracts import DepthModel
 from deux.data.dataset_reader import DatasetReader
+from deux.errors import DeuxError
 from deux.metrics.scorecard import score
 from deux.report.results import RESULTS_FILE, Results
 from deux.task_sections import Sections
@@ -54,6 +55,12 @@ class Experiment:
     def __init__(self, sections: Sections) -> None:
         self.identity = sections.identity
         self._evaluation = sections.read("evaluation", EvaluationSettings)
+        for name in ("data", "checkpoint"):
+            if given := getattr(self._evaluation, name):
+                raise DeuxError(
+                    f"evaluation.{name}={given} has no effect with task=experiment, which tests its model on views of "
+                    "the test scenes: task=evaluate takes it."
+                )
         self._datasets = Datasets(sections, ["train", "test"])
         self._training = Training(sections, self._datasets, self._evaluation.validation_viewpoints)
         self._exploration = Exploration(sections, self._datasets, self._training)

@@ -18,7 +18,7 @@ from deux.inference.weightless import without_weights
 from deux.io.layout import SourceChoice
 from deux.io.locking import locked
 from deux.registry import PluginChoice, registry
-from deux.task_sections import Sections
+from deux.task_sections import MEANS, Sections
 from deux.tasks.checkpoints import check_foundation, load_named_model, load_start, named_path, weights_identity
 from deux.tasks.console import quieten_trainer, say
 from deux.tasks.datasets import Datasets
@@ -32,7 +32,7 @@ from deux.training.training_settings import TrainingSettings
 if TYPE_CHECKING:
     from lightning import Callback
 
-_WITHOUT_EFFECT = ("num_workers", "validations", "checkpoint_minutes", "cuda_graphs")
+_WITHOUT_EFFECT = (*MEANS["training"], "validations")
 """Options of `training` that the trained weights do not depend on."""
 
 _ALWAYS_TAKEN: dict[str, tuple[Any, ...]] = {"accelerator": ("auto", "cpu"), "devices": (1,)}

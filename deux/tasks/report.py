@@ -59,6 +59,10 @@ def run(cfg: DictConfig) -> None:
     contents = read_contents(
         user_path(settings.runs), names, settings.first, settings.transferred, settings.baseline, explorer_presets()
     )
+    shown = {explorer.name for section in contents.sections for explorer in section.runs.explorers}
+    compared = settings.baseline or ()
+    for name in {*settings.transferred, *((compared,) if isinstance(compared, str) else compared)} - shown:
+        registry().find("explorers", name)  # which tells the name that was meant
     if settings.keep:
         count, size = keep_runs(user_path(settings.runs), user_path(settings.keep))
         kept = f"{counted(count, 'run')} {plural('is', count)} kept in {user_path(settings.keep)}"
@@ -90,7 +94,9 @@ def explorer_presets() -> dict[str, FlatOptions]:
         options, defaults = (
             conditions(sections_of(cfg).identity).explorer_options for cfg in (composed, compose([plain, seed_model]))
         )
-        presets[name] = tuple(option for option in options if option not in defaults)
+        changed = tuple(option for option in options if option not in defaults)
+        if changed:  # otherwise any explorer's options would hold it
+            presets[name] = changed
     return presets
 
 
@@ -114,9 +120,14 @@ def draw(contents: Contents, names: DisplayNames, folder: Path) -> dict[str, lis
 def write(contents: Contents, figures: dict[str, list[CaptionedFigure]], folder: Path) -> None:
     """Write the report: a page, the same in Markdown, and each table in Markdown, LaTeX and CSV."""
     make_folder(folder / "tables")
+    written = set()
     for table in contents.tables:
         for suffix, text in (("md", table.markdown()), ("tex", table.latex()), ("csv", table.csv())):
-            write_atomically(folder / "tables" / f"{table.name}.{suffix}", text.encode())
+            path = folder / "tables" / f"{table.name}.{suffix}"
+            write_atomically(path, text.encode())
+            written.add(path)
+    for path in {*(folder / "tables").iterdir()} - written:  # of an earlier report, over other runs
+        path.unlink()
     write_atomically(folder / "report.md", _markdown_report(contents, figures).encode())
     write_atomically(folder / "report.html", html_page(contents, figures).encode())
 

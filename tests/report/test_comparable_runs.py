@@ -114,6 +114,17 @@ def test_missing_is_also_what_the_sweep_was_asked_for(write_run, write_sweep, ou
     assert [(m.explorer.name, m.seed) for m in runs.missing] == [("deux", 0), ("deux", 1), ("random", 1)]
 
 
+def test_a_preset_that_was_swept_over_is_not_missing(write_run, write_sweep, outputs):
+    """The runs of explore=deux_paper say explore.name=deux and the preset's options."""
+    write_sweep(["explore=random,deux_paper", "seed=0,1"])
+    for seed in range(2):
+        write_run("random", "kbnet", seed, 10.0)
+    write_run("deux", "kbnet", 0, 10.0, explore__guidance=1.0)
+    presets = {"deux_paper": (("explore.guidance", "1"),)}
+    (runs,) = group_comparable(find_runs(outputs), find_sweeps(outputs), presets)
+    assert [(m.explorer.name, m.seed) for m in runs.missing] == [("deux", 1)]
+
+
 def test_a_finished_grid_misses_nothing(write_run, write_sweep, outputs):
     write_sweep(["explore=random,deux", "seed=0,1"])
     for seed in range(2):
@@ -209,6 +220,24 @@ def test_the_difference_by_scene_pairs_seed_and_scene(write_run, outputs, here):
     assert 0.3 < found.half_width < 2.5
     with_results(path, scenes=[])
     assert compare(outputs)[0].scene_difference(DEUX, RANDOM, KBNET) is None
+
+
+@pytest.mark.parametrize(("shared", "least"), [(False, 4), (True, 8)])
+def test_of_few_scenes_there_is_no_interval(write_run, outputs, here, shared, least):
+    for count in (least - 1, least):
+        for seed in range(2):
+            for explorer, gain in (("random", 0.0), ("deux", 4.0)):
+                path = write_run(explorer, "kbnet", seed, 100.0, place=drawn(here, seed), folder=str(count))
+                with_results(path, scenes=scene_errors(0 if shared else seed, gain)[:count])
+        (runs,) = compare(outputs / str(count))
+        assert (runs.scene_difference(DEUX, RANDOM, KBNET) is None) == (count < least)
+
+
+def test_more_views_of_the_same_scenes_are_no_other_dataset(write_run, outputs, here):
+    more = {**here, "evaluation": {"viewpoints": 99}}
+    write_run("deux", "kbnet", 2, 10.0, place=more, trained_in=here)
+    (runs,) = compare(outputs)
+    assert not runs.transferred
 
 
 def test_floors_of_a_scene_count_as_one_scene(write_run, outputs, here):

@@ -53,7 +53,8 @@ def test_everything_that_matters_is_in_its_place_and_only_there():
         "pose": '"simulator"',
         "training.batch_size": "4",
     }
-    assert dict(made_of.explorer_options) == {"explore.temperature": "0.25", "seed_model.steps": "5"}
+    guided = {"collect.batch_size": "4", "seed_model.steps": "5"}
+    assert dict(made_of.explorer_options) == {"explore.temperature": "0.25", **guided}
     both = {
         "camera.hfov": "90",
         "camera.width": "64",
@@ -90,10 +91,11 @@ def test_a_run_of_an_older_version_has_the_same_conditions():
         {"robot": None},
         {"callbacks": {}},  # what later versions added and a run does not use
         {"predict": {"image": None, "sparse_scale": 1000}, "export": {"height": 3}},
-        {"trainer": {"accelerator": "cpu", "devices": 4, "enable_progress_bar": False}},
+        {"trainer": {"accelerator": "cpu", "logger": True, "enable_progress_bar": False}},
         {"camera": {"width": 64.0, "hfov": 90}},
         {"report": {"runs": "x"}, "explorer_training": {"steps": 1}, "compare": {"seeds": 2}},
-        {"collect": {"steps": 20, "processes": 8, "batch_size": 1}},
+        {"collect": {"steps": 20, "processes": 8, "batch_size": 4}},
+        {"evaluation": {"viewpoints": 4, "data": "void"}},  # which an experiment does not read
         {"telemetry": {"people": 3}},  # a section that nobody knows yet
         {"data": {"name": "void"}},  # how recorded frames are read, and there are none
     ],
@@ -108,6 +110,8 @@ def test_what_changes_no_number_changes_no_condition(changes):
         ({"collect": {"steps": 30}}, "budget"),
         ({"training": {**CONFIGURATION["training"], "steps": 11}}, "budget"),
         ({"trainer": {"max_steps": 1}}, "budget"),
+        ({"trainer": {"devices": 2}}, "budget"),  # the batch is of each process
+        ({"trainer": {"num_nodes": 2}}, "budget"),
         ({"robot": {"camera_height": 0.4}}, "training_frames"),
         ({"simulator": {"name": "habitat"}}, "training_frames"),
         ({"scenes": {**CONFIGURATION["scenes"], "train": 4}}, "training_frames"),
@@ -131,6 +135,7 @@ def test_what_changes_numbers_changes_its_part(changes, part):
         {"collect": {"steps": 20, "uncertainty": "flip"}},
         {"collect": {"steps": 20, "uncertainty_options": {"window": 3}}},
         {"seed_model": {"steps": 6}},
+        {"collect": {"steps": 20, "batch_size": 1}},  # on a card predictions depend on their batch
     ],
 )
 def test_what_guides_the_robot_makes_another_explorer_and_no_other_training(changes):
@@ -150,7 +155,7 @@ def test_an_explorer_without_a_model_does_not_depend_on_what_guides_others():
 
 
 def test_recorded_data_stand_for_the_test_scenes():
-    made_of = conditions({**CONFIGURATION, "evaluation": {"viewpoints": 4, "data": "void"}})
+    made_of = conditions({**CONFIGURATION, "task": "evaluate", "evaluation": {"viewpoints": 4, "data": "void"}})
     expected = {"evaluation.data": '"void"', "data.name": '"deux"', "training.crop": "[32, 32]"}
     assert dict(made_of.testing) == expected
 

@@ -157,8 +157,9 @@ def test_a_note_compares_explorers_scene_by_scene_where_results_have_scenes(writ
         for explorer, mae in (("random", 30.0), ("deux", 26.0)):
             path = write_run(explorer, "kbnet", seed, mae) / "results.json"
             results = json.loads(path.read_text())
-            scene = {"scene": "flat", "frames": 8, "metrics": results["metrics"], "baseline": results["baseline"]}
-            path.write_text(json.dumps({**results, "scenes": [scene]}))
+            errors = {"frames": 8, "metrics": results["metrics"], "baseline": results["baseline"]}
+            scenes = [{"scene": f"flat {number}", **errors} for number in range(8)]
+            path.write_text(json.dumps({**results, "scenes": scenes}))
     (runs,) = compare(outputs)
     notes = table_one(runs, names, "apartments", baseline="random").notes
     assert "KBNet, the same with the same seed and scene (bootstrap over seeds and over the scenes of each;" in notes[1]

@@ -138,12 +138,13 @@ class Conditions:
         return tuple(sorted({*self.training_frames, *self.budget}))
 
 
-def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Conditions:
+def conditions(configuration: Mapping[str, Any], seed: int | None = None, overrides: Iterable[str] = ()) -> Conditions:
     """Take a run's configuration apart, of whatever version it is.
 
     Args:
         configuration: all of it, as `run.json` holds it.
         seed: of the run that trained the model, where this one only evaluates it; None for the configuration's own.
+        overrides: of the run's command: a draw of scenes that it names is that one, though it may equal the seed.
     """
     configuration = current_keys(configuration)
     options = flatten_options(configuration)
@@ -151,7 +152,8 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None) -> Con
     options = tuple(option for option in options if _is_used(option[0], values))
     own_seed = int(configuration.get("seed", 0))
     by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
-    options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)
+    if not any(override.lstrip("+").startswith(f"{DRAW}=") for override in overrides):
+        options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)
     # An experiment tests on views of its scenes, whatever is named there.
     recorded = configuration.get("task") != "experiment" and bool((configuration.get("evaluation") or {}).get("data"))
     return Conditions(

@@ -89,8 +89,9 @@ def find_runs(folder: Path) -> FoundRuns:
             else:
                 finished.append(run)
         elif identity and identity.get("task") == "experiment" and not identity.get("training_data"):
-            made_of = conditions(identity)
-            begun.append(Run(path, made_of, made_of.testing, None, read_overrides(path)))
+            overrides = read_overrides(path)
+            made_of = conditions(identity, overrides=overrides)
+            begun.append(Run(path, made_of, made_of.testing, None, overrides))
     if not finished and not left_out:
         unfinished = f", {len(begun)} begun and not finished" if begun else ""
         raise DeuxError(
@@ -120,11 +121,12 @@ def _finished(path: Path, identity: dict[str, Any] | None) -> Run | str:
         return "it is not known on what its model was trained"
     if trained_by.get("training_data"):
         return "its model was trained on a given dataset, which no explorer collected for it"
-    made_of = conditions(trained_by)
-    tested = conditions(identity, made_of.seed)
+    overrides = read_overrides(path)
+    made_of = conditions(trained_by, overrides=overrides if trained_by is identity else ())
+    tested = conditions(identity, made_of.seed, overrides)
     made_of, own_testing = replace(made_of, testing=tested.testing), made_of.testing
     scorecard = Scorecard.load(path) if (path / SCORECARD_FILE).exists() else None
-    return Run(path, made_of, own_testing, results, read_overrides(path), scorecard)
+    return Run(path, made_of, own_testing, results, overrides, scorecard)
 
 
 def read_identity(path: Path) -> dict[str, Any] | None:

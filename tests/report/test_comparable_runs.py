@@ -158,6 +158,15 @@ def drawn(here, seed, draw=None):
     return {**here, "scenes": {**here["scenes"], "draw": seed if draw is None else draw}}
 
 
+def test_a_draw_that_the_command_names_is_the_same_for_all_seeds(write_run, outputs, here):
+    """Also where it equals one of them."""
+    for seed in range(3):
+        named = ("scenes.draw=0", f"seed={seed}")
+        write_run("deux", "kbnet", seed, 100.0, place=drawn(here, seed, draw=0), overrides=named)
+    (runs,) = compare(outputs)
+    assert len(runs.finished) == 3
+
+
 def with_results(path, **changes):
     file = path / "results.json"
     file.write_text(json.dumps({**json.loads(file.read_text()), **changes}))

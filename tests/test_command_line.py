@@ -261,7 +261,7 @@ def test_a_folder_may_have_a_name_that_reads_as_a_number(tmp_path: Path, here: H
 
 
 def test_a_sweep_goes_on_after_a_job_that_fails_and_ends_with_1(tmp_path: Path, here: Here) -> None:
-    result = here("-m", "seed=1,0", "explore=random,deux", "task=train")
+    result = here("seed=1,0", "-m", "explore=random,deux", "task=train")  # the flag may stand anywhere
     assert result.returncode == 1
     assert "deux: [seed=1 explore=random task=train] the seed is 1.\n" in result.stderr
     assert "deux: [seed=1 explore=deux task=train] the seed is 1.\n" in result.stderr

@@ -57,7 +57,8 @@ class InformativeTargets:
         share of the image x uncertainty of what the ray shows x what is left to learn from it,
 
     where the last two are those of `deux.mapping.surface_views`. The views on the way, along the path, are added to
-    that of the target, and the sum is divided by the actions that lead there, turns included, and `overhead`.
+    that of the target, and the sum is divided by the actions that lead there, turns included, and `overhead`. Each view
+    counts as the map is now: what several of them would show counts several times, which favours long straight ways.
     Values are only compared with each other, so the unit of the uncertainty does not matter.
 
     Args:

@@ -34,12 +34,14 @@ class Sweep:
         overrides: the command's.
         swept: the values of each option of `GRID` that was swept over, the preset's included.
         fixed: the values of the options of `GRID` where they were not swept over.
+        of_checkpoints: whether it evaluates several models, which say themselves what they are.
     """
 
     folder: Path
     overrides: tuple[str, ...]
     swept: dict[str, tuple[str, ...]]
     fixed: dict[str, str]
+    of_checkpoints: bool = False
 
     @property
     def command(self) -> str:
@@ -48,7 +50,9 @@ class Sweep:
 
     @property
     def grid(self) -> list[tuple[str, str, int]]:
-        """Every explorer, model and seed that was asked for."""
+        """Every explorer, model and seed that was asked for, as far as the command says it."""
+        if self.of_checkpoints and not self.swept:
+            return []
         values = [self.swept.get(option) or (self.fixed[option],) for option in GRID]
         return [(explorer, model, int(seed)) for explorer, model, seed in itertools.product(*values)]
 
@@ -112,6 +116,7 @@ def _read(folder: Path) -> Sweep | None:
         overrides=(*overrides, *folders),
         swept={option: swept[option] for option in GRID if option in swept},
         fixed={option: str(value) for option, value in fixed.items()},
+        of_checkpoints=len(swept.get("evaluation.checkpoint", ())) > 1,
     )
     if math.prod(map(len, sweep.swept.values())) > MOST_RUNS:
         raise ValueError(f"it asks for more than {MOST_RUNS} runs")

@@ -114,6 +114,13 @@ def test_missing_is_also_what_the_sweep_was_asked_for(write_run, write_sweep, ou
     assert [(m.explorer.name, m.seed) for m in runs.missing] == [("deux", 0), ("deux", 1), ("random", 1)]
 
 
+def test_a_sweep_over_checkpoints_asks_for_the_models_that_they_hold(write_run, write_sweep, outputs):
+    write_sweep(["task=evaluate", "evaluation.checkpoint=a,b"], task="evaluate")
+    write_run("random", "voiced", 0, 10.0)
+    (runs,) = compare(outputs)
+    assert runs.missing == ()
+
+
 def test_a_preset_that_was_swept_over_is_not_missing(write_run, write_sweep, outputs):
     """The runs of explore=deux_paper say explore.name=deux and the preset's options."""
     write_sweep(["explore=random,deux_paper", "seed=0,1"])

@@ -188,7 +188,6 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
     finally:
         GlobalHydra.instance().hydra = command
     check_plugins(cfg)
-    check_unused(cfg, overrides)
     return cfg
 
 

@@ -116,5 +116,5 @@ def check_range(
         return
     limits = {("at least" if ends else "above"): least, ("at most" if ends else "below"): most}
     wanted = " and ".join(f"{word} {limit}" for word, limit in limits.items() if math.isfinite(limit))
-    finite = "a finite number " if math.isinf(value) else ""
+    finite = "a finite number " if value in (math.inf, -math.inf) else ""
     raise DeuxError(f"{name} is {value}: it must be {finite}{wanted}.")

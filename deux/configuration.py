@@ -204,11 +204,8 @@ def check_unused(cfg: DictConfig, overrides: Iterable[str]) -> None:
     for override in overrides:
         name, _, value = override.lstrip("+").partition("=")
         if name in ("training_data", "data") and value not in ("null", "deux") and name not in TASKS[task].sections:
-            able = [other for other, one in TASKS.items() if name in one.sections]
-            raise DeuxError(
-                f"{override} has no effect with task={task}, which takes no recorded frames: {' and '.join(able)} do, "
-                f"such as task={able[0]}."
-            )
+            able = " or ".join(f"task={other}" for other, one in TASKS.items() if name in one.sections)
+            raise DeuxError(f"{override} has no effect with task={task}, which takes no recorded frames: {able} does.")
         if name == "training.epochs" and steps is not None:
             raise DeuxError(
                 f"training.epochs={value} has no effect while training.steps is {steps}: set training.steps=null too."

@@ -62,12 +62,18 @@ def warn_of_cameras(reader: Reader, triplets: Sequence[Triplet]) -> None:
         own = reader.intrinsics(target)
         for source in sources:
             if not np.allclose(reader.intrinsics(source), own, rtol=1e-3):
-                log.warning(
-                    "%s: frame %s of %s has other intrinsics than %s, whose source frame it is; photometric terms take "
-                    "the target's for both, so record with a fixed focus and zoom",
-                    *(reader.folder, source.name, source.sequence, target.name),
-                )
+                _warn_of_camera(reader, source, target)
                 return
+
+
+@lru_cache(maxsize=256)
+def _warn_of_camera(reader: Reader, source: FrameReference, target: FrameReference) -> None:
+    """Say once, though frames are listed anew in each epoch."""
+    log.warning(
+        "%s: frame %s of %s has other intrinsics than %s, whose source frame it is; photometric terms take the "
+        "target's for both, so record with a fixed focus and zoom",
+        *(reader.folder, source.name, source.sequence, target.name),
+    )
 
 
 def sources_by_parallax(

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from deux.contracts import Action, Episode, ExplorerMap, Need, Observation
+from deux.contracts import Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError, check_range
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
@@ -131,15 +131,11 @@ class DeuxExplorer(GoalExplorer):
         self._views = InformativeTargets(episode, self.rng, self._residual_pose, **self._views_options)
         self._until_review = self.review_interval
 
-    def act(self, observation: Observation) -> Action:
-        """Record the frame's residual, then go on towards the target."""
-        self._pose = observation.pose
-        return super().act(observation)
-
     def mapped(self, observation: Observation) -> None:
         """Record the frame's residual, and what it shows, so that the choice of a target knows of it."""
         assert observation.residual is not None
         assert observation.uncertainty is not None
+        self._pose = observation.pose
         seen = observation.pose, self.map_depth(observation), observation.residual, observation.uncertainty
         if self._residual_pose != "constant":
             self._field.update(*seen)

@@ -41,8 +41,9 @@ CONFIG_NAME = "config"
 CALLBACK_GROUP = "callbacks"
 """The config group of which any number of options may be chosen; each comes with its own options."""
 
-GIVEN_MODEL_TASKS = ("predict", "export", "report")
-"""The tasks whose run folders are named by the task: they neither explore nor take the configuration's model."""
+GIVEN_MODEL_TASKS = ("evaluate", "predict", "export", "report")
+"""The tasks whose run folders are named by the task: neither the model nor the explorer of the configuration made what
+they work on."""
 
 OPEN_NODES = (
     "camera",

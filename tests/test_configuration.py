@@ -283,9 +283,12 @@ def test_the_run_folder_is_named_by_everything_but_the_paths() -> None:
     assert len({run_id(compose(overrides)) for overrides in variations}) == len(variations)
 
 
-@pytest.mark.parametrize("task", ["predict", "export"])
-def test_a_run_of_a_given_model_is_named_by_its_task(task: str) -> None:
-    names = {run_id(compose([f"task={task}", f"{task}.checkpoint={checkpoint}"])) for checkpoint in ("a", "b")}
+@pytest.mark.parametrize(
+    ("task", "option"),
+    [("evaluate", "evaluation.checkpoint"), ("predict", "predict.checkpoint"), ("export", "export.checkpoint")],
+)
+def test_a_run_of_a_given_model_is_named_by_its_task(task: str, option: str) -> None:
+    names = {run_id(compose([f"task={task}", f"{option}={checkpoint}"])) for checkpoint in ("a", "b")}
     assert len(names) == 2
     assert all(name.startswith(f"{task}-") and name.count("-") == 1 for name in names)
 

@@ -32,7 +32,7 @@ class CompletedDepth:
     confidence: np.ndarray | None = None
 
 
-class DepthCompletion:
+class DepthCompleter:
     """Completes the depth of frames in float32, on a CUDA device where there is one.
 
     Args:

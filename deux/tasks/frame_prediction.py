@@ -20,7 +20,7 @@ from deux.io.cloud_files import write_cloud
 from deux.io.images import LARGEST_DEPTH, encode_depth, encode_fraction
 from deux.report.results import error_table
 from deux.tasks.console import say
-from deux.tasks.depth_completion import CompletedDepth, DepthCompletion, refuse_measure
+from deux.tasks.depth_completion import CompletedDepth, DepthCompleter, refuse_measure
 from deux.tasks.predict_settings import PredictSettings
 from deux.tasks.prediction_checks import DepthFiles, check_units, errors_beside_interpolation, unseen_truth
 from deux.tasks.prediction_export import check_not_empty, frame_cloud, least_confidence
@@ -50,7 +50,7 @@ def predict_frame(
             f"ground_truth has no pixel between {camera.min_depth:g} and {camera.max_depth:g} m apart from the sparse "
             "points: name another file, or widen camera.min_depth and camera.max_depth."
         )
-    (completed,) = DepthCompletion(model, measure)([frame])
+    (completed,) = DepthCompleter(model, measure)([frame])
     depth = completed.depth
     for path in (*write_prediction(completed, run_folder()), *_export(frame, completed, settings, run_folder())):
         say(str(path))

@@ -20,7 +20,7 @@ from deux.report.results import error_table
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import pretrained_identity, weights_identity
 from deux.tasks.console import progress, say
-from deux.tasks.depth_completion import CompletedDepth, DepthCompletion, batches, refuse_measure
+from deux.tasks.depth_completion import CompletedDepth, DepthCompleter, batches, refuse_measure
 from deux.tasks.predict_settings import PredictSettings
 from deux.tasks.prediction_checks import DepthFiles, check_units, errors_beside_interpolation, unseen_truth
 from deux.tasks.prediction_export import export_sequences
@@ -65,7 +65,7 @@ def predict_sequences(
         with run.stage("predict"), progress() as report:
             sources = sources_by_parallax(reader, posed) if todo and measure and measure.needs_sources else None
             stream = FrameStream(reader, sources)
-            completion = DepthCompletion(model, measure)
+            completion = DepthCompleter(model, measure)
             beyond, done = 0, len(frames) - len(todo)
             for batch in batches(stream(todo), settings.batch_size):
                 completed = completion([frame for _, frame in batch])

@@ -146,7 +146,7 @@ GIVEN: dict[str, Callable[[Path], dict[str, Any]]] = {
     "docs/export.md": shards,
     "docs/plugins.md": example_explorer,
     "docs/habitat.md": habitat,
-    "docs/results.md": recorded_frame,
+    "docs/earlier-results.md": recorded_frame,
 }
 """What the blocks of a page find; those of other pages need nothing."""
 

@@ -12,7 +12,7 @@ from deux.data.frame_stream import RecordedFrame, SourceImage
 from deux.geometry.camera import Camera
 from deux.geometry.poses import source_from_target
 from deux.registry import registry
-from deux.tasks.depth_completion import DepthCompletion, batches, refuse_measure
+from deux.tasks.depth_completion import DepthCompleter, batches, refuse_measure
 from deux.testing.box_world import BoxWorld
 
 CAMERA = Camera(40, 32)
@@ -45,7 +45,7 @@ def walk() -> list[RecordedFrame]:
 
 def test_confidence_is_that_of_the_reconstructions(walk):
     """exp of minus the mean absolute difference from the frames that OpenCV rebuilds."""
-    (completed,) = DepthCompletion(Wall(), registry().create("uncertainties", "l1", {}))([walk[3]])
+    (completed,) = DepthCompleter(Wall(), registry().create("uncertainties", "l1", {}))([walk[3]])
     np.testing.assert_allclose(completed.depth, 2.0 + 0.1 * walk[3].image[..., 0] / 255.0, rtol=1e-6)
     points = CAMERA.rays() * completed.depth[..., None]
     errors, seen = [], np.ones(completed.depth.shape, bool)
@@ -63,14 +63,14 @@ def test_confidence_is_that_of_the_reconstructions(walk):
 
 
 def test_a_frame_without_neighbours_has_no_confidence(walk):
-    (completed,) = DepthCompletion(Wall(), registry().create("uncertainties", "l1", {}))([walk[0]])
+    (completed,) = DepthCompleter(Wall(), registry().create("uncertainties", "l1", {}))([walk[0]])
     assert not completed.confidence.any()
     assert (completed.depth >= 2.0).all()
 
 
 @pytest.mark.parametrize("name", ["sparse_error", "flip", "hidden_points"])
 def test_measures_of_single_frames_need_no_neighbours(walk, name):
-    completed = DepthCompletion(Wall(), registry().create("uncertainties", name, {}))(walk[:3])
+    completed = DepthCompleter(Wall(), registry().create("uncertainties", name, {}))(walk[:3])
     assert len(completed) == 3
     for one in completed:
         assert one.confidence.shape == one.depth.shape
@@ -78,7 +78,7 @@ def test_measures_of_single_frames_need_no_neighbours(walk, name):
 
 
 def test_without_a_measure_there_is_no_confidence(walk):
-    assert [one.confidence for one in DepthCompletion(Wall())(walk[:2])] == [None, None]
+    assert [one.confidence for one in DepthCompleter(Wall())(walk[:2])] == [None, None]
 
 
 def test_nan_means_no_confidence(walk):
@@ -88,7 +88,7 @@ def test_nan_means_no_confidence(walk):
         def __call__(self, view):
             return torch.where(view.image[:, 0] > 0.5, torch.nan, 0.0)
 
-    (completed,) = DepthCompletion(Wall(), Half())([walk[0]])
+    (completed,) = DepthCompleter(Wall(), Half())([walk[0]])
     np.testing.assert_array_equal(completed.confidence, np.where(walk[0].image[..., 0] > 127, 0.0, 1.0))
 
 

@@ -110,7 +110,7 @@ def test_a_batch_that_a_kill_cut_short_is_predicted_as_a_whole_again(predict, ro
     """A frame's last bits depend on the frames beside it in its batch."""
     run = room_folder.parent / "run"
     sizes: list[int] = []
-    original = sequence_prediction.DepthCompletion.__call__
+    original = sequence_prediction.DepthCompleter.__call__
 
     def counted(self, frames):
         sizes.append(len(frames))
@@ -121,7 +121,7 @@ def test_a_batch_that_a_kill_cut_short_is_predicted_as_a_whole_again(predict, ro
             raise KeyboardInterrupt
         write_atomically(path, content)
 
-    monkeypatch.setattr(sequence_prediction.DepthCompletion, "__call__", counted)
+    monkeypatch.setattr(sequence_prediction.DepthCompleter, "__call__", counted)
     with monkeypatch.context() as killed:
         killed.setattr(prediction_folder, "write_atomically", dies)
         predict(batch_size=3)
@@ -134,7 +134,7 @@ def test_a_batch_that_a_kill_cut_short_is_predicted_as_a_whole_again(predict, ro
 def test_what_was_done_before_a_kill_is_not_done_again(predict, room_folder, monkeypatch):
     run = room_folder.parent / "run"
     calls: list[int] = []
-    original = sequence_prediction.DepthCompletion.__call__
+    original = sequence_prediction.DepthCompleter.__call__
 
     def dies(self, frames):
         calls.append(len(frames))
@@ -142,7 +142,7 @@ def test_what_was_done_before_a_kill_is_not_done_again(predict, room_folder, mon
             raise KeyboardInterrupt
         return original(self, frames)
 
-    monkeypatch.setattr(sequence_prediction.DepthCompletion, "__call__", dies)
+    monkeypatch.setattr(sequence_prediction.DepthCompleter, "__call__", dies)
     predict(batch_size=2)
     whole = {path: path.stat().st_mtime_ns for path in (run / "depth").rglob("*.png")}
     assert len(whole) == 4

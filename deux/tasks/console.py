@@ -1,6 +1,8 @@
 """What a run says while it works: one line for each stage, and a bar where somebody watches."""
 
 import logging
+import math
+import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,8 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from deux.configuration import in_sweep
 from deux.errors import printable
 from deux.io.progress import Progress as Report
-from deux.io.progress import ignore_progress
 from deux.training.ranks import leads
+
+LINE_INTERVAL = 60.0
+"""Seconds between two lines about the progress of one stage, where no bar is drawn."""
 
 _console = Console()
 
@@ -51,9 +55,9 @@ def quieten_trainer() -> None:
 
 @contextmanager
 def progress() -> Iterator[Report]:
-    """A progress function for long work; it draws bars where somebody watches a single run."""
+    """A progress function for long work: bars where somebody watches a single run, else a line every minute."""
     if not watched():
-        yield ignore_progress
+        yield _progress_lines()
         return
     columns = (
         TextColumn("  {task.description:<16}"),
@@ -70,6 +74,28 @@ def progress() -> Iterator[Report]:
             bars.update(tasks[stage], completed=done, total=total)
 
         yield report
+
+
+def _progress_lines() -> Report:
+    """A progress function that says how far a stage is, and how long the rest will take, `LINE_INTERVAL` apart."""
+    begun: dict[str, tuple[float, int]] = {}
+    last: dict[str, float] = {}
+
+    def report(stage: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        start, first = begun.setdefault(stage, (now, done))
+        if now - last.setdefault(stage, start) < LINE_INTERVAL or done == total:
+            return
+        last[stage] = now
+        left = f", {minutes((now - start) / (done - first) * (total - done))} left" if done > first else ""
+        say(f"  {stage}: {done:,} of {total:,}{left}")
+
+    return report
+
+
+def minutes(seconds: float) -> str:
+    """A duration as "3 min", rounded up."""
+    return f"{math.ceil(seconds / 60):,} min"
 
 
 def watched() -> bool:

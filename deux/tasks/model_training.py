@@ -20,7 +20,7 @@ from deux.io.locking import locked
 from deux.registry import PluginChoice, registry
 from deux.task_sections import MEANS, Sections
 from deux.tasks.checkpoints import check_foundation, load_named_model, load_start, named_path, weights_identity
-from deux.tasks.console import quieten_trainer, say
+from deux.tasks.console import quieten_trainer, say, watched
 from deux.tasks.datasets import Datasets
 from deux.tasks.recorded_frames import Needs
 from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
@@ -185,14 +185,14 @@ class Training:
         from deux.figures.panel_logger import PanelLogger
         from deux.figures.training_curves import draw_training_curve
         from deux.metrics.mean_errors import DepthErrors
-        from deux.tasks.training_bar import training_bar
+        from deux.tasks.training_progress import training_progress
         from deux.training.fit import fit
 
         quieten_trainer()
         model = self._make(recipe)
         validation = self.validation_readers() if validation is None else validation
         camera = self._datasets.simulation.camera
-        bars = training_bar()
+        bar = watched() and self._trainer.get("enable_progress_bar", True)
         fit(
             model,
             recipe.training,
@@ -203,8 +203,8 @@ class Training:
             pose=recipe.pose,
             seed=self.seed,
             metrics=DepthErrors(camera.min_depth, camera.max_depth) if validation else None,
-            trainer_arguments={"enable_progress_bar": bool(bars), **self._trainer},
-            callbacks=[*bars, *([PanelLogger()] if validation else []), *callbacks],
+            trainer_arguments={"enable_progress_bar": bar, **self._trainer},
+            callbacks=[training_progress(bar), *([PanelLogger()] if validation else []), *callbacks],
             cache=self._cache,
         )
         model = model.cpu()

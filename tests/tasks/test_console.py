@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from deux.tasks.console import quieten_libraries, quieten_trainer
+from deux.tasks import console
+from deux.tasks.console import progress, quieten_libraries, quieten_trainer
 from deux.training.fit import make_trainer
 
 TRAINER = {"accelerator": "cpu", "logger": False, "enable_checkpointing": False}
@@ -41,3 +42,26 @@ def test_the_trainer_logs_warnings_alone(monkeypatch: pytest.MonkeyPatch) -> Non
     quieten_trainer()
     assert not logger.isEnabledFor(logging.INFO)
     assert logger.isEnabledFor(logging.WARNING)
+
+
+def test_long_work_that_nobody_watches_says_a_line_a_minute(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = 0.0
+    monkeypatch.setattr(console.time, "monotonic", lambda: now)
+    with progress() as report:
+        for done in range(0, 4001, 10):  # ten frames a second
+            now = done / 10
+            report("collection", done, 4000)
+            report("verification", done // 2, 2000)  # another stage has lines of its own
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "  collection: 600 of 4,000, 6 min left"
+    assert [line for line in lines if "verification" in line][-1] == "  verification: 1,800 of 2,000, 1 min left"
+    assert len(lines) == 2 * 6  # 400 seconds; the end is told by what follows
+
+
+def test_short_work_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress() as report:
+        for done in range(101):
+            report("collection", done, 100)
+    assert capsys.readouterr().out == ""

@@ -28,8 +28,9 @@ class Batch:
         validity: N x 1 x H x W, 1 where a sparse point survives outlier removal.
         input_sparse_depth: N x 1 x H x W, the points that the network is shown (thinned by augmentation).
         intrinsics: N x 3 x 3.
-        source_from_target: N x S x 4 x 4, carries points of camera t into each source camera (the robot's poses); None
-            where the frames have no poses.
+        source_from_target: N x S x 4 x 4, carries points of camera t into each source camera (the robot's poses), for
+            `intrinsics` to project them; a source frame's own camera, where it differs, is part of it
+            (`deux.geometry.poses.projecting_alike`). None where the frames have no poses.
         ground_truth: N x 1 x H x W metres, 0 = none; None unless the model is supervised or this is evaluation.
         prepared: the model's further inputs, by name.
     """

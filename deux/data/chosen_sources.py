@@ -50,9 +50,10 @@ def list_triplets(
 
 
 def warn_of_cameras(reader: Reader, triplets: Sequence[Triplet]) -> None:
-    """Warn if source frames have other intrinsics than their targets: a sample has the target's alone.
+    """Warn if source frames have other intrinsics than their targets, for trainings that estimate the poses.
 
-    Some triplets are looked at, evenly spread.
+    Recorded poses take the difference between the cameras along (`deux.geometry.poses.projecting_alike`). Some triplets
+    are looked at, evenly spread.
 
     Args:
         reader: of the frames.
@@ -70,8 +71,8 @@ def warn_of_cameras(reader: Reader, triplets: Sequence[Triplet]) -> None:
 def _warn_of_camera(reader: Reader, source: FrameReference, target: FrameReference) -> None:
     """Say once, though frames are listed anew in each epoch."""
     log.warning(
-        "%s: frame %s of %s has other intrinsics than %s, whose source frame it is; photometric terms take the "
-        "target's for both, so record with a fixed focus and zoom",
+        "%s: frame %s of %s has other intrinsics than %s, whose source frame it is; with pose=learned "
+        "photometric terms take the target's for both, so record with a fixed focus and zoom",
         *(reader.folder, source.name, source.sequence, target.name),
     )
 

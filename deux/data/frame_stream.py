@@ -9,7 +9,7 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader
 from deux.errors import DeuxError
-from deux.geometry.poses import source_from_target
+from deux.geometry.poses import projecting_alike, source_from_target
 from deux.geometry.source_frames import SourceRule
 
 _AHEAD = 8
@@ -25,7 +25,8 @@ class SourceImage:
 
     Args:
         image: H x W x 3 uint8, of the frame's size.
-        source_from_target: 4 x 4, carries points of the frame's camera into the source camera.
+        source_from_target: 4 x 4, carries points of the frame's camera into the source camera, for the frame's camera
+            matrix to project them.
     """
 
     image: np.ndarray
@@ -106,13 +107,18 @@ class FrameStream:
                     f"{_size(image)} pixels and {kind} of {_size(depth)}: they must be of one size."
                 )
         pose = self._reader.pose(frame)
-        found = [] if pose is None else [self._source(pose, source) for source in self._sources.get(frame, ())]
+        intrinsics = self._reader.intrinsics(frame)
+        others = () if pose is None else self._sources.get(frame, ())
+        found = [self._source(pose, intrinsics, source) for source in others]  # type: ignore[arg-type]
         sources = tuple(source for source in found if source is not None and source.image.shape == image.shape)
-        return RecordedFrame(image, sparse_depth, self._reader.intrinsics(frame), truth, pose, sources)
+        return RecordedFrame(image, sparse_depth, intrinsics, truth, pose, sources)
 
-    def _source(self, target: np.ndarray, frame: FrameReference) -> SourceImage | None:
+    def _source(self, target: np.ndarray, intrinsics: np.ndarray, frame: FrameReference) -> SourceImage | None:
         pose = self._reader.pose(frame)
-        return None if pose is None else SourceImage(self._image(frame), source_from_target(target, pose))
+        if pose is None:
+            return None
+        motion = projecting_alike(source_from_target(target, pose), intrinsics, self._reader.intrinsics(frame))
+        return SourceImage(self._image(frame), motion)
 
     def _image(self, frame: FrameReference) -> np.ndarray:
         """An image that is read once where it is a source frame soon after."""

@@ -19,7 +19,7 @@ from deux.data.drawn_windows import Window
 from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.transforms import augment
 from deux.errors import DeuxError, counted
-from deux.geometry.poses import source_from_target
+from deux.geometry.poses import projecting_alike, source_from_target
 from deux.io.layout import SourceChoice
 
 SourceFrames = Literal["needed", "unread"]
@@ -106,7 +106,7 @@ class TripletDataset(Dataset[Batch]):
                 f"None of the {counted(len(listed), f'{split} frame')} of {listed[0][0].folder} has source frames: "
                 f"{lacking}"
             )
-        if settings.sources == "needed":
+        if settings.sources == "needed" and not settings.poses:
             for reader in readers:
                 warn_of_cameras(reader, [triplet for other, triplet in self.triplets if other is reader])
         self.cache = cache or FrameCache()
@@ -180,18 +180,23 @@ class TripletDataset(Dataset[Batch]):
             sample["source_from_target"] = window.motions.copy()
         return sample
 
-    def _camera(self, reader: Reader, triplet: Triplet) -> np.ndarray:
-        """3 x 3, of the whole target; not to be changed."""
-        key = reader, triplet.target
+    def _camera(self, reader: Reader, frame: FrameReference) -> np.ndarray:
+        """3 x 3, of the whole frame; not to be changed."""
+        key = reader, frame
         if key not in self._intrinsics:
-            self._intrinsics[key] = reader.intrinsics(triplet.target)
+            self._intrinsics[key] = reader.intrinsics(frame)
         return self._intrinsics[key]
 
     def _relative_poses(self, reader: Reader, triplet: Triplet) -> np.ndarray | None:
-        """S x 4 x 4, not to be changed; None where a frame has no pose."""
+        """S x 4 x 4 as of `Batch`, not to be changed; None where a frame has no pose."""
         key = reader, triplet
         if key not in self._motions:
-            self._motions[key] = _motions(reader, triplet)
+            motions = _motions(reader, triplet)
+            if motions is not None:
+                target, *sources = (self._camera(reader, frame) for frame in (triplet.target, *triplet.sources))
+                pairs = zip(motions, sources, strict=True)
+                motions = np.stack([projecting_alike(motion, target, source) for motion, source in pairs])
+            self._motions[key] = motions
         return self._motions[key]
 
     def _window(self, size: tuple[int, int], reader: Reader, triplet: Triplet, seed: int, poses: bool) -> Window:
@@ -208,7 +213,7 @@ class TripletDataset(Dataset[Batch]):
             top, left = int(rng.integers(room[0] + 1)), int(rng.integers(room[1] + 1))
         else:
             top, left = room[0] // 2, room[1] // 2
-        intrinsics = self._camera(reader, triplet).copy()
+        intrinsics = self._camera(reader, triplet.target).copy()
         intrinsics[:2, 2] -= left, top
         motions = self._relative_poses(reader, triplet) if poses else None
         return Window(np.arange(top, top + height), np.arange(left, left + width), intrinsics, motions)

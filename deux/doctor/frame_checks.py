@@ -231,7 +231,8 @@ def _pair(reader: Reader, triplet: Triplet) -> FramePair | None:
     image, source = reader.image(target), reader.image(sources[0])
     if not image.shape[:2] == depth.shape == source.shape[:2]:
         return None
-    return FramePair(image, source, depth, reader.intrinsics(target), pose, source_pose)
+    cameras = reader.intrinsics(target), reader.intrinsics(sources[0])
+    return FramePair(image, source, depth, *cameras, pose, source_pose)
 
 
 def _check_warp(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from deux.data.depth_unit import COMMON_SCALES
-from deux.geometry.poses import inverse, source_from_target
+from deux.geometry.poses import inverse, projecting_alike, source_from_target
 from deux.geometry.reprojection import reproject
 
 MOST = 0.5
@@ -46,7 +46,8 @@ class FramePair:
         image: H x W x 3 uint8.
         source: H x W x 3 uint8, the neighbour.
         depth: H x W metres, of the frame; 0 = none.
-        intrinsics: 3 x 3.
+        intrinsics: 3 x 3, of the frame.
+        source_intrinsics: 3 x 3, of the neighbour.
         pose: 4 x 4, camera-to-world, of the frame.
         source_pose: 4 x 4, of the neighbour.
     """
@@ -55,6 +56,7 @@ class FramePair:
     source: np.ndarray
     depth: np.ndarray
     intrinsics: np.ndarray
+    source_intrinsics: np.ndarray
     pose: np.ndarray
     source_pose: np.ndarray
 
@@ -88,7 +90,7 @@ def warp(pair: FramePair, pose: np.ndarray, source_pose: np.ndarray, stretch: fl
         source_pose: 4 x 4, of the neighbour.
         stretch: factor of the depth.
     """
-    motion = source_from_target(pose, source_pose)
+    motion = projecting_alike(source_from_target(pose, source_pose), pair.intrinsics, pair.source_intrinsics)
     images, visible = reproject(
         torch.from_numpy(pair.source).permute(2, 0, 1)[None, None].float(),
         torch.from_numpy(np.ascontiguousarray(pair.depth, np.float32) * np.float32(stretch))[None, None],

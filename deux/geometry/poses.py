@@ -59,6 +59,33 @@ def source_from_target(target: np.ndarray, source: np.ndarray) -> np.ndarray:
     return inverse(source) @ target
 
 
+def projecting_alike(motion: np.ndarray, intrinsics: np.ndarray, source_intrinsics: np.ndarray) -> np.ndarray:
+    """The relative pose with which the target's camera matrix projects into a source image of another camera.
+
+    K_s p = K_t A p with A = K_t^-1 K_s: the difference between the cameras (autofocus, zoom) becomes a shear and
+    stretch of space across the source's axis. Distances along the axis, crops, changes of size and mirrors are as for
+    p alone.
+
+    Args:
+        motion: 4 x 4, p, carries points of the target camera into the source camera.
+        intrinsics: 3 x 3, K_t, upper triangular.
+        source_intrinsics: 3 x 3, K_s.
+
+    Returns:
+        4 x 4, A p; p itself where the cameras are the same.
+
+    Example:
+        >>> target, twice = np.diag([100.0, 100.0, 1.0]), np.diag([200.0, 200.0, 1.0])
+        >>> projecting_alike(np.eye(4), target, twice)[:3, :3].tolist()
+        [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    if np.array_equal(intrinsics, source_intrinsics):
+        return motion
+    stretch = np.eye(4)
+    stretch[:3, :3] = np.linalg.solve(intrinsics, source_intrinsics)
+    return stretch @ motion
+
+
 def motion(first: np.ndarray, second: np.ndarray) -> tuple[float, float]:
     """Distance in metres and rotation angle in degrees between two camera-to-world matrices.
 

@@ -82,7 +82,9 @@ def make_pose_source(kind: PoseKind, model: DepthModel) -> PoseSource:
 
 
 def _inverse(pose: Tensor) -> Tensor:
-    """Inverse of rigid matrices ... x 4 x 4."""
-    rotation = pose[..., :3, :3].mT
-    upper = torch.cat([rotation, -rotation @ pose[..., :3, 3:]], dim=-1)
+    """Inverse of affine matrices ... x 4 x 4, without waiting for the device as `torch.linalg.inv` does."""
+    x, y, z = pose[..., :3, :3].unbind(-1)
+    across = torch.stack([torch.linalg.cross(y, z), torch.linalg.cross(z, x), torch.linalg.cross(x, y)], dim=-2)
+    linear = across / (across[..., :1, :] @ x[..., None])
+    upper = torch.cat([linear, -linear @ pose[..., :3, 3:]], dim=-1)
     return torch.cat([upper, pose[..., 3:, :]], dim=-2)

@@ -68,12 +68,15 @@ def test_offsets_that_are_not_used_are_told_once(tmp_path: Path, caplog: pytest.
     ]
 
 
-def test_source_frames_of_another_camera_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    settings = SampleSettings(training=True)
+def test_source_frames_of_another_camera_are_told_where_poses_are_learned(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = SampleSettings(training=True, poses=False)
     folder = write(tmp_path / "d", {"hall-00": walk()}, triplets=True)
     TripletDataset([DatasetReader(folder)], "train", settings)
     assert not caplog.records
     TripletDataset([Zooming(folder)], "train", replace(settings, sources="unread"))
+    TripletDataset([Zooming(folder)], "train", replace(settings, poses=True))  # which take the cameras along
     assert not caplog.records
     for _ in range(2):  # as in two epochs
         TripletDataset([Zooming(folder)], "train", settings)

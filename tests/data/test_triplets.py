@@ -10,16 +10,20 @@ import pytest
 import torch
 from PIL import Image
 from torchvision.transforms import v2
+from toy_world import CAMERA, ROOM, ToyScene, ToySimulator
 from void_layout import dataset as written
+from void_layout import write
 
-from deux.contracts import Augmentation, Batch, FrameReference, Triplet
+from deux.contracts import Action, Augmentation, Batch, FrameReference, Triplet
 from deux.data.dataset_reader import DatasetReader
 from deux.data.frame_cache import FrameCache, MemoryCache
 from deux.data.transforms import DropPoints
 from deux.data.triplets import SampleSettings, ShuffledDraws, TripletDataset, collate
 from deux.errors import DeuxError
+from deux.geometry.camera import Camera
 from deux.geometry.reprojection import reproject
 from deux.io.images import read_depth, write_depth
+from deux.testing.readers import RecordedFrame
 
 FULL = SampleSettings(ground_truth=True)
 ALWAYS = (v2.RandomHorizontalFlip(p=1.0), DropPoints((0.3, 0.6), p=1.0))
@@ -68,20 +72,19 @@ def photometric_error(item: Batch) -> float:
     return float(error[visible & (item.ground_truth > 0)].median())
 
 
+AUGMENTATIONS: dict[str, tuple[Augmentation, ...]] = {
+    "none": (),
+    "flip": (v2.RandomHorizontalFlip(p=1.0),),
+    "upside_down": (v2.RandomVerticalFlip(p=1.0),),
+    "crop": (v2.RandomCrop((20, 24)),),
+    "resized_crop": (v2.RandomResizedCrop((30, 40), scale=(0.5, 1.0), antialias=False),),
+    "pad_and_flip": (v2.Pad((3, 1, 2, 4), fill=7), v2.RandomHorizontalFlip(p=1.0)),
+    "resize_and_crop": (v2.Resize((60, 64), antialias=False), v2.CenterCrop((41, 50))),
+}
+
+
 @pytest.mark.parametrize("crop", [None, (24, 32)])
-@pytest.mark.parametrize(
-    "augmentation",
-    [
-        (),
-        (v2.RandomHorizontalFlip(p=1.0),),
-        (v2.RandomVerticalFlip(p=1.0),),
-        (v2.RandomCrop((20, 24)),),
-        (v2.RandomResizedCrop((30, 40), scale=(0.5, 1.0), antialias=False),),
-        (v2.Pad((3, 1, 2, 4), fill=7), v2.RandomHorizontalFlip(p=1.0)),
-        (v2.Resize((60, 64), antialias=False), v2.CenterCrop((41, 50))),
-    ],
-    ids=["none", "flip", "upside_down", "crop", "resized_crop", "pad_and_flip", "resize_and_crop"],
-)
+@pytest.mark.parametrize("augmentation", AUGMENTATIONS.values(), ids=AUGMENTATIONS)
 def test_images_depth_camera_and_motion_fit_each_other(
     folder: Path, augmentation: Sequence[Augmentation], crop: tuple[int, int] | None
 ) -> None:
@@ -92,6 +95,45 @@ def test_images_depth_camera_and_motion_fit_each_other(
         assert item.source_from_target is not None
         turned = replace(item, source_from_target=torch.linalg.inv(item.source_from_target))
         assert photometric_error(turned) > photometric_error(item)
+
+
+class Focusing(DatasetReader):
+    """Every other frame is of a camera with a narrower view and another principal point."""
+
+    narrow = np.add(Camera(width=48, height=40, hfov=75.0).intrinsics, [[0, 0, 0], [0, 0, 2.0], [0, 0, 0]])
+
+    def intrinsics(self, frame: FrameReference) -> np.ndarray:
+        return self.narrow if int(frame.name) % 2 else super().intrinsics(frame)
+
+    @classmethod
+    def write(cls, folder: Path) -> Path:
+        """A walk as both cameras see it: the second's image is cut out of one that is 4 pixels higher."""
+        wide, narrow = (ToySimulator(ToyScene("hall", "toy-hall"), camera) for camera in (CAMERA, cls._higher()))
+        wide.reset(ROOM[0, 0] + 1.0, 1.0, -0.6)
+        frames = []
+        for step in range(8):
+            wide.step((Action.FORWARD, Action.LEFT)[step % 2])
+            narrow.state = wide.state
+            seen, rows = (narrow.observe(), slice(0, 40)) if step % 2 else (wide.observe(), slice(None))
+            depth = seen.depth[rows]
+            frames.append(RecordedFrame(seen.rgb[rows], depth, depth, CAMERA.intrinsics, seen.pose))
+        return write(folder, {"hall-00": frames}, triplets=True)
+
+    @staticmethod
+    def _higher() -> Camera:
+        return Camera(width=48, height=44, hfov=75.0)
+
+
+@pytest.mark.parametrize("augmentation", AUGMENTATIONS.values(), ids=AUGMENTATIONS)
+def test_source_frames_of_another_camera_fit_too(tmp_path: Path, augmentation: Sequence[Augmentation]) -> None:
+    reader = Focusing(Focusing.write(tmp_path / "d"))
+    settings = SampleSettings(training=True, ground_truth=True, augmentation=augmentation)
+    items = TripletDataset([reader], "train", settings)
+    for index in range(len(items)):
+        item = items[index, index]
+        assert photometric_error(item) < 0.03
+        target, sources = reader.triplets("train", (-1, -2))[index]
+        assert [int(frame.name) % 2 for frame in sources] != [int(target.name) % 2] * 2  # some are of the other camera
 
 
 def test_a_training_crop_lies_at_random_and_moves_the_principal_point(folder: Path) -> None:

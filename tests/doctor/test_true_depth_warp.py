@@ -20,7 +20,7 @@ def pairs() -> list[FramePair]:
     """Neighbouring frames of a walk through a room with smooth colours."""
     frames = walk("hall", 7)
     return [
-        FramePair(one.image, other.image, one.ground_truth, one.intrinsics, one.pose, other.pose)
+        FramePair(one.image, other.image, one.ground_truth, one.intrinsics, other.intrinsics, one.pose, other.pose)
         for one, other in zip(frames[1:], frames, strict=False)
     ]
 
@@ -89,7 +89,7 @@ def test_a_real_recording(shared_data: Callable[[str], Path]) -> None:
     images = [cv2.imread(str(file))[..., ::-1].copy() for file in sorted((folder / "images").iterdir())]
     depths = [cv2.imread(str(file), cv2.IMREAD_UNCHANGED) / 1000.0 for file in sorted((folder / "depth").iterdir())]
     pairs = [
-        FramePair(images[i], images[i + 1], depths[i], matrix, poses[i], poses[i + 1])
+        FramePair(images[i], images[i + 1], depths[i], matrix, matrix, poses[i], poses[i + 1])
         for i in range(0, len(poses) - 1, 5)
     ]
     errors = warp_errors(pairs, scale=1000.0)

@@ -62,6 +62,14 @@ def test_learned_poses_pair_each_source_with_its_target(batch):
     assert source.network.scale.grad is not None
 
 
+def test_the_way_back_from_a_source_of_another_camera(batch):
+    stretch = torch.eye(4)
+    stretch[:2, :3] = torch.tensor([[1.2, 0.1, -0.05], [0.0, 0.9, 0.02]])  # K_target^-1 K_source
+    batch.source_from_target = stretch @ batch.source_from_target
+    poses = make_pose_source("simulator", Model(None))(batch, backward=True)
+    torch.testing.assert_close(poses.target_from_source, torch.linalg.inv(poses.source_from_target))
+
+
 def test_frames_without_poses_have_them_learned(batch):
     recorded, learned = (make_pose_source(kind, Model(TranslationNetwork())) for kind in ("simulator", "learned"))
     batch.source_from_target = None

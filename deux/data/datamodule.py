@@ -24,7 +24,8 @@ from deux.data.cache_choice import (
 )
 from deux.data.device_cache import DeviceCache
 from deux.data.frame_cache import FrameCache, Kind, MemoryCache, stored_bytes
-from deux.data.triplets import SampleSettings, ShuffledDraws, SourceFrames, TripletDataset, collate
+from deux.data.shuffled_draws import ShuffledDraws
+from deux.data.triplets import SampleSettings, SourceFrames, TripletDataset, collate
 from deux.errors import DeuxError
 from deux.io.layout import SourceChoice
 from deux.memory_budget import free_memory

@@ -80,7 +80,7 @@ class NewestCheckpoint(ModelCheckpoint):
 class EpochCheckpoints(NewestCheckpoint):
     """Checkpoints at the end of epochs, and the right place in the epochs for a run that resumes from any checkpoint.
 
-    Order and augmentation of the samples follow from seed and epoch (`deux.data.triplets.ShuffledDraws`), so a resumed
+    Order and augmentation of the samples follow from seed and epoch (`deux.data.shuffled_draws`), so a resumed
     run goes on as if it had never stopped. Two things are mended that Lightning (2.6) does otherwise:
 
     - From the end of an epoch, a run with `max_steps` takes the finished epoch for one that was cut short: it gives it

@@ -174,8 +174,10 @@ class GoalExplorer(Explorer):
         return min(float(np.mean(self._depth_errors)), self.most_depth_error)
 
     def fingerprint(self) -> str | None:
-        """Whether the map allows for measured errors, which no option says."""
-        return "measured depth errors" if self._measures_error else None
+        """What the map of predicted depth allows for, which no option says."""
+        if self._depth == "sensor":
+            return None
+        return "measured depth errors, no ramps" if self._measures_error else "no ramps"
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map as it stands, and the target; None before the first step."""

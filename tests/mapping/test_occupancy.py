@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from deux.contracts import Action, Robot
 from deux.geometry.camera import Camera
@@ -182,6 +183,48 @@ def test_the_border_only_narrows_the_view():
     known = cropped != UNKNOWN
     assert known.sum() > 0.9 * (whole != UNKNOWN).sum()
     assert (whole[known] == cropped[known]).mean() > 0.99
+
+
+def test_a_step_in_depth_that_is_blurred_to_a_ramp_makes_no_obstacle_of_the_floor():
+    """A cupboard in the middle of a room, as a network sees it from one place."""
+    world = BoxWorld(6.0, 6.0, (Box(2.6, 2.6, 3.4, 3.4, 1.4),), Camera(128, 128))
+    x, z = np.meshgrid(np.arange(0.5, 5.5, 0.05) + 0.025, np.arange(0.5, 5.5, 0.05) + 0.025)
+    floor = world.clearance(x, z) > 0.15
+    taken = {}
+    for incidence in (90.0, 81.0):
+        errors = DepthErrors(relative=0.02, incidence=incidence)
+        occupancy = OccupancyMap(world.camera, world.robot, errors=errors)
+        world.reset(1.2, 3.0, 0.0)
+        look_around(world, occupancy, lambda depth: gaussian_filter(depth, 1.5))
+        cells = state(occupancy, x, z)
+        taken[incidence] = (cells[floor] == OCCUPIED).mean()
+        assert (state(occupancy, [2.58, 2.62], [3.0, 3.0]) == OCCUPIED).any(), "the cupboard itself"
+    assert taken[81.0] < 0.5 * taken[90.0], taken
+    assert taken[90.0] > 0.005
+
+
+def test_coarse_images_keep_their_obstacles_of_a_few_pixels():
+    world = BoxWorld(6.0, 6.0, (Box(2.9, 2.0, 3.1, 2.2, 1.0),), Camera(64, 64))
+    maps = [
+        OccupancyMap(world.camera, world.robot, errors=DepthErrors(0.02, incidence=limit)) for limit in (90.0, 81.0)
+    ]
+    for occupancy in maps:
+        world.reset(3.0, 4.5, 0.0)
+        occupancy.update(gaussian_filter(world.observe().depth, 1.0), world.pose)
+    np.testing.assert_array_equal(*(occupancy.cells for occupancy in maps))
+    assert (maps[0].cells == OCCUPIED).any()
+
+
+def test_surfaces_seen_at_a_right_angle_are_mapped_whatever_the_limit():
+    world = BoxWorld(5.0, 4.0, (TABLE,))
+    maps = [OccupancyMap(world.camera, world.robot, errors=DepthErrors(incidence=limit)) for limit in (90.0, 81.0)]
+    for occupancy in maps:
+        world.reset(2.0, 2.0, 0.0)
+        look_around(world, occupancy)
+    whole, limited = (occupancy.cells for occupancy in maps)
+    known = limited != UNKNOWN
+    assert known.sum() > 0.95 * (whole != UNKNOWN).sum()
+    assert (whole[known] == limited[known]).mean() > 0.98
 
 
 @pytest.mark.parametrize(("errors", "expected"), [(EXACT, OCCUPIED), (DepthErrors(relative=0.1), FREE)])

@@ -184,8 +184,13 @@ def test_its_map_allows_for_the_mean_of_the_errors_measured_lately():
     assert allowed(np.nan) == pytest.approx(0.05)
     assert [allowed(0.02) for _ in range(20)][-1] == pytest.approx(0.02)
     assert [allowed(9.0) for _ in range(20)][-1] == 0.2
-    assert explorer.fingerprint() != DeuxExplorer(depth_error=0.1).fingerprint()
-    assert DeuxExplorer(depth_error=0.1).fingerprint() == DeuxExplorer(map_depth="sensor").fingerprint()
+
+
+def test_its_fingerprint_says_what_the_map_allows_for():
+    measured, constant = DeuxExplorer().fingerprint(), DeuxExplorer(depth_error=0.1).fingerprint()
+    assert measured != constant
+    assert None not in (measured, constant)
+    assert DeuxExplorer(map_depth="sensor").fingerprint() is None
 
 
 def test_a_floor_that_is_lifted_by_wrong_depth_confines_it_unless_its_map_allows_for_that():

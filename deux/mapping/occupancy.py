@@ -15,7 +15,7 @@ UNKNOWN, OCCUPIED, FREE = 0, 1, 2
 
 
 @dataclass(frozen=True)
-class DepthErrors:
+class DepthTolerance:
     """Errors of a depth image that a map of the floor allows for.
 
     A relative error moves a point along its ray. It lifts a point of the floor by `relative` x camera height at any
@@ -36,10 +36,10 @@ class DepthErrors:
     incidence: float = 90.0
 
 
-EXACT = DepthErrors()
+EXACT = DepthTolerance()
 """Errors of a simulated depth sensor: none."""
 
-PREDICTED = DepthErrors(relative=0.1, border=6, incidence=81.0)
+PREDICTED = DepthTolerance(relative=0.1, border=6, incidence=81.0)
 """Errors of the depth that a model predicts, where nothing is known of it.
 
 A model after 300 steps needs the 0.1: 90 % of the floor's pixels are off by less than 20 % then. Its outermost rows and
@@ -95,7 +95,7 @@ class OccupancyMap:
         robot: Robot,
         resolution: float = 0.05,
         max_range: float = 3.0,
-        errors: DepthErrors = EXACT,
+        errors: DepthTolerance = EXACT,
     ) -> None:
         self.camera = camera
         self.robot = robot

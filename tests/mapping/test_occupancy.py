@@ -4,7 +4,7 @@ from scipy.ndimage import gaussian_filter
 
 from deux.contracts import Action, Robot
 from deux.geometry.camera import Camera
-from deux.mapping.occupancy import EXACT, FREE, OCCUPIED, UNKNOWN, DepthErrors, OccupancyMap
+from deux.mapping.occupancy import EXACT, FREE, OCCUPIED, UNKNOWN, DepthTolerance, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.traversable import process_map
 from deux.testing.box_world import Box, BoxWorld
@@ -147,7 +147,7 @@ def test_the_contact_of_a_very_thin_robot_leaves_the_cell_that_it_stands_on_free
 
 def test_floor_that_depth_errors_lift_stays_free_and_a_table_stays_an_obstacle():
     """Depth 20 % short lifts the floor by 0.25 m: more than the robot climbs, less than climb and tolerance."""
-    for errors, expected in ((EXACT, OCCUPIED), (DepthErrors(relative=0.1), FREE)):
+    for errors, expected in ((EXACT, OCCUPIED), (DepthTolerance(relative=0.1), FREE)):
         world = BoxWorld(5.0, 4.0, (TABLE,))
         world.reset(2.0, 2.0, 0.0)
         occupancy = OccupancyMap(world.camera, world.robot, errors=errors)
@@ -164,7 +164,7 @@ def test_wrong_depth_along_the_edges_of_the_image_is_not_used():
 
     for border, imprisoned in ((0, True), (3, False)):
         world = BoxWorld(6.0, 6.0)
-        occupancy = OccupancyMap(world.camera, world.robot, errors=DepthErrors(border=border))
+        occupancy = OccupancyMap(world.camera, world.robot, errors=DepthTolerance(border=border))
         look_around(world, occupancy, spoil_edges)
         here = occupancy.frame.cell(3.0, 3.0)
         distance = distance_field(process_map(occupancy.cells, 3.0, [here]), here)
@@ -176,7 +176,7 @@ def test_the_border_only_narrows_the_view():
     """The map of cropped images agrees with that of whole ones wherever it knows something."""
     world = BoxWorld(5.0, 4.0, (TABLE,))
     world.reset(2.0, 2.0, 0.0)
-    maps = [OccupancyMap(world.camera, world.robot, errors=DepthErrors(border=border)) for border in (0, 5)]
+    maps = [OccupancyMap(world.camera, world.robot, errors=DepthTolerance(border=border)) for border in (0, 5)]
     for occupancy in maps:
         look_around(world, occupancy)
     whole, cropped = (occupancy.cells for occupancy in maps)
@@ -192,7 +192,7 @@ def test_a_step_in_depth_that_is_blurred_to_a_ramp_makes_no_obstacle_of_the_floo
     floor = world.clearance(x, z) > 0.15
     taken = {}
     for incidence in (90.0, 81.0):
-        errors = DepthErrors(relative=0.02, incidence=incidence)
+        errors = DepthTolerance(relative=0.02, incidence=incidence)
         occupancy = OccupancyMap(world.camera, world.robot, errors=errors)
         world.reset(1.2, 3.0, 0.0)
         look_around(world, occupancy, lambda depth: gaussian_filter(depth, 1.5))
@@ -206,7 +206,7 @@ def test_a_step_in_depth_that_is_blurred_to_a_ramp_makes_no_obstacle_of_the_floo
 def test_coarse_images_keep_their_obstacles_of_a_few_pixels():
     world = BoxWorld(6.0, 6.0, (Box(2.9, 2.0, 3.1, 2.2, 1.0),), Camera(64, 64))
     maps = [
-        OccupancyMap(world.camera, world.robot, errors=DepthErrors(0.02, incidence=limit)) for limit in (90.0, 81.0)
+        OccupancyMap(world.camera, world.robot, errors=DepthTolerance(0.02, incidence=limit)) for limit in (90.0, 81.0)
     ]
     for occupancy in maps:
         world.reset(3.0, 4.5, 0.0)
@@ -217,7 +217,7 @@ def test_coarse_images_keep_their_obstacles_of_a_few_pixels():
 
 def test_surfaces_seen_at_a_right_angle_are_mapped_whatever_the_limit():
     world = BoxWorld(5.0, 4.0, (TABLE,))
-    maps = [OccupancyMap(world.camera, world.robot, errors=DepthErrors(incidence=limit)) for limit in (90.0, 81.0)]
+    maps = [OccupancyMap(world.camera, world.robot, errors=DepthTolerance(incidence=limit)) for limit in (90.0, 81.0)]
     for occupancy in maps:
         world.reset(2.0, 2.0, 0.0)
         look_around(world, occupancy)
@@ -227,7 +227,7 @@ def test_surfaces_seen_at_a_right_angle_are_mapped_whatever_the_limit():
     assert (whole[known] == limited[known]).mean() > 0.98
 
 
-@pytest.mark.parametrize(("errors", "expected"), [(EXACT, OCCUPIED), (DepthErrors(relative=0.1), FREE)])
+@pytest.mark.parametrize(("errors", "expected"), [(EXACT, OCCUPIED), (DepthTolerance(relative=0.1), FREE)])
 def test_one_look_outweighs_many_wrong_ones_from_afar_if_depth_is_inexact(errors, expected):
     world = BoxWorld(6.0, 6.0, camera=Camera(64, 64))
     world.reset(3.0, 5.0, 0.0)

@@ -40,6 +40,7 @@ class GoalExplorer(Explorer):
         least_way: metres of path to a frontier at least, where there is one that far (`preferred_frontiers`).
         depth_error: relative error of the depth that the map allows for. None is 0 for the sensor's depth; for
             predicted depth it is what the sparse points show, averaged over frames (`Observation.depth_error`).
+        max_incidence: degrees between the line of sight and a surface's normal above which pixels are not mapped.
 
     Raises:
         DeuxError: `depth` or `motion` is neither of the two, or a number is out of its range.
@@ -83,6 +84,7 @@ class GoalExplorer(Explorer):
         motion: Motion = "turns",
         least_way: float = 0.0,
         depth_error: float | None = None,
+        max_incidence: float = 90.0,
     ) -> None:
         if depth not in ("predicted", "sensor"):
             raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
@@ -93,9 +95,10 @@ class GoalExplorer(Explorer):
         check_range("explore.safety_margin", safety_margin, 0.0, 10.0)
         check_range("explore.least_way", least_way, 0.0)
         check_range("explore.depth_error", depth_error or 0.0, 0.0, 1.0)
+        check_range("explore.max_incidence", max_incidence, 0.0, 90.0)
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
         self._depth = depth
-        errors = PREDICTED if depth == "predicted" else EXACT
+        errors = replace(PREDICTED if depth == "predicted" else EXACT, incidence=max_incidence)
         self._errors = errors if depth_error is None else replace(errors, relative=depth_error)
         self._measures_error = depth == "predicted" and depth_error is None
         self._resolution = resolution
@@ -174,10 +177,8 @@ class GoalExplorer(Explorer):
         return min(float(np.mean(self._depth_errors)), self.most_depth_error)
 
     def fingerprint(self) -> str | None:
-        """What the map of predicted depth allows for, which no option says."""
-        if self._depth == "sensor":
-            return None
-        return "measured depth errors, no ramps" if self._measures_error else "no ramps"
+        """Whether the map allows for measured errors, which no option says."""
+        return "measured depth errors" if self._measures_error else None
 
     def map(self) -> ExplorerMap | None:
         """The occupancy map as it stands, and the target; None before the first step."""

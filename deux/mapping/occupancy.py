@@ -27,8 +27,6 @@ class DepthTolerance:
             convolutions makes a network's depth wrong there, and the lowest rows show the floor before the robot.
         incidence: degrees between the line of sight and a surface's normal above which its pixels are not used. A
             network blurs the step from a near to a far surface into a steep ramp, whose points lie where nothing is.
-            In images so coarse that such a surface is `_COARSE` times as far two pixels on, all are used: a ramp is
-            no steeper there than an obstacle of a few pixels.
     """
 
     relative: float = 0.0
@@ -39,7 +37,7 @@ class DepthTolerance:
 EXACT = DepthTolerance()
 """Errors of a simulated depth sensor: none."""
 
-PREDICTED = DepthTolerance(relative=0.1, border=6, incidence=81.0)
+PREDICTED = DepthTolerance(relative=0.1, border=6)
 """Errors of the depth that a model predicts, where nothing is known of it.
 
 A model after 300 steps needs the 0.1: 90 % of the floor's pixels are off by less than 20 % then. Its outermost rows and
@@ -58,9 +56,6 @@ CONTACT = 100.0
 # A cell in the blind zone at the robot's feet: no pixel saw its floor, a ray passed above it. It becomes free
 # if nothing else is known of it, and one hit outweighs it.
 PASSED_OVER = -0.1
-
-# Depth of a surface at the limit of incidence relative to that two pixels before, from which an image is too coarse.
-_COARSE = 1.3
 
 # What a pixel shows. BELOW is a hole in the floor; BEYOND is out of range or above the robot's head.
 _NOTHING, _BEYOND, _BELOW, _FLOOR, _OBSTACLE = 0, 1, 2, 3, 4
@@ -149,9 +144,8 @@ class OccupancyMap:
         lattice = (frame.origin_x, frame.origin_z, self.resolution)
         floor = float(pose[1, 3]) - self.robot.camera_height
         depth = np.ascontiguousarray(depth[border : rows - border, border : columns - border], np.float32)
-        steepest = 1.0 + 2.0 * math.tan(math.radians(self.errors.incidence)) / k[0, 0]
-        if steepest < _COARSE:
-            depth = _without_ramps(depth, steepest)
+        if self.errors.incidence < 90.0:
+            depth = _without_ramps(depth, 1.0 + 2.0 * math.tan(math.radians(self.errors.incidence)) / k[0, 0])
         pose = np.ascontiguousarray(pose, np.float64)
         lifted = relative * self.robot.camera_height
         band = (self.robot.max_climb + lifted, self.robot.height)

@@ -203,18 +203,6 @@ def test_a_step_in_depth_that_is_blurred_to_a_ramp_makes_no_obstacle_of_the_floo
     assert taken[90.0] > 0.005
 
 
-def test_coarse_images_keep_their_obstacles_of_a_few_pixels():
-    world = BoxWorld(6.0, 6.0, (Box(2.9, 2.0, 3.1, 2.2, 1.0),), Camera(64, 64))
-    maps = [
-        OccupancyMap(world.camera, world.robot, errors=DepthTolerance(0.02, incidence=limit)) for limit in (90.0, 81.0)
-    ]
-    for occupancy in maps:
-        world.reset(3.0, 4.5, 0.0)
-        occupancy.update(gaussian_filter(world.observe().depth, 1.0), world.pose)
-    np.testing.assert_array_equal(*(occupancy.cells for occupancy in maps))
-    assert (maps[0].cells == OCCUPIED).any()
-
-
 def test_surfaces_seen_at_a_right_angle_are_mapped_whatever_the_limit():
     world = BoxWorld(5.0, 4.0, (TABLE,))
     maps = [OccupancyMap(world.camera, world.robot, errors=DepthTolerance(incidence=limit)) for limit in (90.0, 81.0)]

@@ -187,10 +187,16 @@ def test_its_map_allows_for_the_mean_of_the_errors_measured_lately():
 
 
 def test_its_fingerprint_says_what_the_map_allows_for():
-    measured, constant = DeuxExplorer().fingerprint(), DeuxExplorer(depth_error=0.1).fingerprint()
-    assert measured != constant
-    assert None not in (measured, constant)
-    assert DeuxExplorer(map_depth="sensor").fingerprint() is None
+    assert DeuxExplorer().fingerprint() != DeuxExplorer(depth_error=0.1).fingerprint()
+    assert DeuxExplorer(depth_error=0.1).fingerprint() == DeuxExplorer(map_depth="sensor").fingerprint()
+
+
+def test_a_limit_of_incidence_reaches_its_map():
+    explorer = DeuxExplorer(max_incidence=81.0)
+    explorer.reset(Episode(0, 100, two_rooms().camera, Robot()))
+    assert explorer.occupancy.errors.incidence == 81.0
+    with pytest.raises(DeuxError, match=r"explore\.max_incidence .*90"):
+        DeuxExplorer(max_incidence=91.0)
 
 
 def test_a_floor_that_is_lifted_by_wrong_depth_confines_it_unless_its_map_allows_for_that():

@@ -185,7 +185,7 @@ class Training:
         from deux.figures.panel_logger import PanelLogger
         from deux.figures.training_curves import draw_training_curve
         from deux.metrics.mean_errors import DepthErrors
-        from deux.tasks.training_progress import training_progress
+        from deux.tasks.training_display import training_display
         from deux.training.fit import fit
 
         quieten_trainer()
@@ -204,7 +204,7 @@ class Training:
             seed=self.seed,
             metrics=DepthErrors(camera.min_depth, camera.max_depth) if validation else None,
             trainer_arguments={"enable_progress_bar": bar, **self._trainer},
-            callbacks=[training_progress(bar), *([PanelLogger()] if validation else []), *callbacks],
+            callbacks=[training_display(bar), *([PanelLogger()] if validation else []), *callbacks],
             cache=self._cache,
         )
         model = model.cpu()

@@ -10,7 +10,7 @@ from lightning.pytorch.callbacks import Callback, RichProgressBar
 from deux.tasks.console import minutes, say
 
 
-def training_progress(bar: bool) -> Callback:
+def training_display(bar: bool) -> Callback:
     """Lightning's progress bar, or else a line at each validation."""
     return _LossBar() if bar else _ValidationLines()
 

@@ -10,7 +10,7 @@ from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import RichProgressBar
 from torch.utils.data import DataLoader
 
-from deux.tasks.training_progress import training_progress
+from deux.tasks.training_display import training_display
 
 
 class Line(LightningModule):
@@ -41,7 +41,7 @@ def train(folder: Path, bar: bool = False, validated: bool = True, **options: An
         default_root_dir=folder,
         enable_progress_bar=bar,
         enable_checkpointing=False,
-        callbacks=[training_progress(bar)],
+        callbacks=[training_display(bar)],
         **quiet | options,
     )
     ones = DataLoader(torch.ones(4, 1), num_workers=0)  # type: ignore[arg-type]

@@ -108,8 +108,8 @@ class FrameStream:
                 )
         pose = self._reader.pose(frame)
         intrinsics = self._reader.intrinsics(frame)
-        others = () if pose is None else self._sources.get(frame, ())
-        found = [self._source(pose, intrinsics, source) for source in others]  # type: ignore[arg-type]
+        others = self._sources.get(frame, ())
+        found = [] if pose is None else [self._source(pose, intrinsics, source) for source in others]
         sources = tuple(source for source in found if source is not None and source.image.shape == image.shape)
         return RecordedFrame(image, sparse_depth, intrinsics, truth, pose, sources)
 

@@ -43,7 +43,8 @@ class DeuxExplorer(GoalExplorer):
             obstacles, with too much, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth
             it is what the frames' sparse points show (`Observation.depth_error`).
         max_incidence: degrees between the line of sight and a surface's normal above which pixels do not enter the map.
-            81 leaves out the ramps that a network makes of steps in depth, in images of 85 pixels and more; 90 none.
+            81 leaves out the ramps that a network makes of steps in depth; in images of 64 x 64 pixels small obstacles
+            go with them. 90 leaves nothing out.
         safety_margin: metres that paths keep from obstacles beyond the robot's radius.
         unknown_traversable: whether paths may lead through the unknown.
         motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.

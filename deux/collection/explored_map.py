@@ -39,12 +39,6 @@ def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> Explo
         raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({said(error)}): delete it.") from error
 
 
-def seen_area(sequence: SequencePaths, camera: Camera, robot: Robot) -> float:
-    """Square metres of floor plan, free or occupied, that an episode's frames tell of by their true depth."""
-    built = _true_map(sequence, camera, robot)
-    return float(np.count_nonzero(built.cells)) * built.resolution**2
-
-
 def mean_uncertainty(episodes: Iterable[SequencePaths]) -> float | None:
     """Mean of Eq. 8 over all frames that have one; None where the explorers were shown none."""
     values: list[float] = []

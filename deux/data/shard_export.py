@@ -65,10 +65,13 @@ def _add_sample(shard: tarfile.TarFile, key: str, reader: Reader, triplet: Tripl
     if truth is not None:
         _add(shard, f"{key}.ground_truth.png", encode_depth(truth))
     poses = [reader.pose(frame) for frame in frames]
+    intrinsics, *others = [reader.intrinsics(frame).tolist() for frame in frames]
     camera = {
-        "intrinsics": reader.intrinsics(triplet.target).tolist(),
+        "intrinsics": intrinsics,
         "poses": None if any(pose is None for pose in poses) else [pose.tolist() for pose in poses],  # type: ignore[union-attr]
     }
+    if any(other != intrinsics for other in others):
+        camera["source_intrinsics"] = others
     _add(shard, f"{key}.camera.json", json.dumps(camera).encode())
 
 

@@ -5,7 +5,8 @@
             image/                                   NNNNNN.png, three images side by side: source, target, source
             sparse_depth/ validity_map/ ground_truth/   NNNNNN.png, of the target
             absolute_pose/                           NNNNNN.txt, and NNNNNN-1.txt and NNNNNN-2.txt of the sources
-            K.npy                                    K-NNNNNN.npy of each target, where a sequence has several cameras
+            K.npy                                    where a sequence has several cameras, K-NNNNNN.npy of each target,
+                                                     K-NNNNNN-1.npy and K-NNNNNN-2.npy of the sources
         {train,test}_{image,sparse_depth,validity_map,ground_truth,intrinsics}.txt
 
 The lines of the list files are absolute paths, which the scripts open wherever they are started. A target without
@@ -20,6 +21,7 @@ import numpy as np
 
 from deux.contracts import FrameReference, Triplet
 from deux.data.exported_split import SOURCES, ExportedSplit, FrameFiles, complete_lists
+from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.images import write_image
 from deux.io.layout import SUFFIXES, list_file
@@ -35,15 +37,19 @@ def write_triplets(folder: Path, splits: Sequence[ExportedSplit], final: Path) -
         folder: takes the dataset.
         splits: to export; the names of their sequences are disjoint.
         final: where the folder will lie once it is whole: what the list files say.
+
+    Raises:
+        DeuxError: a frame has the name that another one's source frame has in this format.
     """
     for split in splits:
         lines: dict[str, list[str]] = {kind: [] for kind in (*LISTED, "intrinsics")}
         for sequence, triplets in split.sequences().items():
+            _check_names(sequence, triplets)
             files = FrameFiles(folder / "data" / sequence, split.reader)
             for triplet in triplets:
                 _write_triplet(files, triplet)
                 yield
-            cameras = _write_intrinsics(files, [triplet.target for triplet in triplets])
+            cameras = _write_intrinsics(files, triplets)
             lines["intrinsics"] += [f"data/{sequence}/{name}" for name in cameras]
             for kind in LISTED:
                 names = [f"{triplet.target.name}{SUFFIXES[kind]}" for triplet in triplets]
@@ -58,14 +64,14 @@ def source_name(target: str, number: int) -> str:
     return f"{target}-{number}"
 
 
-def own_intrinsics(target: str) -> str:
-    """The file of a target's intrinsics in a sequence that has several cameras."""
-    return f"K-{target}.npy"
+def own_intrinsics(frame: str) -> str:
+    """The file of a frame's intrinsics in a sequence that has several cameras."""
+    return f"K-{frame}.npy"
 
 
 def _write_triplet(files: FrameFiles, triplet: Triplet) -> None:
-    target, sources = triplet
-    first, second = sources if len(sources) == SOURCES else (target, target)
+    target = triplet.target
+    first, second = _source_frames(triplet)
     images = [files.reader.image(frame) for frame in (first, target, second)]
     make_folder(files.folder / "image")
     write_image(files.folder / "image" / f"{target.name}.png", np.concatenate(images, axis=1))
@@ -76,13 +82,41 @@ def _write_triplet(files: FrameFiles, triplet: Triplet) -> None:
         files.write_pose(source, source_name(target.name, number))
 
 
-def _write_intrinsics(files: FrameFiles, targets: Sequence[FrameReference]) -> list[str]:
-    """Write the cameras of a sequence's targets, one file where they are the same; the file's name for each target."""
-    matrices = [files.reader.intrinsics(target) for target in targets]
-    one = all(np.array_equal(matrix, matrices[0]) for matrix in matrices)
-    names = [INTRINSICS if one else own_intrinsics(target.name) for target in targets]
-    for name, matrix in dict(zip(names, matrices, strict=True)).items():
-        content = io.BytesIO()
-        np.save(content, matrix, allow_pickle=False)
-        write_atomically(files.folder / name, content.getvalue())
-    return names
+def _source_frames(triplet: Triplet) -> tuple[FrameReference, ...]:
+    """The frames beside the target in its image: the target itself where it has no two source frames."""
+    return triplet.sources if len(triplet.sources) == SOURCES else (triplet.target,) * SOURCES
+
+
+def _check_names(sequence: str, triplets: Sequence[Triplet]) -> None:
+    targets = {triplet.target.name for triplet in triplets}
+    for name in sorted(targets):
+        for number in range(1, SOURCES + 1):
+            if source_name(name, number) in targets:
+                raise DeuxError(
+                    f'the sequence {sequence} has a frame "{source_name(name, number)}", which is what '
+                    f'export_dataset.format=triplets calls a source frame of "{name}": take another format, or rename '
+                    "the frame."
+                )
+
+
+def _write_intrinsics(files: FrameFiles, triplets: Sequence[Triplet]) -> list[str]:
+    """Write the cameras of a sequence, one file where they are the same; the name of each target's file."""
+    targets = [triplet.target.name for triplet in triplets]
+    matrices: dict[str, np.ndarray] = {}
+    for triplet in triplets:
+        matrices[triplet.target.name] = files.reader.intrinsics(triplet.target)
+        for number, source in enumerate(_source_frames(triplet), start=1):
+            matrices[source_name(triplet.target.name, number)] = files.reader.intrinsics(source)
+    one = matrices[targets[0]]
+    if all(np.array_equal(matrix, one) for matrix in matrices.values()):
+        _write_matrix(files.folder / INTRINSICS, one)
+        return [INTRINSICS] * len(targets)
+    for name, matrix in matrices.items():
+        _write_matrix(files.folder / own_intrinsics(name), matrix)
+    return [own_intrinsics(target) for target in targets]
+
+
+def _write_matrix(path: Path, matrix: np.ndarray) -> None:
+    content = io.BytesIO()
+    np.save(content, matrix, allow_pickle=False)
+    write_atomically(path, content.getvalue())

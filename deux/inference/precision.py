@@ -85,7 +85,7 @@ class FastPredictor:
 
     def __call__(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
         """As `DepthModel.predict`."""
-        if not self.batch_invariant or len(image) == 1:
+        if not self.batch_invariant:
             return self._predict(image, sparse_depth, intrinsics)
         with eval_mode(self._model):  # the threads must not switch it to and fro
             return each_frame_apart(self._predict, (image, sparse_depth, intrinsics), self._threads)

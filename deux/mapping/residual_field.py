@@ -130,7 +130,7 @@ class SurfaceResidualField:
 
     def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
         """Project the residuals of all pixels with depth onto the floor; NaN residuals are left out."""
-        self._cells.cover(float(pose[0, 3]), float(pose[2, 3]), self._max_range)
+        self._cells.cover(float(pose[0, 3]), float(pose[2, 3]), self._max_range + self._resolution)
         frame = self._cells.frame
         k = self._camera.intrinsics
         _project(

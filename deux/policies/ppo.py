@@ -110,7 +110,8 @@ def _learner(settings: PPOSettings, environments: VecEnv, seed: int) -> PPO:
     return PPO(
         "MultiInputPolicy",
         environments,
-        learning_rate=lambda remaining: settings.learning_rate * remaining,
+        # The last rollout may go beyond the steps that were asked for, and then less than nothing remains.
+        learning_rate=lambda remaining: settings.learning_rate * max(0.0, remaining),
         n_steps=settings.rollout,
         batch_size=settings.batch_size,
         n_epochs=settings.epochs,

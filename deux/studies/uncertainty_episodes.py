@@ -15,6 +15,7 @@ from deux.collection.walk import Step, Walk, run_walks
 from deux.contracts import DepthPredictor, SceneReference, Uncertainty
 from deux.errors import DeuxError, counted
 from deux.geometry.poses import motion
+from deux.inference.threads import one_thread
 from deux.io.atomic import make_folder, read_bytes, write_json
 from deux.io.progress import Progress, ignore_progress
 from deux.registry import PluginChoice, registry
@@ -133,11 +134,12 @@ class _Walks:
         judge = WalkJudge(scene.name, self.simulation.camera, self.measures, seed, floor)
         shown = np.linspace(SOURCES, self.steps - 1, SAMPLES, dtype=int)
         samples: list[JudgedSample] = []
-        for (step,) in run_walks([walk], self.perception):
-            if len(step.frames) > SOURCES:
-                maps = self._see(judge, step)
-                if maps and step.number in shown:
-                    samples.append(_sample(step, maps))
+        with one_thread():  # or the last bits of what is found would depend on the number of threads
+            for (step,) in run_walks([walk], self.perception):
+                if len(step.frames) > SOURCES:
+                    maps = self._see(judge, step)
+                    if maps and step.number in shown:
+                        samples.append(_sample(step, maps))
         return judge.result(), samples
 
     def _see(self, judge: WalkJudge, step: Step) -> dict[str, np.ndarray]:

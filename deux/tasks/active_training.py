@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from deux.callbacks import ACTIVE_COLLECTION, check_monitor, make_callback
 from deux.collection.collect_settings import FRAMES_OF_A_TRIPLET
-from deux.collection.explored_map import mean_uncertainty, seen_area
+from deux.collection.explored_map import mean_uncertainty
 from deux.collection.pipeline import frame_count
 from deux.contracts import DepthModel, DepthPredictor, Reader
 from deux.deployment.model_files import MODEL_FILE, load_model, save_model
@@ -18,6 +18,7 @@ from deux.io.atomic import make_folder, write_json
 from deux.io.json_files import read_record
 from deux.io.layout import sequences
 from deux.io.locking import locked
+from deux.metrics.explored_places import measure_explored_places
 from deux.options import construct
 from deux.registry import PluginChoice
 from deux.task_sections import Sections
@@ -193,13 +194,12 @@ class RoundCollector:
         }
         identity = f"{weights_identity(weights)} in {request.precision}"
         dataset = self._datasets.explored_in_round(self._explorer, predict, identity, self.folder, changes)
-        found = sequences(dataset)
         simulation = self._datasets.simulation
         return RankResult(
             dataset=dataset,
             frames=frame_count(dataset, self.recipe.source_choice()),
-            area=sum(seen_area(sequence, simulation.camera, simulation.robot) for sequence in found),
-            uncertainty=mean_uncertainty(found),
+            area=measure_explored_places(dataset, simulation.camera, simulation.robot).area,
+            uncertainty=mean_uncertainty(sequences(dataset)),
             mae=mae,
         )
 

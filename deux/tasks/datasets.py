@@ -1,6 +1,6 @@
 """The datasets of a run: explored frames to train on, free viewpoints to validate and test on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -245,9 +245,17 @@ class Datasets:
                 execute=self._execute,
             )
         manifest = read_manifest(dataset)
-        rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in manifest["rejected"].items())
-        say(
-            f"  {manifest['triplets']} of {manifest['candidates']} {spec.name} frames usable"
-            f"{f' (rejected: {rejected})' if rejected else ''}{', collected before' if known else ''}: {dataset}"
-        )
+        say(f"  {_usable_frames(spec.name, manifest)}{', collected before' if known else ''}: {dataset}")
         return dataset
+
+
+def _usable_frames(name: str, manifest: Mapping[str, Any]) -> str:
+    """How many of a dataset's frames can be trained on, by either choice of source frames where these differ."""
+    counted = manifest["baseline"]
+    rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in counted["rejected"].items())
+    usable = f"{counted['triplets']} of {counted['candidates']} {name} frames usable"
+    if rejected:
+        usable += f" (rejected: {rejected})"
+    if manifest["triplets"] != counted["triplets"]:
+        usable += f", {manifest['triplets']} with training.sources=recent"
+    return usable

@@ -74,7 +74,8 @@ class SequenceExport:
     """Gathers the frames of one sequence in order of time, and writes the files when it is left. A context manager.
 
     Args:
-        folder: the run's; files go to `videos/`, `clouds/` and `recordings/` in it, under the sequence's name.
+        folder: the run's; files go to `videos/`, `clouds/` and `recordings/` in it, under the
+            sequence's name, which may be a path.
         sequence: its name.
         settings: which files.
         depth_range: metres at the ends of the colours.
@@ -89,19 +90,20 @@ class SequenceExport:
         depth_range: tuple[float, float],
         least: float,
     ) -> None:
-        name = sequence.replace("/", "_")
         self.written: list[Path] = []
         """The files, once it has been left."""
-        self._clouds = [folder / "clouds" / f"{name}.{suffix}" for suffix in settings.cloud_formats]
+        self._clouds = [folder / "clouds" / f"{sequence}.{suffix}" for suffix in settings.cloud_formats]
         self._fusion = VoxelFusion(settings.voxel)
         self._range, self._least = depth_range, least
         self._without_pose = 0
         self._up = np.zeros(3)
         self._number = 0
         self._stack = ExitStack()
-        self._video = VideoWriter(folder / "videos" / f"{name}.mp4") if settings.video else None
+        self._video = VideoWriter(folder / "videos" / f"{sequence}.mp4") if settings.video else None
         self._recording = (
-            PredictionRecording(folder / "recordings" / f"{name}.rrd", name, depth_range) if settings.viewer else None
+            PredictionRecording(folder / "recordings" / f"{sequence}.rrd", sequence, depth_range)
+            if settings.viewer
+            else None
         )
 
     def __enter__(self) -> "SequenceExport":

@@ -12,7 +12,7 @@ PoseKind = Literal["simulator", "learned"]
 
 
 class RelativePoses(NamedTuple):
-    """Motion between the target frame and its source frames.
+    """Motion between the target frame and its source frames, in float32.
 
     Args:
         source_from_target: N x S x 4 x 4, carries points of the target camera into each source camera.
@@ -38,7 +38,8 @@ class PoseSource(nn.Module):
                 "frames of a dataset with absolute_pose/."
             )
         forward = batch.source_from_target.float()
-        return RelativePoses(forward, _inverse(forward) if backward else None)
+        with torch.autocast(forward.device.type, enabled=False):
+            return RelativePoses(forward, _inverse(forward) if backward else None)
 
 
 class LearnedPoseSource(PoseSource):

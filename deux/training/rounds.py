@@ -96,7 +96,7 @@ class RankResult:
     Args:
         dataset: folder of the dataset, complete; None if there was no scene left for this process.
         frames: number of frames to train on.
-        area: square metres of floor plan seen, summed over the episodes.
+        area: square metres of floor plan seen; what several of its episodes see counts once.
         uncertainty: mean of Eq. 8 over the frames that have one; None without any.
         mae: validation error in mm of the model that explored; None where it was not measured or is not finite.
     """
@@ -116,7 +116,7 @@ class Round:
         round: its number, from 1.
         step: optimiser steps before it.
         frames: frames to train on that it brought.
-        area: square metres of floor plan seen, summed over its episodes.
+        area: square metres of floor plan seen; what several of its episodes see counts once.
         uncertainty: mean of Eq. 8 on the robots' way; None for an explorer that asks for no model.
         mae: validation error in mm of the model that explored; None without validation frames.
         datasets: the folders of its frames, relative to the folder of all rounds.

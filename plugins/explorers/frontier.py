@@ -73,8 +73,8 @@ class FrontierExplorer(GoalExplorer):
         if len(candidates) == 0:
             row, column = self.free_places(distance, 1)[0]
             return Target(self.occupancy.frame.centre(row, column))
+        candidates = self.preferred_frontiers(candidates)
         if self._choose == "nearest":
-            candidates = self.preferred_frontiers(candidates)
             arcs = self.motion == "arcs"
             actions = self.actions_to(pose, candidates) if arcs else self._estimated_actions(pose, candidates)
             index = int(np.argmin(actions))

@@ -51,7 +51,7 @@ class TripletImages(Reader):
 
     def image(self, frame: FrameReference) -> np.ndarray:
         """H x W x 3 uint8: the frame's third of its triplet image."""
-        target, number = _split_name(frame.name)
+        target, number = self._target(frame)
         path = self._file(frame.sequence, "image", target)
         image = read_image(path)
         if image.shape[1] % 3:
@@ -61,10 +61,11 @@ class TripletImages(Reader):
         return image[:, first : first + width].copy()
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """3 x 3 float64, of the target where a sequence has several cameras."""
+        """3 x 3 float64, the frame's own where a sequence has several cameras; else its target's, or the sequence's."""
         sequence = self.folder / "data" / frame.sequence
-        own = sequence / own_intrinsics(_split_name(frame.name)[0])
-        return read_any_intrinsics(own if own.is_file() else sequence / INTRINSICS)
+        names = (own_intrinsics(frame.name), own_intrinsics(self._target(frame)[0]))
+        own = (sequence / name for name in names if (sequence / name).is_file())
+        return read_any_intrinsics(next(own, sequence / INTRINSICS))
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
         """H x W float32 metres, 0 = none; of targets only."""
@@ -81,10 +82,17 @@ class TripletImages(Reader):
         return read_pose(path) if path.parent.is_dir() else None
 
     def _of_target(self, frame: FrameReference, kind: str) -> Path:
-        target, number = _split_name(frame.name)
+        target, number = self._target(frame)
         if number:
             raise DeuxError(f"{self.folder} has no {kind} of source frames, such as that of {target}.")
         return self._file(frame.sequence, kind, target)
+
+    def _target(self, frame: FrameReference) -> tuple[str, int]:
+        """The name of the frame's target, and which of its source frames it is; 0 for the target itself."""
+        target, dash, number = frame.name.rpartition("-")
+        if dash and number in ("1", "2") and not self._file(frame.sequence, "image", frame.name).is_file():
+            return target, int(number)
+        return frame.name, 0
 
     def _file(self, sequence: str, kind: str, name: str) -> Path:
         return self.folder / "data" / sequence / kind / f"{name}{SUFFIXES[kind]}"
@@ -98,9 +106,3 @@ class TripletImages(Reader):
         name = Path(line).stem
         sources = (FrameReference(parts[-3], source_name(name, number)) for number in (1, 2))
         return Triplet(FrameReference(parts[-3], name), tuple(sources))
-
-
-def _split_name(name: str) -> tuple[str, int]:
-    """The target's name, and which of its source frames is meant; 0 for the target itself."""
-    target, dash, number = name.rpartition("-")
-    return (target, int(number)) if dash and number in ("1", "2") else (name, 0)

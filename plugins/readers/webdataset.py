@@ -55,8 +55,13 @@ class Shards(Reader):
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
         """3 x 3 float64."""
-        camera, path = self._camera(_key(frame)[0])
-        return checked_intrinsics(_numbers(camera.get("intrinsics"), "intrinsics", path), path)
+        key, kind = _key(frame)
+        camera, path = self._camera(key)
+        number, others = _number(kind), camera.get("source_intrinsics")
+        if number == 0 or others is None:
+            return checked_intrinsics(_numbers(camera.get("intrinsics"), "intrinsics", path), path)
+        own = _item(others, number - 1, "source_intrinsics", path)
+        return checked_intrinsics(_numbers(own, f"source_intrinsics[{number - 1}]", path), path)
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
         """H x W float32 metres, 0 = none; of targets only."""
@@ -72,12 +77,10 @@ class Shards(Reader):
         key, kind = _key(frame)
         camera, path = self._camera(key)
         poses = camera.get("poses")
-        number = 0 if kind == "image" else int(kind.removeprefix("source"))
+        number = _number(kind)
         if poses is None:
             return None
-        if not isinstance(poses, list) or number >= len(poses):
-            raise DeuxError(f"{path} is damaged: its poses are no list with one of image {number}.")
-        return checked_pose(_numbers(poses[number], f"poses[{number}]", path), path)
+        return checked_pose(_numbers(_item(poses, number, "poses", path), f"poses[{number}]", path), path)
 
     def _camera(self, key: str) -> tuple[dict[str, Any], Path]:
         content, path = self._read(key, "camera.json")
@@ -144,3 +147,15 @@ def _key(frame: FrameReference) -> tuple[str, str]:
     """A sample's key, and which of its images the frame is."""
     name, _, kind = frame.name.partition(".")
     return f"{frame.sequence}/{name}", kind or "image"
+
+
+def _number(kind: str) -> int:
+    """0 of the target's image, 1 and so on of its source frames."""
+    return 0 if kind == "image" else int(kind.removeprefix("source"))
+
+
+def _item(values: Any, number: int, name: str, path: Path) -> Any:
+    """One item of a list of the JSON."""
+    if not isinstance(values, list) or number >= len(values):
+        raise DeuxError(f"{path} is damaged: {name} is no list with an item {number}.")
+    return values[number]

@@ -29,10 +29,11 @@ class ParallaxCorrection(Uncertainty):
     It is one Gauss-Newton step (Lucas and Kanade, 1981) for a relative change rho of the depth in a window: with
     r = I - I_rebuilt and J = d I_rebuilt / d rho,
 
-        rho = sum J r / (sum J^2 + (image noise / prior)^2).
+        rho = mean J r / (mean J^2 + (image noise / prior)^2),
 
-    Motion, texture and distance enter r and J alike, and so fall out. NaN where they make J too small for the images
-    to say more than the prior does: on walls without texture, far away, and everywhere if the camera only turned.
+    means over the window, sums over the source frames. Motion, texture and distance enter r and J alike, and so fall
+    out. NaN where they make J too small for the images to say more than the prior does: on walls without texture, far
+    away, and everywhere if the camera only turned.
     """
 
     def __call__(self, view: View) -> Tensor:

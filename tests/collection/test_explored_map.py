@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from deux.collection.explored_map import episode_poses, explored_map, mean_uncertainty, seen_area
+from deux.collection.explored_map import episode_poses, explored_map, mean_uncertainty
 from deux.contracts import Robot
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
@@ -14,7 +14,7 @@ CAMERA = Camera(width=32, height=32)
 ROBOT = Robot()
 
 
-def wall_ahead(folder, distance: float = 2.0) -> SequencePaths:
+def wall_ahead(folder) -> SequencePaths:
     """One frame at the origin looking along -Z at a wall, above an endless floor."""
     paths = SequencePaths(folder)
     rays = CAMERA.rays()
@@ -23,7 +23,7 @@ def wall_ahead(folder, distance: float = 2.0) -> SequencePaths:
     for kind in ("image", "ground_truth", "absolute_pose"):
         paths.file(kind, "000000").parent.mkdir(parents=True)
     paths.file("image", "000000").touch()
-    write_depth(paths.file("ground_truth", "000000"), np.minimum(floor, distance).astype(np.float32))
+    write_depth(paths.file("ground_truth", "000000"), np.minimum(floor, 2.0).astype(np.float32))
     write_matrix(paths.file("absolute_pose", "000000"), camera_pose(0.0, ROBOT.camera_height, 0.0, 0.0))
     return paths
 
@@ -51,23 +51,6 @@ def test_the_explorers_own_map_is_preferred(tmp_path):
     assert (explored.occupancy == occupancy).all()
     assert (explored.uncertainty == uncertainty).all()
     assert (explored.frame.origin_x, explored.frame.origin_z, explored.frame.resolution) == (1.0, -2.0, 0.1)
-
-
-def test_the_area_is_what_the_camera_looks_over(tmp_path):
-    near, far = (
-        seen_area(wall_ahead(tmp_path / name, metres), CAMERA, ROBOT) for name, metres in (("n", 1.0), ("f", 2.0))
-    )
-    # 90 degrees of view up to a wall at distance d: a triangle of d squared, from which the robot's blind spot is cut.
-    assert 0 < near < 1.2
-    assert far - near == pytest.approx(2.0**2 - 1.0**2, rel=0.15)
-
-
-def test_the_area_is_that_of_the_frames_whatever_the_explorer_took_it_for(tmp_path):
-    paths = wall_ahead(tmp_path / "sequence")
-    known = seen_area(paths, CAMERA, ROBOT)
-    occupancy = np.full((300, 400), 2, np.int8)
-    np.savez(paths.folder / "map.npz", occupancy=occupancy, origin=np.zeros(2), resolution=np.array(0.1))
-    assert seen_area(paths, CAMERA, ROBOT) == known
 
 
 def test_the_uncertainty_is_a_mean_over_frames_and_not_over_episodes(tmp_path):

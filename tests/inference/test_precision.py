@@ -117,3 +117,19 @@ def test_weights_leave_a_card_for_the_card_of_the_process_in_which_they_arrive(m
     arrived = pickle.loads(sent)
     assert arrived.device == torch.device("cpu")
     assert arrived(*FRAME).shape == (2, 1, 8, 8)
+
+
+def test_the_fast_predictor_gives_a_frame_the_same_bits_alone_and_in_a_batch_with_any_number_of_threads():
+    class Threads(Multiplied):
+        def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+            return Prediction(torch.full_like(sparse_depth, float(torch.get_num_threads())))
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        predictor = FastPredictor(Threads(), "cpu", "32-true")
+        alone = predictor(*(part[:1] for part in FRAME))
+        assert (torch.get_num_threads(), torch.unique(alone).item()) == (2, 1.0)
+        assert torch.equal(predictor(*FRAME), alone.expand(2, -1, -1, -1))
+    finally:
+        torch.set_num_threads(before)

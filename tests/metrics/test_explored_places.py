@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from deux.collection.episodes import EpisodePlan
@@ -13,8 +14,10 @@ from deux.contracts import Action, Robot
 from deux.environment.memory import ExplorationMemory
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.io.calibration import read_pose
-from deux.io.images import read_depth
+from deux.geometry.poses import camera_pose
+from deux.io.calibration import read_pose, write_matrix
+from deux.io.images import read_depth, write_depth
+from deux.io.layout import SequencePaths
 from deux.metrics import explored_places
 from deux.metrics.explored_places import ExploredPlaces, measure_explored_places
 from deux.registry import registry
@@ -135,3 +138,26 @@ def test_depth_maps_are_read_a_share_ahead(tmp_path, monkeypatch):
     assert measure(tmp_path) == expected
     assert len(read) == len(ahead) == STEPS
     assert max(ahead) <= 8
+
+
+@pytest.mark.parametrize(("along", "climb", "bump"), [(0.25, 0.0, False), (0.235, 0.1, True), (0.25, 0.1, False)])
+def test_a_step_is_cut_short_by_its_way_along_the_floor(along, climb, bump):
+    """As the simulator judges it: on a ramp the way through space is longer."""
+    before, after = camera_pose(0.0, 1.25, 0.0, 0.0), camera_pose(0.0, 1.25 + climb, -along, 0.0)
+    assert explored_places._cut_short(before, after, Robot(forward_step=0.25)) is bump
+
+
+@pytest.mark.parametrize("distance", [1.0, 2.0])
+def test_the_area_is_what_the_camera_looks_over(tmp_path, distance):
+    """90 degrees of view up to a wall: a triangle of the distance squared, from which the robot's blind spot is cut."""
+    paths = SequencePaths(tmp_path / "data" / "room-00")
+    rays, robot = CAMERA.rays(), Robot()
+    with np.errstate(divide="ignore"):
+        floor = np.where(rays[..., 1] > 0, robot.camera_height / rays[..., 1], np.inf)
+    for kind in ("image", "ground_truth", "absolute_pose"):
+        paths.file(kind, "000000").parent.mkdir(parents=True)
+    paths.file("image", "000000").touch()
+    write_depth(paths.file("ground_truth", "000000"), np.minimum(floor, distance).astype(np.float32))
+    write_matrix(paths.file("absolute_pose", "000000"), camera_pose(0.0, robot.camera_height, 0.0, 0.0))
+    blind = {1.0: 0.6, 2.0: 0.75}[distance]  # at most what is nearer than the lower edge of the picture shows
+    assert distance**2 - blind < measure(tmp_path).area < distance**2 + 0.5

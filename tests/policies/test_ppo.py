@@ -194,3 +194,17 @@ def test_settings_below_one_are_refused(option):
 def test_a_batch_is_no_larger_than_a_rollout():
     with pytest.raises(DeuxError, match=r"explorer_training\.batch_size is 300"):
         PPOSettings(environments=2, rollout=128, batch_size=300)
+
+
+def test_no_update_goes_uphill_where_the_last_rollout_goes_beyond_the_steps(make_environment, tmp_path, monkeypatch):
+    rates = []
+    train = PPO.train
+
+    def recorded(learner):
+        train(learner)
+        rates.append(learner.policy.optimizer.param_groups[0]["lr"])
+
+    monkeypatch.setattr(PPO, "train", recorded)
+    train_policy(replace(TINY, steps=300), make_environment(), 0, tmp_path)
+    # Rollouts of 2 x 64 steps: 172 and 44 of the 300 steps are left after the first and the second.
+    assert rates == pytest.approx([3e-3 * 172 / 300, 3e-3 * 44 / 300, 0.0])

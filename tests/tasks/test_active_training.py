@@ -103,12 +103,12 @@ def test_interrupted_in_a_round_it_ends_like_an_unbroken_run(tiny, active, tmp_p
         calls.append(arguments)
         if len(calls) == 2:  # the second round's frames are there, and nothing else knows of them
             raise KeyboardInterrupt
-        return seen_area(*arguments)
+        return measured(*arguments)
 
-    seen_area = active_training.seen_area
+    measured = active_training.measure_explored_places
     folder = f"hydra.run.dir={tmp_path}/run"
     with monkeypatch.context() as patch:
-        patch.setattr(active_training, "seen_area", area_or_end)
+        patch.setattr(active_training, "measure_explored_places", area_or_end)
         assert tiny(active.parent, *ACTIVE, folder).code == 130
     collected = {path: path.stat().st_mtime_ns for path in tmp_path.glob("run/rounds/round*/**/*")}
     assert len([path for path in collected if path.name == "manifest.json"]) == 2

@@ -86,3 +86,11 @@ def test_learned_poses_need_a_network():
 def test_unknown_kind_of_poses():
     with pytest.raises(DeuxError, match="did you mean learned"):
         make_pose_source("learnt", Model(None))
+
+
+def test_the_inverses_are_exact_where_the_networks_compute_in_bfloat16(batch):
+    with torch.autocast("cpu", torch.bfloat16):
+        poses = make_pose_source("simulator", Model(None))(batch, backward=True)
+    identity = torch.eye(4).expand(2, 2, 4, 4)
+    assert poses.target_from_source.dtype == torch.float32
+    torch.testing.assert_close(poses.target_from_source @ poses.source_from_target, identity, atol=1e-6, rtol=0)

@@ -32,15 +32,17 @@ def rotation_matrix(rotation: Tensor) -> Tensor:
 
 
 def pose_matrix(pose: Tensor) -> Tensor:
-    """Rigid motions from pose vectors: rotate, then translate.
+    """Rigid motions from pose vectors: rotate, then translate. In float32, also under autocast.
 
     Args:
         pose: N x 6, three numbers of a rotation vector (radians), three of a translation (metres).
 
     Returns:
-        N x 4 x 4.
+        N x 4 x 4 float32.
     """
-    upper = torch.cat([rotation_matrix(pose[:, :3]), pose[:, 3:, None]], dim=-1)
+    with torch.autocast(pose.device.type, enabled=False):
+        pose = pose.float()
+        upper = torch.cat([rotation_matrix(pose[:, :3]), pose[:, 3:, None]], dim=-1)
     # Made on the device: a list would be copied there, and the host would wait.
     lower = torch.eye(4, dtype=pose.dtype, device=pose.device)[3:]
     return torch.cat([upper, lower.expand(len(pose), 1, 4)], dim=1)

@@ -5,7 +5,10 @@ import pytest
 from exported import split_with_gaps, splits, zooming_split
 from PIL import Image
 
+from deux.contracts import FrameReference, Triplet
+from deux.data.exported_split import ExportedSplit
 from deux.data.triplet_export import write_triplets
+from deux.errors import DeuxError
 from deux_plugins.readers.triplet_images import TripletImages
 
 
@@ -62,3 +65,12 @@ def test_a_list_that_would_lack_a_target_is_left_out(tmp_path, caplog):
     assert len(lines(tmp_path / "export", "train_image.txt")) == len(split.triplets) == 8
     assert not (tmp_path / "export" / "train_ground_truth.txt").exists()
     assert "train_ground_truth.txt is left out: 4 of the 8 targets have no ground_truth" in caplog.text
+
+
+def test_a_frame_named_as_the_source_frame_of_another_is_refused(tmp_path):
+    split = splits(tmp_path / "given")[1]
+    target = split.triplets[0].target
+    twin = Triplet(FrameReference(target.sequence, f"{target.name}-1"), split.triplets[0].sources)
+    named = ExportedSplit("test", split.reader, (split.triplets[0], twin))
+    with pytest.raises(DeuxError, match=rf'has a frame "{target.name}-1", which is what .* of "{target.name}"'):
+        list(write_triplets(tmp_path / "export", [named], tmp_path / "export"))

@@ -195,6 +195,14 @@ def test_pose_rotates_before_it_translates():
     torch.testing.assert_close(moved, torch.tensor([[1.0, 3.0, 3.0, 1.0]]))
 
 
+def test_poses_are_exact_where_the_networks_compute_in_bfloat16():
+    vector = torch.tensor([[0.1, -0.2, 0.3, 1.0, 2.0, 3.0]])
+    with torch.autocast("cpu", torch.bfloat16):
+        pose = pose_matrix(vector)
+    assert pose.dtype == torch.float32
+    assert torch.equal(pose, pose_matrix(vector))
+
+
 @pytest.mark.parametrize("name", ["voiced", "fusionnet"])
 def test_seven_convolution_pose_network_is_the_published_one(published_case, name):
     case = published_case(name)

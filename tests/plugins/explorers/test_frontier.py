@@ -180,3 +180,21 @@ def test_needs_follow_the_depth_source():
 def test_unknown_options_are_refused(options):
     with pytest.raises(DeuxError, match=next(iter(options.values()))):
         FrontierExplorer(**options)
+
+
+@pytest.mark.parametrize("choose", ["nearest", "largest"])
+def test_near_frontiers_are_left_aside_whichever_is_chosen(choose, monkeypatch):
+    """Of the frontiers at each choice, those of 1.5 m and more where there are any of some size."""
+    explorer = FrontierExplorer(choose=choose, least_way=1.5)
+    spared, preferred, chosen = [], explorer.preferred_frontiers, explorer.frontier_target
+
+    def recorded(candidates, index):
+        kept = preferred(candidates)
+        if len(kept) < len(candidates) or (kept.lengths * explorer.occupancy.resolution >= 1.5).all():
+            spared.append(candidates.lengths[index] * explorer.occupancy.resolution)
+        return chosen(candidates, index)
+
+    monkeypatch.setattr(explorer, "frontier_target", recorded)
+    run(explorer, four_rooms(), 200)
+    assert len(spared) >= 3
+    assert min(spared) >= 1.5

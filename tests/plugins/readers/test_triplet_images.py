@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from exported import splits
+from exported import splits, zooming_split
 from PIL import Image
 from same_tensors import assert_same_tensors
 
@@ -64,3 +64,28 @@ def test_what_is_no_export(exported, tmp_path):
     (folder / "train_image.txt").write_text("hall.png\n")
     with pytest.raises(DeuxError, match=r"names 'hall.png', where a path like data/<sequence>/image/<frame>\.png"):
         TripletImages(folder).triplets("train", (-1, -2))
+
+
+def test_source_frames_of_another_camera_keep_it(tmp_path):
+    split = zooming_split(tmp_path / "given")
+    list(write_triplets(tmp_path / "export", [split], tmp_path / "export"))
+    assert_same_tensors(split, TripletImages(tmp_path / "export"))
+
+
+def test_a_target_whose_name_ends_as_a_source_frames_does(exported):
+    """shot-2 is a target of its own here, and not the second source frame of a target "shot"."""
+    folder, _ = exported
+    (target, sources), *_ = TripletImages(folder).triplets("test", (-1, -2))
+    before = TripletImages(folder)
+    expected = [before.image(target), before.sparse_depth(target), before.image(sources[1]), before.pose(sources[1])]
+    for path in (folder / "data" / target.sequence).glob(f"*/{target.name}*"):
+        path.rename(path.with_name(path.name.replace(target.name, "shot-2")))
+    listed = folder / "test_image.txt"
+    listed.write_text(
+        listed.read_text().replace(f"{target.sequence}/image/{target.name}", f"{target.sequence}/image/shot-2")
+    )
+    reader = TripletImages(folder)
+    (target, sources), *_ = reader.triplets("test", (-1, -2))
+    assert (target.name, sources[1].name) == ("shot-2", "shot-2-2")
+    found = [reader.image(target), reader.sparse_depth(target), reader.image(sources[1]), reader.pose(sources[1])]
+    assert all(np.array_equal(one, other) for one, other in zip(found, expected, strict=True))

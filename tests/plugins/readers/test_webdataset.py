@@ -3,7 +3,7 @@ import pickle
 import tarfile
 
 import pytest
-from exported import splits
+from exported import splits, zooming_split
 from same_tensors import assert_same_tensors
 
 from deux.contracts import FrameReference
@@ -68,3 +68,9 @@ def test_sequences_may_lie_in_folders(exported):
         path.with_name(f"{path.name}.new").replace(path)
     found = {target.sequence for target, _ in Shards(folder).triplets("train", ())}
     assert found == {f"house/{sequence}" for sequence in given[0].sequences()}
+
+
+def test_source_frames_of_another_camera_keep_it(tmp_path):
+    split = zooming_split(tmp_path / "given")
+    list(write_shards(tmp_path / "shards", [split]))
+    assert_same_tensors(split, Shards(tmp_path / "shards"))

@@ -33,7 +33,7 @@ BENCHMARKS = {
     "render": Benchmark("render_speed", "measure_rendering", ("scene",)),
     "scenes": Benchmark("scene_speed", "measure_scenes"),
     "batching": Benchmark("batching_speed", "measure_batching", ("model", "device")),
-    "explore": Benchmark("exploration_speed", "measure_exploration", ("model", "device")),
+    "explore": Benchmark("exploration_speed", "measure_exploration_speed", ("model", "device")),
     "processes": Benchmark("process_speed", "measure_processes", ("model", "device")),
     "environment": Benchmark("environment_speed", "measure_environment"),
     "models": Benchmark("model_speed", "measure_models", ("device",)),

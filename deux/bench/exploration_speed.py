@@ -44,7 +44,7 @@ QUICK = ExploreSettings(steps=10, warm_up=3, rounds=2)
 """Settings for a quick look."""
 
 
-def measure_exploration(
+def measure_exploration_speed(
     settings: ExploreSettings, model_name: str | None, accelerator: str = "auto"
 ) -> Iterator[SpeedTable]:
     """Measure every installed explorer, with its default options.

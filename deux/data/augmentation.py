@@ -17,7 +17,7 @@ from torchvision.transforms.v2 import functional
 from deux.collection.point_patterns import PATTERNS, Pattern, disturb, draw_points
 from deux.contracts import Augmentation
 from deux.data.augmentation_settings import AugmentationSettings
-from deux.data.sample_parts import DepthMap, InputSparseDepth, Intrinsics, RelativePoses
+from deux.data.sample_parts import DepthMap, InputSparseDepth, Intrinsics, SourcePoses
 
 
 def training_transforms(
@@ -124,9 +124,9 @@ class RandomScale(v2.Transform):
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
         """Scale one part of the sample, if it has a length."""
-        if isinstance(inpt, RelativePoses):
+        if isinstance(inpt, SourcePoses):
             motions = scaled_motions(inpt.as_subclass(Tensor).numpy(), params["factor"])
-            return torch.from_numpy(motions).as_subclass(RelativePoses)
+            return torch.from_numpy(motions).as_subclass(SourcePoses)
         if not isinstance(inpt, DepthMap):
             return inpt
         scaled = (inpt.as_subclass(Tensor) * params["factor"]).as_subclass(type(inpt))

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from deux.data.frame_cache import FrameCache, FrameKey, compact, read_frame
+from deux.data.frame_cache import FrameCache, FrameKey, compact, read_frame_array
 from deux.io.images import DEPTH_SCALE
 
 
@@ -148,7 +148,7 @@ class DeviceCache(FrameCache):
         missing = [key for key, found in stored.items() if found is None]
         if missing:
             with ThreadPoolExecutor(min(len(missing), os.cpu_count() or 1)) as threads:
-                arrays = list(threads.map(read_frame, missing))
+                arrays = list(threads.map(read_frame_array, missing))
             for key, array in zip(missing, arrays, strict=True):  # in this thread, whose device is the right one
                 stored[key] = None if array is None else self._store(key, array)
         return [stored[key] for key in keys]

@@ -106,7 +106,7 @@ def read_splits(
     return splits
 
 
-class FrameFiles:
+class FrameExport:
     """Writes what a reader says of frames as the files of the VOID release, in one folder.
 
     Args:

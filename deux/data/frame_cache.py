@@ -40,7 +40,7 @@ class FrameKey(NamedTuple):
     frame: FrameReference
 
 
-def read_frame(key: FrameKey) -> np.ndarray | None:
+def read_frame_array(key: FrameKey) -> np.ndarray | None:
     """Read one array of a frame with its reader.
 
     Returns:
@@ -72,8 +72,8 @@ class FrameCache:
     """Keeps nothing: every array is read when it is asked for. The other caches derive from this one."""
 
     def read(self, key: FrameKey) -> np.ndarray | Tensor | None:
-        """The array as `read_frame` or `compact` gives it; it is shared and must not be changed."""
-        return read_frame(key)
+        """The array as `read_frame_array` or `compact` gives it; it is shared and must not be changed."""
+        return read_frame_array(key)
 
     def reserve(self, keys: Collection[FrameKey], size: int) -> None:
         """Prepare for these arrays and forget all others.
@@ -115,11 +115,11 @@ class MemoryCache(FrameCache):
         """The array as it was kept, or what is read now."""
         place = self._places.get(key)
         if place is None:
-            return read_frame(key)
+            return read_frame_array(key)
         segment, row = place
         array = segment.get(row)
         if array is None:
-            array = read_frame(key)
+            array = read_frame_array(key)
             if array is not None:
                 segment.put(row, compact(array))
         return array
@@ -204,7 +204,7 @@ def stored_bytes(keys: Iterable[FrameKey], known: dict[tuple[Reader, Kind], int]
     for key in keys:
         group = key.reader, key.kind
         if group not in known:
-            first = read_frame(key)
+            first = read_frame_array(key)
             known[group] = 0 if first is None else compact(first).nbytes
         total += known[group]
     return total

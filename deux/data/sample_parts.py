@@ -5,7 +5,7 @@
     "input_sparse_depth"  InputSparseDepth    H x W metres, what the network is shown
     "ground_truth"        DepthMap            H x W metres; only where it was read
     "intrinsics"          Intrinsics          3 x 3
-    "source_from_target"  RelativePoses       S x 4 x 4; only where the frames have poses
+    "source_from_target"  SourcePoses         S x 4 x 4; only where the frames have poses
 
 Crops, paddings, flips and changes of size change the images, the depth maps, the intrinsics and the poses together, so
 that a point of the scene still lies on its pixel in every frame. Transforms after which the camera is no pinhole camera
@@ -74,7 +74,7 @@ class Intrinsics(TVTensor):
         return intrinsics
 
 
-class RelativePoses(TVTensor):
+class SourcePoses(TVTensor):
     """S x 4 x 4, each carries points of the target camera into a source camera."""
 
 
@@ -83,7 +83,7 @@ PART_TYPES: Mapping[str, type[TVTensor]] = {
     "sparse_depth": DepthMap,
     "ground_truth": DepthMap,
     "intrinsics": Intrinsics,
-    "source_from_target": RelativePoses,
+    "source_from_target": SourcePoses,
 }
 """Of each part that a sample begins with; "input_sparse_depth" comes from "sparse_depth"."""
 
@@ -198,16 +198,16 @@ def _mirror_intrinsics(intrinsics: Intrinsics, axis: int) -> Intrinsics:
     return Intrinsics(torch.from_numpy(matrix), intrinsics.canvas_size)
 
 
-def _mirror_poses(poses: RelativePoses, axis: int) -> RelativePoses:
-    motions: RelativePoses = torch.from_numpy(mirrored_motions(poses.as_subclass(Tensor).numpy(), axis)).as_subclass(
-        RelativePoses
+def _mirror_poses(poses: SourcePoses, axis: int) -> SourcePoses:
+    motions: SourcePoses = torch.from_numpy(mirrored_motions(poses.as_subclass(Tensor).numpy(), axis)).as_subclass(
+        SourcePoses
     )
     return motions
 
 
 for _axis, _flip in enumerate((functional.horizontal_flip, functional.vertical_flip)):
     functional.register_kernel(_flip, Intrinsics)(partial(_mirror_intrinsics, axis=_axis))
-    functional.register_kernel(_flip, RelativePoses)(partial(_mirror_poses, axis=_axis))
+    functional.register_kernel(_flip, SourcePoses)(partial(_mirror_poses, axis=_axis))
 
 
 @functional.register_kernel(functional.pad, DepthMap)

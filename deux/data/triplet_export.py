@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Triplet
-from deux.data.exported_split import SOURCES, ExportedSplit, FrameFiles, complete_lists
+from deux.data.exported_split import SOURCES, ExportedSplit, FrameExport, complete_lists
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.images import write_image
@@ -45,7 +45,7 @@ def write_triplets(folder: Path, splits: Sequence[ExportedSplit], final: Path) -
         lines: dict[str, list[str]] = {kind: [] for kind in (*LISTED, "intrinsics")}
         for sequence, triplets in split.sequences().items():
             _check_names(sequence, triplets)
-            files = FrameFiles(folder / "data" / sequence, split.reader)
+            files = FrameExport(folder / "data" / sequence, split.reader)
             for triplet in triplets:
                 _write_triplet(files, triplet)
                 yield
@@ -69,7 +69,7 @@ def own_intrinsics(frame: str) -> str:
     return f"K-{frame}.npy"
 
 
-def _write_triplet(files: FrameFiles, triplet: Triplet) -> None:
+def _write_triplet(files: FrameExport, triplet: Triplet) -> None:
     target = triplet.target
     first, second = _source_frames(triplet)
     images = [files.reader.image(frame) for frame in (first, target, second)]
@@ -99,7 +99,7 @@ def _check_names(sequence: str, triplets: Sequence[Triplet]) -> None:
                 )
 
 
-def _write_intrinsics(files: FrameFiles, triplets: Sequence[Triplet]) -> list[str]:
+def _write_intrinsics(files: FrameExport, triplets: Sequence[Triplet]) -> list[str]:
     """Write the cameras of a sequence, one file where they are the same; the name of each target's file."""
     targets = [triplet.target.name for triplet in triplets]
     matrices: dict[str, np.ndarray] = {}

@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.data.exported_split import ExportedSplit, FrameFiles, complete_lists
+from deux.data.exported_split import ExportedSplit, FrameExport, complete_lists
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.calibration import write_matrix
@@ -117,7 +117,7 @@ def _write_sequence(
     folder: Path, sequence: str, reader: Reader, arranged: Sequence[FrameReference], targets: Sequence[int]
 ) -> Iterator[None]:
     """Write the files of one sequence; goes on whenever a target is written."""
-    files = {density: FrameFiles(folder / density / "data" / sequence, reader) for density in DENSITIES}
+    files = {density: FrameExport(folder / density / "data" / sequence, reader) for density in DENSITIES}
     first: dict[FrameReference, str] = {}
     listed = set(targets)
     for place, frame in enumerate(arranged):
@@ -134,7 +134,7 @@ def _write_sequence(
         write_matrix(written.folder / "K.txt", reader.intrinsics(arranged[0]))
 
 
-def _write_frame(files: dict[str, FrameFiles], frame: FrameReference, name: str) -> None:
+def _write_frame(files: dict[str, FrameExport], frame: FrameReference, name: str) -> None:
     """Write what a frame has, once; the densities share all but the sparse points."""
     full = files[FULL]
     full.write_image(frame, name)

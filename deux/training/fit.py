@@ -240,8 +240,11 @@ def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[st
 
 def _validations(settings: TrainingSettings, own: Mapping[str, Any]) -> list[Callback]:
     """What spreads the validations where `_budget` cannot, unless the trainer's own arguments say when they come."""
-    taken = own.get("accumulate_grad_batches", 1) == 1 or {"val_check_interval", "check_val_every_n_epoch"} & own.keys()
-    return [] if settings.steps is None or taken else [EvenValidations(settings.steps, settings.validations)]
+    one_batch_a_step = own.get("accumulate_grad_batches", 1) == 1
+    own_times = {"val_check_interval", "check_val_every_n_epoch"} & own.keys()
+    if settings.steps is None or one_batch_a_step or own_times:
+        return []
+    return [EvenValidations(settings.steps, settings.validations)]
 
 
 def _budget(settings: TrainingSettings) -> dict[str, Any]:

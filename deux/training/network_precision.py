@@ -25,8 +25,9 @@ class NetworkPrecision(Precision):
     """Keeps the weights of the depth model and the pose network in bfloat16 or float64; batches stay float32.
 
     Lightning's own plugins convert the batch and the default dtype as well, and with them intrinsics, poses, ground
-    truth, losses and metrics, which have to be float32. Here each layer that has weights converts its own input, so
-    that a network may compute parts of itself in float32, and may be called with float32 inputs anywhere.
+    truth, losses and metrics, which have to be float32. Here each layer that has weights converts its own input and
+    computes in the precision of its weights, so that a network may be called with float32 inputs anywhere, and what it
+    computes without weights may be float32.
 
     With bfloat16 weights, Adam's steps that are small against a weight (by more than 1 / 256) are lost in rounding;
     "bf16-mixed" keeps float32 weights and has not this loss.

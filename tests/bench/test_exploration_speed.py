@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from deux.bench import exploration_speed
-from deux.bench.exploration_speed import ExploreSettings, measure_exploration
+from deux.bench.exploration_speed import ExploreSettings, measure_exploration_speed
 from deux.bench.timing import Spread
 from deux.collection.episodes import EpisodePlan
 from deux.collection.perception import MODEL_NEEDS
@@ -19,7 +19,7 @@ TINY = ExploreSettings(size=32, robots=1, steps=4, warm_up=2, rounds=1)
 
 @pytest.mark.usefixtures("tiny_models")
 def test_every_installed_explorer_is_measured() -> None:
-    (table,) = measure_exploration(TINY, None)
+    (table,) = measure_exploration_speed(TINY, None)
     assert [row["explorer"] for row in table.rows] == [
         name for name in registry().names("explorers") if name != "viewpoints"
     ]
@@ -62,19 +62,19 @@ def test_steps_that_an_explorer_leaves_out_are_not_counted(monkeypatch: pytest.M
     registry().register("explorers", "stopping", Stopping)
     monkeypatch.setattr(exploration_speed, "explore", explore)
     monkeypatch.setattr("time.perf_counter", lambda: seconds[0])
-    (table,) = measure_exploration(TINY, None)
+    (table,) = measure_exploration_speed(TINY, None)
     assert table.rows[0]["steps per second"] == Spread(2.0, 2.0, 2.0)
 
 
 def test_a_model_that_is_not_installed() -> None:
     with pytest.raises(DeuxError, match="no depth model called 'kbnett'"):
-        list(measure_exploration(TINY, "kbnett"))
+        list(measure_exploration_speed(TINY, "kbnett"))
 
 
 @pytest.mark.usefixtures("tiny_models")
 def test_explorers_that_need_a_model_are_left_out_where_there_is_none() -> None:
     registry().unregister("depth_models", "tiny")
-    (table,) = measure_exploration(TINY, None)
+    (table,) = measure_exploration_speed(TINY, None)
     measured = {str(row["explorer"]) for row in table.rows}
     for name in (name for name in registry().names("explorers") if name != "viewpoints"):
         guided = bool(registry().create("explorers", name, {}).needs & MODEL_NEEDS)

@@ -53,7 +53,7 @@ def test_quick_is_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
         ("render", "render_speed", "measure_rendering"),
         ("scenes", "scene_speed", "measure_scenes"),
         ("batching", "batching_speed", "measure_batching"),
-        ("explore", "exploration_speed", "measure_exploration"),
+        ("explore", "exploration_speed", "measure_exploration_speed"),
         ("environment", "environment_speed", "measure_environment"),
         ("models", "model_speed", "measure_models"),
         ("limits", "step_limits", "measure_limits"),

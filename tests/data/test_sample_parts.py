@@ -10,7 +10,7 @@ from torchvision.transforms import v2
 from torchvision.transforms.v2 import functional
 from torchvision.tv_tensors import Image
 
-from deux.data.sample_parts import DepthMap, Intrinsics, RelativePoses
+from deux.data.sample_parts import DepthMap, Intrinsics, SourcePoses
 from deux.errors import DeuxError
 
 HEIGHT, WIDTH = 40, 48
@@ -78,7 +78,7 @@ def test_a_flip_shows_the_mirrored_world(flip: Callable[[Tensor], Tensor], axis:
     pixels[axis] = (WIDTH, HEIGHT)[axis] - 1 - pixels[axis]
     torch.testing.assert_close(flipped, pixels)
     motion = torch.from_numpy(MOTION)
-    changed = flip(motion[None].as_subclass(RelativePoses)).as_subclass(Tensor)[0]
+    changed = flip(motion[None].as_subclass(SourcePoses)).as_subclass(Tensor)[0]
     torch.testing.assert_close(changed @ mirrored, mirror[:, None] * (motion @ points))
     torch.testing.assert_close(torch.linalg.det(changed[:3, :3]), torch.ones((), dtype=torch.float64))
 

@@ -62,7 +62,8 @@ def test_the_error_panel_shows_the_absolute_error_and_nothing_without_ground_tru
 def test_a_sample_with_nothing_in_it_can_be_drawn(tmp_path):
     empty = np.zeros((8, 8), np.float32)
     nothing = DepthSample(np.zeros((8, 8, 3), np.uint8), empty, empty + 1.0, empty, np.full_like(empty, np.nan))
-    save_figure(draw_depth_panels([nothing]), tmp_path / "panels.png")
+    path = save_figure(draw_depth_panels([nothing]), tmp_path / "panels.png")
+    assert cv2.imread(str(path)).std() > 10
 
 
 def test_the_panels_are_written_as_one_picture(tmp_path):

@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 
@@ -38,4 +39,5 @@ def test_the_uncertainty_field_is_a_second_panel():
 
 
 def test_an_episode_of_one_frame_can_be_drawn(tmp_path):
-    save_figure(draw_trajectory(explored(False), camera_pose(0.0, 1.25, 3.0, 0.0)[None]), tmp_path / "one.png")
+    path = save_figure(draw_trajectory(explored(False), camera_pose(0.0, 1.25, 3.0, 0.0)[None]), tmp_path / "one.png")
+    assert cv2.imread(str(path)).std() > 10

@@ -113,8 +113,8 @@ def test_every_precision_trains_on_a_gpu(two_steps, precision, clipping):
 
 
 @pytest.mark.parametrize("precision", ["bf16-true", "64-true"])
-def test_a_network_may_compute_parts_of_itself_in_float32(small_model, two_steps, precision):
-    """As the published networks compute their last layer, whatever the precision."""
+def test_a_network_may_give_its_layers_float32(small_model, two_steps, precision):
+    """As the published networks give it to their last layer, which computes in the precision of its weights."""
 
     class Careful(small_model):
         def __init__(self):
@@ -124,9 +124,13 @@ def test_a_network_may_compute_parts_of_itself_in_float32(small_model, two_steps
         def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
             depth = super().forward(image, sparse_depth, validity, intrinsics).depth
             with torch.autocast(image.device.type, enabled=False):
-                return Prediction(self.output(depth.float()).abs().clamp(self.min_depth, self.max_depth))
+                output = self.output(depth.float())
+            computed.add(output.dtype)
+            return Prediction(output.abs().clamp(self.min_depth, self.max_depth))
 
+    computed = set()
     two_steps(precision, model=Careful())
+    assert computed == {WEIGHTS[precision]}
 
 
 def test_float64_is_more_precise_and_bfloat16_less(small_model):

@@ -104,7 +104,8 @@ MEANS = {
     "training": ("num_workers", "checkpoint_minutes", "cuda_graphs"),
     "predict": ("batch_size", "video", "export", "voxel", "keep", "least_confidence", "agreement", "viewer"),
 }
-"""Options of sections by which nothing that a task makes changes: a command with others goes on where one was."""
+"""Options of sections by which nothing that a task makes changes beyond the last bits of predictions: a command with
+others goes on where one was."""
 
 
 def without_means(name: str, section: Any) -> Any:

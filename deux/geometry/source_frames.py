@@ -117,7 +117,7 @@ class ChosenSources(NamedTuple):
     """The source frames of a target.
 
     Args:
-        steps: their distances from it in frames; one that qualifies comes before one that does not, then the higher score.
+        steps: their distances from it in frames; those that qualify come first, then the higher score counts.
         parallax: whether one of them qualifies.
     """
 

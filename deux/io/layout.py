@@ -18,7 +18,7 @@ Collected sequences also hold `episode.json` (floor, seed, start, actions), `ver
 any, `uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`. Where the
 robot's centre could be is in `free_floor.npz` of each episode, and of the first viewpoint of a floor.
 
-A recorded dataset may have JPEG images (`IMAGE_SUFFIXES`). `validity_map/` is written and not read: a sparse point is
+A recorded dataset may have JPEG images (`STORED_IMAGE_SUFFIXES`). `validity_map/` is written and not read: a sparse point is
 valid where its depth is above 0, which is what the maps of the release say.
 """
 
@@ -39,7 +39,7 @@ SUFFIXES = {
 }
 """File suffix of each kind of file that a frame may have."""
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
+STORED_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 """File suffixes that a recorded image may have, the first that there is."""
 
 MANIFEST = "manifest.json"
@@ -80,13 +80,13 @@ class SequencePaths:
         return self.folder / kind / f"{frame}{SUFFIXES[kind]}"
 
     def recorded_image(self, frame: str) -> Path:
-        """The frame's image, whichever of `IMAGE_SUFFIXES` it has; the path of a PNG file where there is none."""
-        found = (self.folder / "image" / f"{frame}{suffix}" for suffix in IMAGE_SUFFIXES)
+        """The frame's image, whichever of `STORED_IMAGE_SUFFIXES` it has; the path of a PNG file where there is none."""
+        found = (self.folder / "image" / f"{frame}{suffix}" for suffix in STORED_IMAGE_SUFFIXES)
         return next((path for path in found if path.exists()), self.file("image", frame))
 
     def frames(self) -> list[str]:
         """Names of the frames that have an image, in the order of time."""
-        names = {without_suffix(name) for name in self._listing("image") if name.endswith(IMAGE_SUFFIXES)}
+        names = {without_suffix(name) for name in self._listing("image") if name.endswith(STORED_IMAGE_SUFFIXES)}
         if all(map(str.isdecimal, names)) and len(set(map(len, names))) == 1:  # as collected frames are named
             return sorted(names)  # of equal length, they sort as text as by their value, and many times faster
         return sorted(names, key=natural_order)
@@ -108,7 +108,7 @@ class SequencePaths:
 def without_suffix(image: str) -> str:
     """The name of the frame whose image has this file name."""
     stem, dot, suffix = image.rpartition(".")
-    return stem if f"{dot}{suffix}" in IMAGE_SUFFIXES else image
+    return stem if f"{dot}{suffix}" in STORED_IMAGE_SUFFIXES else image
 
 
 def natural_order(name: str) -> tuple[tuple[str, int, str], ...]:

@@ -18,8 +18,8 @@ Collected sequences also hold `episode.json` (floor, seed, start, actions), `ver
 any, `uncertainty.csv` (delta of Eq. 8 at each pose), the explorer's final `map.npz` and a folder `labels/`. Where the
 robot's centre could be is in `free_floor.npz` of each episode, and of the first viewpoint of a floor.
 
-A recorded dataset may have JPEG images (`STORED_IMAGE_SUFFIXES`). `validity_map/` is written and not read: a sparse point is
-valid where its depth is above 0, which is what the maps of the release say.
+A recorded dataset may have JPEG images (`STORED_IMAGE_SUFFIXES`). `validity_map/` is written and not read: a sparse
+point is valid where its depth is above 0, which is what the maps of the release say.
 """
 
 import os
@@ -80,7 +80,7 @@ class SequencePaths:
         return self.folder / kind / f"{frame}{SUFFIXES[kind]}"
 
     def recorded_image(self, frame: str) -> Path:
-        """The frame's image, whichever of `STORED_IMAGE_SUFFIXES` it has; the path of a PNG file where there is none."""
+        """The frame's image, whichever of `STORED_IMAGE_SUFFIXES` it has; the path of a PNG file if there is none."""
         found = (self.folder / "image" / f"{frame}{suffix}" for suffix in STORED_IMAGE_SUFFIXES)
         return next((path for path in found if path.exists()), self.file("image", frame))
 

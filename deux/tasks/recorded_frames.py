@@ -2,16 +2,18 @@
 
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from deux.configuration import user_path
+from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel, FrameReference, Reader, Triplet
 from deux.data.chosen_sources import list_triplets
 from deux.data.depth_unit import ratio_warning, unit_warning
 from deux.errors import DeuxError, counted, plural
 from deux.io.calibration import camera_warning
+from deux.io.file_digest import file_digest
 from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
 from deux.tasks.console import say
@@ -116,6 +118,24 @@ def check_frames(reader: Reader, frames: Sequence[FrameReference], model: DepthM
         DeuxError: a file is missing, damaged or of another kind.
     """
     _check_cameras_and_units(reader, _spread(frames), model, truth=True)
+
+
+def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, str]:
+    """What identifies the files of recorded frames, for `deux.tasks.run_folder.open_run_folder`.
+
+    An option holds a folder's path, and the frames in it, their cameras and poses may change while that stays the same.
+
+    Args:
+        reader: of the recorded frames.
+        option: that names its folder.
+        sections: say where outputs lie, which may be in that folder.
+
+    Returns:
+        A digest by the option's name.
+    """
+    values = [value for name, value in vars(reader).items() if not name.startswith("_")]
+    paths = [user_path(str(value)) for value in values if isinstance(value, Path | str) and str(value)]
+    return {option: file_digest(paths, [sections.outputs, run_folder()])}
 
 
 def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:

@@ -13,7 +13,7 @@ from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.named_weights import named_weights
-from deux.tasks.recorded_frames import check_recorded, read_given, validation_of
+from deux.tasks.recorded_frames import check_recorded, given_files, read_given, validation_of
 from deux.tasks.run_folder import open_run_folder
 
 
@@ -34,7 +34,8 @@ def run(cfg: DictConfig) -> None:
     exploration = Exploration(sections, datasets, training) if given is None else None
     final = ActiveTraining(sections, datasets, training)
     weights = named_weights(sections, explorer=explored, guide=given is None)
-    with open_run_folder(run_folder(), sections.identity, weights) as run:
+    files = {} if given is None else given_files(given, "training_data", sections)
+    with open_run_folder(run_folder(), sections.identity, weights, files) as run:
         data: Reader | None = given
         if exploration is not None:
             data = DatasetReader(exploration.collect(run))

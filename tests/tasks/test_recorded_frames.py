@@ -118,6 +118,19 @@ def test_a_supervised_model_needs_no_poses(tiny, without_poses, tmp_path):
     assert (outcome.code, outcome.err) == (0, "")
 
 
+def test_a_training_does_not_go_on_with_other_frames(tiny, video, tmp_path):
+    folder = copy(video, tmp_path)
+    options = ["task=train", f"training_data={folder}", f"hydra.run.dir={tmp_path}/run"]
+    assert tiny(tmp_path, *options).code == 0
+    assert "trained before" in tiny(tmp_path, *options).out
+    matrix = np.loadtxt(folder / "data/kitchen/K.txt")
+    np.savetxt(folder / "data/kitchen/K.txt", 2 * matrix)
+    assert tiny(tmp_path, *options).sentence == (
+        f"{tmp_path}/run holds a run with other recorded frames: the files of training_data have changed since it was "
+        "begun; choose another folder with hydra.run.dir=... or delete this one."
+    )
+
+
 def test_a_foundation_is_trained_on_generated_flats_and_that_is_said(tiny, video, tmp_path):
     """The crop of the recorded frames is larger than the camera of those flats."""
     options = [f"training_data={video}", f"hydra.run.dir={tmp_path}/run", "training.crop=[64,72]"]

@@ -60,7 +60,7 @@ def check_units(frame: RecordedFrame, model: DepthModel, files: DepthFiles) -> N
 
 def _other_unit(points: np.ndarray, model: DepthModel, files: DepthFiles) -> str | None:
     """The sentence for points of a PNG file within the model's range that are likely to be in another unit."""
-    if files.sparse.endswith(ARRAY_SUFFIX):
+    if files.sparse.lower().endswith(ARRAY_SUFFIX):
         return None
     return unit_warning(points, files.scale, model.max_depth, files.sparse, "predict.sparse_scale")
 

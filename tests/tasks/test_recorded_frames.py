@@ -88,8 +88,14 @@ def test_recorded_poses(tiny, video, model_file, tmp_path, model):
     with log.open() as lines:
         assert any(row.get("validation/mae") for row in csv.DictReader(lines))
 
-    folders = [f"evaluation.checkpoint={tmp_path}/run", f"hydra.run.dir={tmp_path}/tested", f"evaluation.data={video}"]
-    outcome = tiny(tmp_path, "task=evaluate", *folders, "scenes=files", model=model)
+    printed = outcome.out.rpartition("Trained. To evaluate it: python -m deux ")[2].split()
+    assert printed == [
+        "task=evaluate",
+        "data=deux",
+        f"evaluation.data={video}",
+        f"evaluation.checkpoint={tmp_path}/run",
+    ]
+    outcome = tiny(tmp_path, *printed, f"hydra.run.dir={tmp_path}/tested", "scenes=files", model=model)
     assert (outcome.code, outcome.err) == (0, "")
     assert f"12 test frames of {video}" in outcome.out
     found = results(tmp_path / "tested")
@@ -154,6 +160,7 @@ def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny
     options = ["task=train", f"training_data={folder}", "scenes.validation=2", f"hydra.run.dir={tmp_path}/run"]
     outcome = tiny(tmp_path, *options)
     assert (outcome.code, outcome.err) == (0, "")
+    assert "task=evaluate data=deux evaluation.data=" in outcome.out
     assert f"no validation: {folder} has no validation split" in outcome.out
     assert not (tmp_path / "datasets").exists()
     lines = [f"copy/data/office/image/{number}.jpg" for number in range(FRAMES)]
@@ -162,6 +169,11 @@ def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny
     outcome = tiny(tmp_path, *options[:-1], "data.validation=[office]", f"hydra.run.dir={tmp_path}/held-out")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"6 validation frames of {folder}\n" in outcome.out
+    chosen = "data=deux 'data.validation=[office]' evaluation.data="
+    assert f"task=evaluate {chosen}{folder} evaluation.checkpoint=" in outcome.out
+    (folder / "test_image.txt").unlink()
+    outcome = tiny(tmp_path, *options[:-1], "data.validation=[office]", f"hydra.run.dir={tmp_path}/no-test")
+    assert f"task=evaluate {chosen}FOLDER_WITH_TEST_FRAMES evaluation.checkpoint=" in outcome.out
 
 
 @pytest.mark.parametrize("why", ["single", "blind"])

@@ -40,7 +40,8 @@ def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthMode
     file = named_path(path)
     if file.suffix == PUBLISHED_SUFFIX:
         # The configuration sets these for models that are trained here: a published one has what its authors gave it.
-        fixed = registry().get("depth_models", published.name).published_options
+        model_class: type[DepthModel] = registry().get("depth_models", published.name)
+        fixed = model_class.published_options
         settings = {option: value for option, value in published.chosen.items() if option not in fixed}
         return published.name, load_published(published.name, file, settings=settings)
     if file.suffix == RESUME_SUFFIX:

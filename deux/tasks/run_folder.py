@@ -140,10 +140,9 @@ def _claim(path: Path, mine: Any, named: dict[str, dict[str, str]]) -> None:
         return
     theirs = read_json(record)
     known = {key: theirs.pop(key, {}) if isinstance(theirs, dict) else {} for key in named}
-    if theirs != mine:
-        different = ", ".join(sorted(_differences(theirs, mine))[:4])
+    if different := sorted(_differences(theirs, mine)):
         raise DeuxError(
-            f"{path} holds a run with other settings ({different}); "
+            f"{path} holds a run with other settings ({', '.join(different[:4])}); "
             "choose another folder with hydra.run.dir=... or delete this one."
         )
     for key, what, those in ((_WEIGHTS, "weights", "those"), (_FILES, "recorded frames", "the files")):
@@ -162,6 +161,7 @@ def _with_named(identity: Any, named: Mapping[str, dict[str, str]]) -> Any:
 
 
 def _differences(theirs: Any, mine: Any, where: str = "") -> Iterator[str]:
+    """What differs; an option that is null is as one that an earlier version did not have."""
     if isinstance(theirs, dict) and isinstance(mine, dict):
         for key in theirs.keys() | mine.keys():
             yield from _differences(theirs.get(key), mine.get(key), f"{where}.{key}" if where else key)

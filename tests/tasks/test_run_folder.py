@@ -69,6 +69,18 @@ def test_other_recorded_frames_under_the_same_path_are_refused_and_unknown_ones_
         pass
 
 
+def test_an_option_that_came_later_and_is_null_changes_nothing(tmp_path):
+    with open_run_folder(tmp_path, {"data": {"scale": 1000.0}}):
+        (tmp_path / "checkpoints").mkdir()
+    with open_run_folder(tmp_path, {"data": {"scale": 1000.0, "sparse_scale": None}}):
+        pass
+    with (
+        pytest.raises(DeuxError, match=r"data\.sparse_scale: None there, 256\.0 here"),
+        open_run_folder(tmp_path, {"data": {"scale": 1000.0, "sparse_scale": 256.0}}),
+    ):
+        pass
+
+
 def test_a_run_that_came_to_nothing_makes_room_for_another(tmp_path):
     for checkpoint in ("nowhere", None):
         with open_run_folder(tmp_path, {"seed_model": {"checkpoint": checkpoint}}):

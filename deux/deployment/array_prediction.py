@@ -92,6 +92,11 @@ def predict_arrays(
     return _predict(_stacked([frames]), model)[0]
 
 
+def predict_batch(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.ndarray, model: DepthModel) -> np.ndarray:
+    """As `predict_arrays`, of N frames whose camera and unit of depth the caller has judged, with a matrix each."""
+    return _predict(_checked(image, sparse_depth, intrinsics, model, first=False), model)
+
+
 class _Inputs(NamedTuple):
     """One frame, or N frames with a matrix for each; all float32, the image in [0, 1]."""
 

@@ -124,7 +124,7 @@ class DepthModel(nn.Module, ABC):
     """What the published code has before every name in these: "module." where it wraps modules in DataParallel."""
 
     published_options: ClassVar[Mapping[str, Any]] = {}
-    """Options that a model with published weights always has, for it to compute what the published code does."""
+    """Options that a model with published weights has, unless others are asked for, to compute what that code does."""
 
     size_multiple: ClassVar[int] = 1
     """`predict` pads images to a multiple of this many pixels and crops the result."""

@@ -49,6 +49,34 @@ def list_triplets(
     return list(_chosen(reader, split, offsets))
 
 
+def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offsets: tuple[int, ...]) -> int:
+    """How many targets of a split have no source frames in `list_triplets`; their points are not read.
+
+    Args:
+        reader: of the folder.
+        split: as of `list_triplets`.
+        choice: as of `list_triplets`.
+        offsets: as of `list_triplets`.
+    """
+    recent = reader.triplets(split, offsets)
+    listed = reader.chosen_triplets(split) if choice == "baseline" else recent
+    found = reader.neighbourhoods(split, SourceRule().reach) if listed is None else []
+    if listed is not None or _none_to_choose(found, recent):
+        return sum(not triplet.sources for triplet in (recent if listed is None else listed))
+    given = {triplet.target for triplet in recent if triplet.sources}
+    lacking = 0
+    for _, group in groupby(found, key=lambda one: one.target.sequence):
+        members = list(group)
+        frames = dict.fromkeys(frame for target, around in members for frame in (target, *around.values()))
+        posed = {frame for frame in frames if reader.pose(frame) is not None}
+        if any(target in posed for target, _ in members):
+            enough = {t for t, around in members if t in posed and len(posed & {*around.values()}) >= SOURCES}
+        else:
+            enough = given
+        lacking += sum(target not in enough for target, _ in members)
+    return lacking
+
+
 def warn_of_cameras(reader: Reader, triplets: Sequence[Triplet]) -> None:
     """Warn if source frames have other intrinsics than their targets, for trainings that estimate the poses.
 
@@ -111,10 +139,9 @@ def sources_by_parallax(
 @lru_cache(maxsize=16)
 def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Triplet, ...]:
     found = reader.neighbourhoods(split, SourceRule().reach)
-    if all(len(one.frames) <= SOURCES for one in found):  # nothing to choose, unless the two lie elsewhere
+    if all(len(one.frames) <= SOURCES for one in found):
         triplets = reader.triplets(split, offsets)
-        given = {triplet.target for triplet in triplets if triplet.sources}
-        if all(one.target in given for one in found if len(one.frames) == SOURCES):
+        if _none_to_choose(found, triplets):
             return tuple(triplets)
     targets = counted(len(found), f"{split} frame")
     log.info("choosing source frames of %s of %s by their parallax", targets, reader.folder)
@@ -130,6 +157,12 @@ def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Tripl
         recent = recent or {triplet.target: triplet for triplet in reader.triplets(split, offsets)}
         chosen += [recent[one.target] for one in members if one.target in recent]
     return tuple(chosen)
+
+
+def _none_to_choose(found: Sequence[Neighbourhood], recent: Sequence[Triplet]) -> bool:
+    """Whether no target has more frames around it than it needs, and those with as many have them at the offsets."""
+    given = {triplet.target for triplet in recent if triplet.sources}
+    return all(len(one.frames) <= SOURCES and (len(one.frames) < SOURCES or one.target in given) for one in found)
 
 
 @lru_cache(maxsize=256)

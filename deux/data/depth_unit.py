@@ -66,14 +66,36 @@ def unit_warning(depth: np.ndarray, scale: float, max_depth: float, what: str, o
     )
 
 
-def ratio_warning(truth: np.ndarray, sparse_depth: np.ndarray, what: str, option: str) -> str | None:
+def points_scale(reader: object) -> tuple[float, str] | None:
+    """Stored values per metre of a reader's points, and the option that sets them; None where it has no such option.
+
+    Readers of points with a unit of their own have an option `sparse_scale`, which takes the place of `scale`.
+    """
+    for option in ("sparse_scale", "scale"):
+        if (scale := getattr(reader, option, None)) is not None:
+            return scale, f"data.{option}"
+    return None
+
+
+def ratio_remedy(reader: object) -> str:
+    """Which option of a reader brings its ground truth and its points into one unit; "" where it has none."""
+    options = {"ground_truth_scale": "the ground truth", "sparse_scale": "the sparse points"}
+    return next((scale_sentence(f"data.{name}", of) for name, of in options.items() if hasattr(reader, name)), "")
+
+
+def scale_sentence(option: str, of: str = "the ground truth") -> str:
+    """The sentence, after a blank, on what an option sets."""
+    return f" {option} sets the stored values per metre of {of}."
+
+
+def ratio_warning(truth: np.ndarray, sparse_depth: np.ndarray, what: str, remedy: str) -> str | None:
     """The sentence for ground truth that is in another unit than the sparse points; None where they agree.
 
     Args:
         truth: metres, 0 = none.
         sparse_depth: metres, 0 = none, of the same shape.
         what: what the ground truth is called, such as its file.
-        option: the option that sets its scale.
+        remedy: a sentence after a blank that says what sets its scale; "" for none.
     """
     both = (truth > 0) & (sparse_depth > 0)
     if not both.any():
@@ -82,6 +104,6 @@ def ratio_warning(truth: np.ndarray, sparse_depth: np.ndarray, what: str, option
     if 1 / LARGEST_RATIO <= ratio <= LARGEST_RATIO:
         return None
     return (
-        f"{what} is {ratio:.3g} times the sparse depth at the points that both have (median): are both in one unit? "
-        f"{option} sets the stored values per metre of the ground truth."
+        f"{what} is {ratio:.3g} times the sparse depth at the points that both have (median): are both in one unit?"
+        f"{remedy}"
     )

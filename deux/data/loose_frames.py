@@ -1,5 +1,6 @@
 """Frames that no reader knows: a folder of images or a video, a folder of sparse points, and one camera matrix."""
 
+import logging
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,13 +10,15 @@ import numpy as np
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.errors import DeuxError
 from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
-from deux.io.frame_files import DEPTH_SUFFIXES, list_files, matching
+from deux.io.frame_files import DEPTH_SUFFIXES, depthless_images, list_files, matching
 from deux.io.images import DEPTH_SCALE
 from deux.io.layout import frame_name
 from deux.io.video_files import VIDEO_SUFFIXES, VideoReader
 
 LOOSE_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Of the images that count."""
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,10 @@ class LooseFrames(Reader):
 
     @cached_property
     def _points(self) -> dict[str, Path]:
-        return self._files(self.sparse)
+        found = self._files(self.sparse)
+        if found and not self._is_video and (lacking := len(self._images) - len(found)):
+            log.warning(depthless_images(self.folder, lacking, len(self._images)))
+        return found
 
     @cached_property
     def _truths(self) -> dict[str, Path]:

@@ -1,5 +1,6 @@
 """Depth from arrays, as cameras and files give them: what `deux.predict` does."""
 
+import logging
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
 from os import PathLike
@@ -13,6 +14,7 @@ from deux.contracts import DepthModel
 from deux.deployment.model_files import load_model
 from deux.errors import DeuxError, check_range
 from deux.inference.prediction import device_of
+from deux.io.calibration import camera_warning
 
 Model: TypeAlias = DepthModel | str | PathLike[str]
 """A depth model, or where one is stored."""
@@ -21,7 +23,10 @@ _ENDED = object()
 """Stands for the frames of a stream that ended before the others."""
 
 OTHER_UNIT = 10.0
-"""If even the nearest point lies this many times beyond the model's range, the points are not in metres."""
+"""If even the nearest point of a later frame of a stream lies this many times beyond the model's range, the points are
+not in metres; of a call or of a stream's first frame, if it lies beyond the range at all."""
+
+log = logging.getLogger(__name__)
 
 
 @overload
@@ -53,6 +58,8 @@ def predict_arrays(
     list, so is `sparse_depth`, and `intrinsics` may be. The result is then a generator too: it asks for the next frames
     when they are needed and keeps none, so that a video of any length goes through.
 
+    A warning is logged, once for each call, where the intrinsics seem to belong to images of another size.
+
     Args:
         image: H x W x 3 or N x H x W x 3, RGB: uint8, or floats in [0, 1]. Any size. Or a stream of H x W x 3.
         sparse_depth: H x W or N x H x W metres, floats; 0, and what a masked array masks, is none. Or a stream of
@@ -66,7 +73,8 @@ def predict_arrays(
         H x W or N x H x W float32 metres; of a stream, an iterator of H x W.
 
     Raises:
-        DeuxError: an input has another shape or type, or impossible values; or there is no such model.
+        DeuxError: an input has another shape or type, or impossible values; all points, of a stream those of its first
+            frame, lie farther away than the model predicts; or there is no such model.
 
     Example:
         >>> model = deux.load("outputs/runs/kbnet-deux-1a2b3c4d")
@@ -84,6 +92,11 @@ def predict_arrays(
     return _predict(_stacked([frames]), model)[0]
 
 
+def predict_batch(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.ndarray, model: DepthModel) -> np.ndarray:
+    """As `predict_arrays`, of N frames whose camera and unit of depth the caller has judged, with a matrix each."""
+    return _predict(_checked(image, sparse_depth, intrinsics, model, first=False), model)
+
+
 class _Inputs(NamedTuple):
     """One frame, or N frames with a matrix for each; all float32, the image in [0, 1]."""
 
@@ -92,11 +105,15 @@ class _Inputs(NamedTuple):
     intrinsics: np.ndarray
 
 
-def _checked(image: ArrayLike, sparse_depth: ArrayLike, intrinsics: ArrayLike, model: DepthModel) -> _Inputs:
-    """What the user gave, as arrays; N frames get a matrix each."""
+def _checked(
+    image: ArrayLike, sparse_depth: ArrayLike, intrinsics: ArrayLike, model: DepthModel, first: bool = True
+) -> _Inputs:
+    """What the user gave, as arrays; N frames get a matrix each. The camera is judged of the `first` of a stream."""
     colors, points, cameras = _image(image), _sparse_depth(sparse_depth), _intrinsics(intrinsics)
     _check_shapes(colors, points, cameras)
-    _check_unit(points, model.max_depth)
+    _check_unit(points, model.max_depth, 1.0 if first else OTHER_UNIT)
+    if first:
+        _judge_camera(cameras, *points.shape[-2:])
     if colors.ndim == 4:
         cameras = np.broadcast_to(cameras, (len(colors), 3, 3)).copy()
     return _Inputs(colors, points, cameras)
@@ -158,7 +175,7 @@ def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, b
     batch: list[_Inputs] = []
     for number, given in enumerate(frames):
         try:
-            frame = _checked(*given, model)
+            frame = _checked(*given, model, first=number == 0)
         except DeuxError as error:
             raise DeuxError(f"frame {number}: {error}") from error
         if frame.image.ndim != 3:
@@ -251,13 +268,21 @@ def _check_shapes(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.nd
         )
 
 
-def _check_unit(sparse_depth: np.ndarray, max_depth: float) -> None:
-    """Raise DeuxError if the points can be no metres; frames that are merely far away are let through."""
+def _judge_camera(intrinsics: np.ndarray, height: int, width: int) -> None:
+    """Warn of the first of the matrices that seems to belong to images of another size."""
+    for matrix in intrinsics.reshape(-1, 3, 3):
+        if sentence := camera_warning(matrix, height, width, "the matrix intrinsics"):
+            log.warning(sentence)
+            return
+
+
+def _check_unit(sparse_depth: np.ndarray, max_depth: float, most: float) -> None:
+    """Raise DeuxError if all points lie farther than `most` times the largest depth that the model predicts."""
     points = sparse_depth[sparse_depth > 0]
-    if points.size and OTHER_UNIT * max_depth < points.min() < np.inf:
+    if points.size and most * max_depth < points.min() < np.inf:
         raise DeuxError(
             f"the nearest point of sparse_depth is at {points.min():g} and the model predicts up to {max_depth:g} "
-            "metres: sparse_depth is in metres, so divide millimetres by 1000."
+            "metres: sparse_depth is in metres, so divide millimetres by 1000 and centimetres by 100."
         )
 
 

@@ -58,8 +58,8 @@ def load_published(
         pose_path: the published checkpoint of its pose network. With it, every call of `model.pose_network()` returns
             a new pose network with these weights, in eval mode.
         settings: options of the model where the checkpoint was trained with other than the defaults, its range of
-            depths above all (docs/using-a-model.md): the file does not hold them. What is among the model's
-            `published_options` is left to the model. A warning is logged where the range is left to the defaults.
+            depths above all (docs/using-a-model.md): the file does not hold them. What they leave out of the model's
+            `published_options` is as in these. A warning is logged where the range is left to the defaults.
 
     Returns:
         The model on the CPU, in eval mode.
@@ -72,7 +72,7 @@ def load_published(
         >>> depth = deux.predict(image, sparse_depth, intrinsics, model=model)
     """
     model_class: type[DepthModel] = registry().get("depth_models", name)
-    chosen = {**(settings or {}), **model_class.published_options}
+    chosen = {**model_class.published_options, **(settings or {})}
     model: DepthModel = registry().create("depth_models", name, chosen)
     if not model.published_modules():
         raise DeuxError(f"the depth model {name!r} has no published checkpoints: deux.load(path) reads our own.")
@@ -97,7 +97,8 @@ def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> N
     """Write a depth model as a checkpoint that its published code restores; `load_published` reads it back.
 
     It holds the weights and, as that code asks for it, a step number, which is 0. There is no state of an optimiser:
-    the published code runs the model, but has nothing to resume its training from.
+    the published code runs the model, but has nothing to resume its training from. A warning is logged where the model
+    has other options than that code computes with, `published_options`.
 
     Args:
         model: the depth model.
@@ -110,6 +111,14 @@ def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> N
     modules = model.published_modules()
     if not modules:
         raise DeuxError(f"the depth model {name!r} has no published code that could load it: export.format=onnx.")
+    given = {option: getattr(model, option, value) for option, value in model.published_options.items()}
+    if different := {option: value for option, value in given.items() if value != model.published_options[option]}:
+        theirs = ", ".join(f"{option}={model.published_options[option]!r}" for option in different)
+        ours = ", ".join(f"{option}={value!r}" for option, value in different.items())
+        log.warning(
+            f"{path} holds a {name} with {ours}, and its published code computes with {theirs}, so that its depth will "
+            f"differ; deux.load_published makes the same model again by settings={different}."
+        )
     checkpoint: dict[str, Any] = {"train_step": 0}
     for group, module in modules.items():
         weights = module.state_dict().items()

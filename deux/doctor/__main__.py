@@ -95,15 +95,21 @@ def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -
     try:
         reader: Reader = registry().choose("readers", cfg.data).create(user_path(folder))
         checkup.fact("folder", str(reader.folder))
-        offsets = construct(TrainingSettings, cfg.training, "training").offsets
+        training = construct(TrainingSettings, cfg.training, "training")
         camera = construct(Camera, cfg.camera, "camera")
         previews = user_path(cfg.paths.outputs) / "doctor" / option
-        checks = check_frames(reader, offsets, previews, (camera.min_depth, camera.max_depth), checkup.line)
+        depth_range = camera.min_depth, camera.max_depth
+        checks = check_frames(reader, training.offsets, previews, depth_range, checkup.line, training.sources)
         for check in checks:
             for problem in check.problems:
                 checkup.count(problem)
         if not any(check.frames for check in checks):
             checkup.fault(f"{folder} has no frames in any split.")
+        else:
+            needed = "train" if option == "training_data" else "test"
+            (check,) = (check for check in checks if check.split == needed)
+            if not check.frames:
+                checkup.fault(f"{option} needs {needed} frames: {check.facts[0]}")
     except DeuxError as error:
         checkup.fault(str(error))
 

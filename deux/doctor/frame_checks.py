@@ -9,13 +9,15 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.contracts.reader import SPLITS
-from deux.data.depth_unit import ratio_warning, unit_warning
+from deux.data.chosen_sources import count_without_sources
+from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
 from deux.errors import DeuxError, counted, plural
 from deux.figures.drawing import save_figure
 from deux.figures.frame_preview import PreviewFrame, draw_preview
 from deux.geometry.poses import motion
 from deux.io.calibration import camera_warning
+from deux.io.layout import SourceChoice
 
 CHECKED = 12
 """Frames of a split, spread evenly over it, that are read."""
@@ -54,6 +56,7 @@ def check_frames(
     previews: Path | None = None,
     depth_range: tuple[float, float] = RANGE,
     show: Callable[[str], None] = print,
+    choice: SourceChoice = "recent",
 ) -> list[SplitCheck]:
     """Read some frames of each split and say what they are like.
 
@@ -63,6 +66,7 @@ def check_frames(
         previews: takes a figure of each split, `<split>.png`; None for no figures.
         depth_range: nearest and farthest depth in metres of the scenes, by which the unit of depth is judged.
         show: prints a line.
+        choice: how a training chooses its source frames.
 
     Returns:
         One for each split, those that the folder does not have included. A split with `problems` needs a look.
@@ -72,7 +76,7 @@ def check_frames(
     """
     found = []
     for split in SPLITS:
-        check = _check_split(reader, split, offsets, previews, depth_range)
+        check = _check_split(reader, split, offsets, previews, depth_range, "recent" if split == "test" else choice)
         show(f"{split}: {counted(check.frames, 'frame')}" if check.frames else f"{split}: none")
         for line in check.facts:
             show(f"  {line}")
@@ -83,7 +87,12 @@ def check_frames(
 
 
 def _check_split(
-    reader: Reader, split: str, offsets: tuple[int, ...], previews: Path | None, depth_range: tuple[float, float]
+    reader: Reader,
+    split: str,
+    offsets: tuple[int, ...],
+    previews: Path | None,
+    depth_range: tuple[float, float],
+    choice: SourceChoice,
 ) -> SplitCheck:
     try:
         triplets = reader.triplets(split, offsets)
@@ -92,10 +101,10 @@ def _check_split(
     check = SplitCheck(split, len(triplets))
     sequences = {triplet.target.sequence for triplet in triplets}
     check.facts.append(counted(len(sequences), "sequence"))
-    if single := sum(not triplet.sources for triplet in triplets):
+    if single := count_without_sources(reader, split, choice, offsets):
+        where = f" at {list(offsets)}" if choice == "recent" else ""
         check.facts.append(
-            f"{counted(single, 'frame')} {plural('has', single)} no source frames at {list(offsets)}: evaluated, but "
-            "not trained on"
+            f"{counted(single, 'frame')} {plural('has', single)} no source frames{where}: evaluated, but not trained on"
         )
     chosen = _spread(triplets, CHECKED)
     targets = [one.target for one in chosen]
@@ -178,13 +187,13 @@ def _check_depth(
         check.facts.append(f"ground truth at {valid:.0%} of the pixels, {_range(truths, depth_range)}")
     else:
         check.facts.append("no ground truth: no errors can be measured")
-    scale = getattr(reader, "scale", None)
+    scale = points_scale(reader)
     sentences = []
     if scale is not None:
-        sentences.append(unit_warning(_flat(points), scale, depth_range[1], "the sparse points", "data.scale"))
+        sentences.append(unit_warning(_flat(points), scale[0], depth_range[1], "the sparse points", scale[1]))
     if [truth.shape for truth in truths] == [depth.shape for depth in points]:
         both = _flat(truths), _flat(points)
-        sentences.append(ratio_warning(*both, "the ground truth", "data.ground_truth_scale"))
+        sentences.append(ratio_warning(*both, "the ground truth", ratio_remedy(reader)))
     check.problems.extend(sentence for sentence in sentences if sentence is not None)
 
 
@@ -240,7 +249,11 @@ def _check_warp(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck
     pairs = [pair for triplet in neighbours if (pair := _pair(reader, triplet)) is not None]
     if not pairs:
         return
-    check.warp = errors = warp_errors(pairs, getattr(reader, "scale", None))
+    errors = warp_errors(pairs, getattr(reader, "scale", None))
+    if not math.isfinite(errors.identity):
+        check.facts.append("no ground truth at any pixel of neighbouring frames: nothing is said of poses")
+        return
+    check.warp = errors
     check.facts.append(
         f"warp error of the true depth: {errors.warped:.1f} of 255 to the neighbouring frame; with no motion "
         f"{errors.identity:.1f}"

@@ -7,7 +7,8 @@ import numpy as np
 
 from deux.errors import DeuxError
 from deux.geometry.camera import FOCAL_LENGTHS, is_focal_length
-from deux.io.atomic import read_bytes, write_atomically
+from deux.io.atomic import write_atomically
+from deux.io.number_lines import read_numbers
 
 SHORTEST_FOCUS = 0.05
 """Focal length as a part of the image's side: with a shorter one a pinhole camera would see more than 168 degrees."""
@@ -32,7 +33,7 @@ def read_pose(path: Path) -> np.ndarray:
     Raises:
         DeuxError: the file is missing or does not hold a finite rigid pose.
     """
-    return checked_pose(_read_numbers(path), path)
+    return checked_pose(read_numbers(path), path)
 
 
 def checked_pose(numbers: np.ndarray, path: Path | str) -> np.ndarray:
@@ -58,7 +59,7 @@ def read_intrinsics(path: Path) -> np.ndarray:
     Raises:
         DeuxError: the file is missing or its matrix is not that of a pinhole camera.
     """
-    return checked_intrinsics(_read_numbers(path), path)
+    return checked_intrinsics(read_numbers(path), path)
 
 
 def checked_intrinsics(numbers: np.ndarray, path: Path) -> np.ndarray:
@@ -109,10 +110,3 @@ def camera_warning(intrinsics: np.ndarray, height: int, width: int, where: str) 
             f"belong to images of about {2 * x + 1:.0f} x {2 * y + 1:.0f} pixels."
         )
     return None
-
-
-def _read_numbers(path: Path) -> np.ndarray:
-    try:
-        return np.array(read_bytes(path).split(), dtype=np.float64)
-    except (ValueError, OverflowError) as error:
-        raise DeuxError(f"{path} is not a text file of numbers.") from error

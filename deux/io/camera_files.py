@@ -65,7 +65,7 @@ def read_any_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
             f"{path} is of a format that depth is not read from: write it as a {ARRAY_SUFFIX} file of metres, or as a "
             "16-bit PNG file."
         )
-    if path.suffix != ARRAY_SUFFIX:
+    if path.suffix.lower() != ARRAY_SUFFIX:
         return read_depth(path, scale)
     depth = read_array(path)
     if depth.ndim != 2 or depth.size == 0:
@@ -85,7 +85,7 @@ def read_any_intrinsics(path: Path) -> np.ndarray:
     Raises:
         DeuxError: the file is missing or its matrix is not that of a pinhole camera.
     """
-    if path.suffix != ARRAY_SUFFIX:
+    if path.suffix.lower() != ARRAY_SUFFIX:
         return read_intrinsics(path)
     numbers = read_array(path)
     if numbers.dtype.kind not in "iuf":

@@ -4,7 +4,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, counted, plural
 from deux.io.layout import natural_order
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -37,9 +37,9 @@ def list_files(folder: Path, suffixes: Collection[str], pattern: str = "*") -> d
 def matching(stems: Iterable[str], files: Mapping[str, Path]) -> dict[str, Path]:
     """Which of the files belongs to which frame.
 
-    A frame's file has its name. Where no file has the name of a frame, the numbers in the names decide: rgb_00012
-    and depth_12 belong together, unless two files have the same numbers, or two frames those of one file, as left_12
-    and right_12 have.
+    A frame's file has its name. Of the frames and files that are left then, the numbers in the names decide:
+    rgb_00012 and depth_12 belong together, unless two files have the same numbers, or two frames those of one file, as
+    left_12 and right_12 have.
 
     Args:
         stems: the frames' file names without suffix.
@@ -49,13 +49,22 @@ def matching(stems: Iterable[str], files: Mapping[str, Path]) -> dict[str, Path]
         The files by the frames' file names, without the frames that have none.
     """
     stems = list(stems)
-    if not any(stem in files for stem in stems):
-        numbered = {_numbers(stem): path for stem, path in files.items()}
-        found = {stem: numbered[_numbers(stem)] for stem in stems if _numbers(stem) in numbered}
-        if len(numbered) < len(files) or len(set(found.values())) < len(found):  # numbers do not tell them apart
-            return {}
-        return found
-    return {stem: files[stem] for stem in stems if stem in files}
+    named = {stem: files[stem] for stem in stems if stem in files}
+    left = [stem for stem in stems if stem not in named]
+    wanted = {_numbers(stem) for stem in left}
+    unused = [(_numbers(name), path) for name, path in files.items() if name not in named]
+    numbered = [(numbers, path) for numbers, path in unused if numbers in wanted]
+    by_number = dict(numbered)
+    found = {stem: by_number[_numbers(stem)] for stem in left if _numbers(stem) in by_number}
+    taken = {_numbers(stem) for stem in named} & by_number.keys()
+    if len(by_number) < len(numbered) or len(set(found.values())) < len(found) or taken:
+        return named  # numbers do not tell them apart
+    return {stem: found.get(stem) or named[stem] for stem in stems if stem in found or stem in named}
+
+
+def depthless_images(folder: Path, count: int, images: int) -> str:
+    """The sentence for images of a folder to which no depth map belongs."""
+    return f"{folder}: {count} of {counted(images, 'image')} {plural('has', count)} no depth, by name or number."
 
 
 def _numbers(stem: str) -> tuple[int, ...]:

@@ -39,7 +39,11 @@ def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthMode
     """
     file = named_path(path)
     if file.suffix == PUBLISHED_SUFFIX:
-        return published.name, load_published(published.name, file, settings=published.chosen)
+        # The configuration sets these for models that are trained here: a published one has what its authors gave it.
+        model_class: type[DepthModel] = registry().get("depth_models", published.name)
+        fixed = model_class.published_options
+        settings = {option: value for option, value in published.chosen.items() if option not in fixed}
+        return published.name, load_published(published.name, file, settings=settings)
     if file.suffix == RESUME_SUFFIX:
         raise DeuxError(f"{file} is for resuming a training: name the {MODEL_FILE} of a run folder, or the folder.")
     return model_name(file), load_model(file)

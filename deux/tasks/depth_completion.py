@@ -9,7 +9,7 @@ from torch import Tensor
 
 from deux.contracts import DepthModel, FrameReference, Uncertainty
 from deux.data.frame_stream import RecordedFrame
-from deux.deployment.array_prediction import check_prediction, predict_arrays
+from deux.deployment.array_prediction import check_prediction, predict_batch
 from deux.errors import DeuxError
 from deux.frame_uncertainty import make_view
 from deux.inference.precision import default_device, tf32_convolutions
@@ -53,7 +53,7 @@ class DepthCompleter:
             images, points, cameras = (
                 np.stack([getattr(frame, name) for frame in frames]) for name in ("image", "sparse_depth", "intrinsics")
             )
-            depths = predict_arrays(images, points, cameras, self._model)
+            depths = predict_batch(images, points, cameras, self._model)
             return [self._without_value(depth) for depth in depths]
         return self._judge(frames, self._measure)
 

@@ -26,7 +26,7 @@ from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, read_given
 from deux.tasks.model_training import Training
 from deux.tasks.named_weights import named_weights
-from deux.tasks.run_folder import RunFolder, changed_weights, open_run_folder, short_hash
+from deux.tasks.run_folder import RunFolder, changed, open_run_folder, short_hash
 from deux.training.training_settings import TrainingSettings
 
 _EXPORTED = "exported.json"
@@ -126,7 +126,7 @@ def _made_by(sections: Sections, folder: Path) -> dict[str, Any]:
 def _has_made(record: dict[str, Any], sections: Sections, folder: Path, weights: dict[str, str]) -> bool:
     """Whether a command's record says that it has made a folder, with the same weights."""
     known = record.pop("weights", {})  # which earlier versions did not record
-    return record == _made_by(sections, folder) and not changed_weights(known, weights)
+    return record == _made_by(sections, folder) and not changed(known, weights)
 
 
 def _collected(sections: Sections, run: RunFolder) -> dict[str, Reader]:

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from deux.contracts import DepthModel
-from deux.data.depth_unit import ratio_warning, unit_warning
+from deux.data.depth_unit import ratio_warning, scale_sentence, unit_warning
 from deux.data.frame_stream import RecordedFrame
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
@@ -52,7 +52,9 @@ def check_units(frame: RecordedFrame, model: DepthModel, files: DepthFiles) -> N
         raise DeuxError(str(found[0]))
     if frame.ground_truth is not None:
         what = str(files.ground_truth)
-        found.append(ratio_warning(frame.ground_truth, frame.sparse_depth, what, "predict.ground_truth_scale"))
+        found.append(
+            ratio_warning(frame.ground_truth, frame.sparse_depth, what, scale_sentence("predict.ground_truth_scale"))
+        )
     for sentence in found:
         if sentence is not None:
             log.warning(sentence)
@@ -60,7 +62,7 @@ def check_units(frame: RecordedFrame, model: DepthModel, files: DepthFiles) -> N
 
 def _other_unit(points: np.ndarray, model: DepthModel, files: DepthFiles) -> str | None:
     """The sentence for points of a PNG file within the model's range that are likely to be in another unit."""
-    if files.sparse.endswith(ARRAY_SUFFIX):
+    if files.sparse.lower().endswith(ARRAY_SUFFIX):
         return None
     return unit_warning(points, files.scale, model.max_depth, files.sparse, "predict.sparse_scale")
 

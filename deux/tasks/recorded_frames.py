@@ -2,16 +2,18 @@
 
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from deux.configuration import user_path
+from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel, FrameReference, Reader, Triplet
 from deux.data.chosen_sources import list_triplets
-from deux.data.depth_unit import ratio_warning, unit_warning
+from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.errors import DeuxError, counted, plural
 from deux.io.calibration import camera_warning
+from deux.io.file_digest import file_digest
 from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
 from deux.tasks.console import say
@@ -118,6 +120,24 @@ def check_frames(reader: Reader, frames: Sequence[FrameReference], model: DepthM
     _check_cameras_and_units(reader, _spread(frames), model, truth=True)
 
 
+def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, str]:
+    """What identifies the files of recorded frames, for `deux.tasks.run_folder.open_run_folder`.
+
+    An option holds a folder's path, and the frames in it, their cameras and poses may change while that stays the same.
+
+    Args:
+        reader: of the recorded frames.
+        option: that names its folder.
+        sections: say where outputs lie, which may be in that folder.
+
+    Returns:
+        A digest by the option's name.
+    """
+    values = [value for name, value in vars(reader).items() if not name.startswith("_")]
+    paths = [user_path(str(value)) for value in values if isinstance(value, Path | str) and str(value)]
+    return {option: file_digest(paths, [sections.outputs, run_folder()])}
+
+
 def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:
     return list_triplets(reader, split, choice if needs.sources else "recent", offsets)
 
@@ -149,11 +169,14 @@ def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
 
 
 def _check_unit(reader: Reader, frames: Sequence[FrameReference], truth: bool, max_depth: float) -> None:
-    """Warn of a likely other unit: of the points where the reader has an option for it, and of the ground truth."""
+    """Warn of frames without points, and of points and ground truth that are likely to be in another unit."""
     points = [reader.sparse_depth(frame) for frame in frames]
-    if (scale := getattr(reader, "scale", None)) is not None:
+    if empty := sum(not depth.any() for depth in points):
+        read = counted(len(points), "frame")
+        log.warning(f"{empty} of the {read} of {reader.folder} that were read {plural('has', empty)} no point.")
+    if (scale := points_scale(reader)) is not None:
         flat = np.concatenate([depth.ravel() for depth in points])
-        _warn(unit_warning(flat, scale, max_depth, f"the points of {reader.folder}", "data.scale"))
+        _warn(unit_warning(flat, scale[0], max_depth, f"the points of {reader.folder}", scale[1]))
     maps = [reader.ground_truth(frame) for frame in frames] if truth else []
     pairs = [
         (known.ravel(), depth.ravel())
@@ -162,7 +185,7 @@ def _check_unit(reader: Reader, frames: Sequence[FrameReference], truth: bool, m
     ]
     if pairs:
         known, depth = (np.concatenate(values) for values in zip(*pairs, strict=True))
-        _warn(ratio_warning(known, depth, f"the ground truth of {reader.folder}", "data.ground_truth_scale"))
+        _warn(ratio_warning(known, depth, f"the ground truth of {reader.folder}", ratio_remedy(reader)))
 
 
 def _warn(sentence: str | None) -> None:

@@ -21,6 +21,7 @@ from deux.training.ranks import leads
 _SECONDS_FILE = "seconds.json"
 _LOCK_FILE = ".lock.json"
 _WEIGHTS = "weights of options"  # in `IDENTITY_FILE`, where no section is called so
+_FILES = "files of options"  # likewise
 
 EPISODES = "episodes"
 """The folder of the episodes that a comparison has finished."""
@@ -85,7 +86,10 @@ class RunFolder:
 
 @contextmanager
 def open_run_folder(
-    path: Path, identity: Mapping[str, Any], weights: Mapping[str, str] | None = None
+    path: Path,
+    identity: Mapping[str, Any],
+    weights: Mapping[str, str] | None = None,
+    files: Mapping[str, str] | None = None,
 ) -> Iterator[RunFolder]:
     """Work in a run's folder, which is made if it is absent, and keep other commands out meanwhile.
 
@@ -94,9 +98,11 @@ def open_run_folder(
         identity: all that makes the run what it is, JSON-able.
         weights: what identifies the weights that options name (`deux.tasks.named_weights`), by option. A folder does
             not refuse those that it has no record of, as earlier versions kept none.
+        files: what identifies the recorded frames that options name (`deux.tasks.recorded_frames.given_files`),
+            likewise.
 
     Raises:
-        DeuxError: another command works there, or the folder holds the work of other settings or other weights.
+        DeuxError: another command works there, or the folder holds the work of other settings, weights or frames.
     """
     if not leads():
         yield RunFolder(path)
@@ -106,13 +112,13 @@ def open_run_folder(
         f"another command is at work in {path}: wait until it has ended, or choose another one with hydra.run.dir=..."
     )
     with locked_at_once(path / _LOCK_FILE, f"works in {path.name}", taken):
-        _claim(path, json.loads(json.dumps(identity)), dict(weights or {}))
+        _claim(path, json.loads(json.dumps(identity)), {_WEIGHTS: dict(weights or {}), _FILES: dict(files or {})})
         yield RunFolder(path)
 
 
-def changed_weights(known: Mapping[str, str], weights: Mapping[str, str]) -> list[str]:
-    """The options whose weights are others than those that were recorded; none of which there is no record."""
-    return sorted(option for option, identity in weights.items() if known.get(option, identity) != identity)
+def changed(known: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """The options whose weights or files are others than those recorded; none of which there is no record."""
+    return sorted(option for option, identity in now.items() if known.get(option, identity) != identity)
 
 
 def short_hash(content: Any) -> str:
@@ -120,35 +126,42 @@ def short_hash(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
 
 
-def _claim(path: Path, mine: Any, weights: dict[str, str]) -> None:
-    """Write down to which run the folder belongs, unless it holds the work of another one."""
+def _claim(path: Path, mine: Any, named: dict[str, dict[str, str]]) -> None:
+    """Write down to which run the folder belongs, unless it holds the work of another one.
+
+    Args:
+        path: the folder.
+        mine: the settings.
+        named: what identifies the weights and files that options name, by `_WEIGHTS` and `_FILES`.
+    """
     record = path / IDENTITY_FILE
     if not (record.exists() and any((path / work).exists() for work in _WORK)):
-        write_json(record, _with_weights(mine, weights))
+        write_json(record, _with_named(mine, named))
         return
     theirs = read_json(record)
-    known = theirs.pop(_WEIGHTS, {}) if isinstance(theirs, dict) else {}
-    if theirs != mine:
-        different = ", ".join(sorted(_differences(theirs, mine))[:4])
+    known = {key: theirs.pop(key, {}) if isinstance(theirs, dict) else {} for key in named}
+    if different := sorted(_differences(theirs, mine)):
         raise DeuxError(
-            f"{path} holds a run with other settings ({different}); "
+            f"{path} holds a run with other settings ({', '.join(different[:4])}); "
             "choose another folder with hydra.run.dir=... or delete this one."
         )
-    if changed := changed_weights(known, weights):
-        raise DeuxError(
-            f"{path} holds a run with other weights: those of {', '.join(changed)} have changed since it was begun; "
-            "choose another folder with hydra.run.dir=... or delete this one."
-        )
-    if weights.keys() - known.keys():
-        write_json(record, _with_weights(mine, known | weights))
+    for key, what, those in ((_WEIGHTS, "weights", "those"), (_FILES, "recorded frames", "the files")):
+        if options := changed(known[key], named[key]):
+            raise DeuxError(
+                f"{path} holds a run with other {what}: {those} of {', '.join(options)} have changed since it was "
+                "begun; choose another folder with hydra.run.dir=... or delete this one."
+            )
+    if any(named[key].keys() - known[key].keys() for key in named):
+        write_json(record, _with_named(mine, {key: known[key] | named[key] for key in named}))
 
 
-def _with_weights(identity: Any, weights: dict[str, str]) -> Any:
+def _with_named(identity: Any, named: Mapping[str, dict[str, str]]) -> Any:
     """What `IDENTITY_FILE` holds."""
-    return identity | {_WEIGHTS: weights} if weights else identity
+    return identity | {key: content for key, content in named.items() if content}
 
 
 def _differences(theirs: Any, mine: Any, where: str = "") -> Iterator[str]:
+    """What differs; an option that is null is as one that an earlier version did not have."""
     if isinstance(theirs, dict) and isinstance(mine, dict):
         for key in theirs.keys() | mine.keys():
             yield from _differences(theirs.get(key), mine.get(key), f"{where}.{key}" if where else key)

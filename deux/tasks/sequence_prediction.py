@@ -25,7 +25,7 @@ from deux.tasks.predict_settings import PredictSettings
 from deux.tasks.prediction_checks import DepthFiles, check_units, errors_beside_interpolation, unseen_truth
 from deux.tasks.prediction_export import export_sequences
 from deux.tasks.prediction_folder import FrameRecord, PredictionFolder
-from deux.tasks.recorded_frames import check_frames, read_given
+from deux.tasks.recorded_frames import check_frames, given_files, read_given
 from deux.tasks.run_folder import open_run_folder
 
 log = logging.getLogger(__name__)
@@ -55,7 +55,8 @@ def predict_sequences(
     chosen, path = sections.plugin("model"), settings.checkpoint
     weights = weights_identity(path) if path else pretrained_identity(chosen, model)
     identity = sections.identity | {"weights": weights}
-    with open_run_folder(run_folder(), identity) as run:
+    files = given_files(reader, "predict.data", sections)
+    with open_run_folder(run_folder(), identity, files=files) as run:
         results = PredictionFolder(run.path, settings.format)
         todo = [frame for frame in frames if frame not in results.records]
         earlier = f", {len(frames) - len(todo)} of them before" if len(todo) < len(frames) else ""

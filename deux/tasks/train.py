@@ -1,19 +1,24 @@
 """`task=train`: train the depth model on frames that are collected, or on recorded ones."""
 
+from typing import Any
+
 from omegaconf import DictConfig
 
 from deux.configuration import run_folder, sections_of
 from deux.contracts import Reader
 from deux.data.dataset_reader import DatasetReader
+from deux.errors import DeuxError
 from deux.options import converted
+from deux.task_sections import Sections
 from deux.tasks.active_training import ActiveTraining
 from deux.tasks.collect import Exploration
+from deux.tasks.command_lines import command_line
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.named_weights import named_weights
-from deux.tasks.recorded_frames import check_recorded, read_given, validation_of
+from deux.tasks.recorded_frames import check_recorded, given_files, read_given, validation_of
 from deux.tasks.run_folder import open_run_folder
 
 
@@ -34,7 +39,8 @@ def run(cfg: DictConfig) -> None:
     exploration = Exploration(sections, datasets, training) if given is None else None
     final = ActiveTraining(sections, datasets, training)
     weights = named_weights(sections, explorer=explored, guide=given is None)
-    with open_run_folder(run_folder(), sections.identity, weights) as run:
+    files = {} if given is None else given_files(given, "training_data", sections)
+    with open_run_folder(run_folder(), sections.identity, weights, files) as run:
         data: Reader | None = given
         if exploration is not None:
             data = DatasetReader(exploration.collect(run))
@@ -43,7 +49,21 @@ def run(cfg: DictConfig) -> None:
         validation = None if given is None else _recorded(given, training)
         with run.stage("train"):
             final.train(data, run, validation)
-        say(f"Trained. To evaluate it: python -m deux task=evaluate evaluation.checkpoint={run.path}")
+        frames = {} if given is None else _evaluation_frames(sections, given)
+        command = command_line({"task": "evaluate", **frames, "evaluation.checkpoint": run.path})
+        say(f"Trained. To evaluate it: {command}")
+
+
+def _evaluation_frames(sections: Sections, given: Reader) -> dict[str, Any]:
+    """The options by which recorded frames are evaluated on, read as those that were trained on."""
+    reader = sections.plugin("data")
+    try:
+        given.triplets("test", (-1,))
+        folder = str(given.folder)
+    except DeuxError:
+        folder = "FOLDER_WITH_TEST_FRAMES"
+    options = {f"data.{name}": value for name, value in reader.chosen.items()}
+    return {"data": reader.name, **options, "evaluation.data": folder}
 
 
 def _recorded(given: Reader, training: Training) -> list[Reader]:

@@ -1,8 +1,9 @@
 """`data=rgbd_folder`: anybody's RGB-D video, as folders of images and depth maps."""
 
+import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,13 +17,9 @@ from deux.contracts import FrameReference
 from deux.errors import DeuxError, check_range
 from deux.geometry.poses import motion
 from deux.io.camera_files import read_any_image, read_any_intrinsics
-from deux.io.frame_files import (
-    DEPTH_SUFFIXES,
-    IMAGE_SUFFIXES,
-    list_files,
-    matching,
-)
+from deux.io.frame_files import DEPTH_SUFFIXES, IMAGE_SUFFIXES, depthless_images, list_files, matching
 from deux.io.layout import natural_order
+from deux_plugins.readers.parts.frame_blocks import Division
 from deux_plugins.readers.parts.recorded_video import (
     Clip,
     FrameFiles,
@@ -39,6 +36,8 @@ SPARSE_FOLDERS = ("sparse", "sparse_depth")
 INTRINSICS_FILES = ("K.txt", "intrinsics.txt", "camera_matrix.txt", "K.npy", "intrinsics.npy")
 INTRINSICS_FOLDERS = ("intrinsics", "K")
 
+log = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class RgbdFolder(RecordedVideo):
@@ -51,7 +50,8 @@ class RgbdFolder(RecordedVideo):
             K.txt (or intrinsics.txt)        3 x 3, in pixels of the images; a folder intrinsics/ has one for each frame
             poses.txt                        optional; see `read_trajectory` for its forms
 
-    Depth maps belong to the images of the same name, or number. Frames are in the order of the numbers in their names.
+    Depth maps, and poses and matrices of single frames, belong to the images of the same name, or number. Frames are in
+    the order of the numbers in their names.
     A frame without depth is no target. Where there are poses, a frame without one is neither target nor source in
     training, and is evaluated all the same. K.txt may also lie in the folder above, for all videos.
 
@@ -67,6 +67,7 @@ class RgbdFolder(RecordedVideo):
         cx: column of the principal point, pixels, 0 at the centre of the first pixel.
         cy: row of the principal point, likewise.
         scale: stored depth values per metre in PNG files: 1000 for millimetres.
+        sparse_scale: the same of the files in sparse/; None for `scale`.
         gap: source frames are so many frames away.
         min_distance: a training frame is static, and left out, if the camera has moved less than so many metres
         min_angle: and turned less than so many degrees since the last one that was kept.
@@ -94,6 +95,7 @@ class RgbdFolder(RecordedVideo):
     cx: float | None = None
     cy: float | None = None
     scale: float = 1000.0
+    sparse_scale: float | None = None
     gap: int = 1
     min_distance: float = 0.01
     min_angle: float = 1.0
@@ -106,6 +108,8 @@ class RgbdFolder(RecordedVideo):
 
     def __post_init__(self) -> None:
         check_video_options(self.gap, self.scale, self.density)
+        if self.sparse_scale is not None:
+            check_range("data.sparse_scale", self.sparse_scale, 0, ends=False)
         for name in ("min_distance", "min_angle", "min_difference", "margin"):
             check_range(f"data.{name}", getattr(self, name), 0)
         for name in ("validation", "test"):
@@ -125,9 +129,9 @@ class RgbdFolder(RecordedVideo):
         if self.fx is not None:
             return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]], dtype=np.float64)
         video = self._videos[frame.sequence]
-        own = [video / folder / f"{frame.name}{suffix}" for folder in INTRINSICS_FOLDERS for suffix in (".txt", ".npy")]
+        own = self._cameras[frame.sequence].get(frame.name)
         shared = [folder / name for folder in (video, self.folder) for name in INTRINSICS_FILES]
-        for path in (*own, *shared):
+        for path in ([] if own is None else [own]) + shared:
             if path.is_file():
                 return read_any_intrinsics(path)
         raise DeuxError(
@@ -142,10 +146,12 @@ class RgbdFolder(RecordedVideo):
 
     def _find(self) -> Frames:
         found: Frames = {}
+        own = False
         for sequence, video in self._videos.items():
-            images = _files_in(video, self._image_folders, IMAGE_SUFFIXES)
+            images = self._images_of(video)
             depths = matching(images, _files_in(video, _choice(self.depth, DEPTH_FOLDERS), DEPTH_SUFFIXES))
             points = matching(images, _files_in(video, _choice(self.sparse, SPARSE_FOLDERS), DEPTH_SUFFIXES))
+            own = own or bool(points)
             if not depths and not points:
                 raise DeuxError(
                     f"{video} has no depth maps of its images' names or numbers: a folder "
@@ -156,8 +162,24 @@ class RgbdFolder(RecordedVideo):
             for name, image in images.items():
                 # Where a video has points of its own, none are sampled for the frames that lack them.
                 truth = depths.get(name) if name in points or not points else None
-                found[sequence][name] = FrameFiles(image, points.get(name), truth, self.scale)
+                found[sequence][name] = FrameFiles(image, points.get(name), truth, self.scale, self.sparse_scale)
+        if self.sparse_scale is not None and not own:
+            raise DeuxError(
+                f"data.sparse_scale={self.sparse_scale:g} is of sparse points, and {self.folder} has no folder "
+                f"{' or '.join(_choice(self.sparse, SPARSE_FOLDERS))} of any: data.scale is of its depth maps."
+            )
+        depthless = [not files.has_depth for frames in found.values() for files in frames.values()]
+        if any(depthless):
+            log.warning(depthless_images(self.folder, sum(depthless), len(depthless)))
         return found
+
+    def _images_of(self, video: Path) -> dict[str, Path]:
+        """The images of a video by the frames' names."""
+        images = _files_in(video, self._image_folders, IMAGE_SUFFIXES)
+        if not images:
+            folder = _subfolder(video, self._image_folders)
+            raise DeuxError(f"{folder} holds no image: .png or .jpg files are expected, so save others as PNG.")
+        return images
 
     def _clips(self, split: str) -> list[Clip]:
         clips = []
@@ -170,12 +192,18 @@ class RgbdFolder(RecordedVideo):
                 skipped["static"] += sum(name in posed for name in block) - len(frames)
                 targets = [name for name in frames if files[name].has_depth]
                 skipped["without depth"] += len(frames) - len(targets)
+                if self.split_by == "frames":
+                    skipped["between splits"] += self._division.between(len(self._frames[sequence]))
             else:
                 frames = [name for name in (*before, *block) if name in posed]
                 targets = [name for name in block if files[name].has_depth]
                 skipped["without depth"] += len(block) - len(targets)
             clips.append(Clip(sequence, targets, frames, self.gap))
         report_skipped(f"{self.folder}, {split}", sum(len(clip.targets) for clip in clips), skipped)
+        if split == "train" and any(clip.targets for clip in clips) and self.split_by == "frames":
+            lengths = {video: len(self._frames[video]) for video in self._videos}
+            if (sentence := self._division.untrained(lengths, self.folder)) is not None:
+                log.warning(sentence)
         return clips
 
     def _expected(self, split: str) -> str:
@@ -189,15 +217,19 @@ class RgbdFolder(RecordedVideo):
     def _blocks(self, split: str) -> dict[str, tuple[list[str], list[str]]]:
         """The split's frames of each video, after the frames of no split that come before them."""
         if self.split_by == "videos":
-            chosen = _divide(list(self._videos), math.ceil, self.validation, self.test, 0)[split]
+            chosen = Division(self.validation, self.test, count=math.ceil).blocks(len(self._videos))[split]
             return {video: ([], list(self._frames[video])) for video in list(self._videos)[chosen]}
         found = {}
         for video in self._videos:
             names = list(self._frames[video])
-            block = _divide(names, round, self.validation, self.test, self.margin)[split]
+            block = self._division.blocks(len(names))[split]
             free = 0 if split == "train" else self.margin
             found[video] = names[max(0, block.start - free) : block.start], names[block]
         return found
+
+    @property
+    def _division(self) -> Division:
+        return Division(self.validation, self.test, self.margin)
 
     def _posed(self, sequence: str) -> Collection[str]:
         """The frames that have a pose; all of them where the video has no poses."""
@@ -223,6 +255,20 @@ class RgbdFolder(RecordedVideo):
 
     def _differ(self, first: np.ndarray, second: np.ndarray) -> bool:
         return first.shape != second.shape or float(np.abs(first - second).mean()) >= self.min_difference
+
+    @cached_property
+    def _cameras(self) -> dict[str, dict[str, Path]]:
+        """The files of the frames' own matrices in each video, by the frames' names."""
+        found: dict[str, dict[str, Path]] = {}
+        for sequence, video in self._videos.items():
+            frames, found[sequence] = self._frames[sequence], {}
+            for folder in reversed(INTRINSICS_FOLDERS):
+                files = {**list_files(video / folder, (".npy",)), **list_files(video / folder, (".txt",))}
+                matched = matching(frames, files)
+                # Numbers count where each frame has a file by them: cam0 and cam1 are not of the first two frames.
+                named = matched if len(matched) == len(frames) else {n: files[n] for n in frames if n in files}
+                found[sequence] |= named
+        return found
 
     @cached_property
     def _poses(self) -> dict[str, dict[str, np.ndarray]]:
@@ -270,21 +316,6 @@ def _files_in(video: Path, names: Sequence[str], suffixes: tuple[str, ...]) -> d
     """The files in the first folder of these names; none if there is no such folder."""
     folder = _subfolder(video, names)
     return {} if folder is None else list_files(folder, suffixes)
-
-
-def _divide(
-    items: Sequence[str], count: Callable[[float], int], validation: float, test: float, margin: int
-) -> dict[str, slice]:
-    """Cut a sequence into training, validation and test items, with `margin` items of no split in between."""
-    end = len(items)
-    found = {}
-    for split, fraction in (("test", test), ("validation", validation)):
-        start = max(0, end - count(fraction * len(items)))
-        found[split] = slice(start, end)
-        if start < end:
-            end = max(0, start - margin)
-    found["train"] = slice(0, end)
-    return found
 
 
 def _grey(path: Path) -> np.ndarray:

@@ -13,7 +13,7 @@ from toy_world import ROOM, ToyScene, ToySimulator
 from void_layout import dataset, write
 
 from deux.contracts import Action, FrameReference
-from deux.data.chosen_sources import list_triplets
+from deux.data.chosen_sources import count_without_sources, list_triplets
 from deux.data.dataset_reader import DatasetReader
 from deux.data.triplet_export import write_triplets
 from deux.data.triplets import SampleSettings, TripletDataset
@@ -158,3 +158,35 @@ def test_the_sentence_says_why_no_frame_has_sources(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match=r"None of the 2 train frames of .* has source frames: .*training\.sources"):
         TripletDataset([reader], "train", SampleSettings(), choice="baseline")
     assert len(TripletDataset([reader], "train", SampleSettings(sources="unread"), choice="baseline")) == 2
+
+
+@pytest.mark.parametrize("kind", ["posed", "listed", "without poses", "one with poses", "three frames"])
+def test_frames_without_sources_are_counted_without_reading_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    frames = walk()[: 3 if kind == "three frames" else None]
+    folder = write(tmp_path / "d", {"hall-00": frames, "hall-01": walk()[:5]}, triplets=kind == "listed")
+    for number in {"without poses": (0, 1), "one with poses": (1,)}.get(kind, ()):
+        shutil.rmtree(folder / f"data/hall-0{number}/absolute_pose")
+    reader = DatasetReader(folder)
+    for choice in ("recent", "baseline"):
+        for offsets in ((-1, -2), (-3, 3)):
+            lacking = sum(not t.sources for t in list_triplets(reader, "train", choice, offsets))  # type: ignore[arg-type]
+            with monkeypatch.context() as patched:
+                patched.setattr(DatasetReader, "sparse_depth", None)
+                assert count_without_sources(reader, "train", choice, offsets) == lacking  # type: ignore[arg-type]
+
+
+def test_frames_beside_lost_poses_are_counted(tmp_path: Path) -> None:
+    video = tmp_path / "hall"
+    folder = write(tmp_path / "d", {"hall-00": walk()}, triplets=False)
+    for kind, name in (("image", "images"), ("ground_truth", "depth")):
+        shutil.copytree(folder / "data/hall-00" / kind, video / name)
+    shutil.copy(folder / "data/hall-00/K.txt", video)
+    poses = [frame.pose.ravel() for frame in walk()]
+    for number in (*range(1, 8), 9):  # frame 0 has no neighbour with a pose
+        poses[number] = np.full(16, np.nan)
+    np.savetxt(video / "poses.txt", poses)
+    reader = RgbdFolder(video, test=0.0, validation=0.0, min_distance=0.0, min_angle=0.0)
+    lacking = sum(not triplet.sources for triplet in list_triplets(reader, "train", "baseline"))
+    assert count_without_sources(reader, "train", "baseline", (-1, -2)) == lacking

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from deux.data.depth_unit import likely_scale, ratio_warning, unit_warning
+from deux.data.depth_unit import (
+    likely_scale,
+    points_scale,
+    ratio_remedy,
+    ratio_warning,
+    scale_sentence,
+    unit_warning,
+)
 
 
 def scene(nearest: float, farthest: float) -> np.ndarray:
@@ -64,6 +71,23 @@ def test_nothing_is_said_of_no_depth_or_of_what_no_unit_explains() -> None:
 def test_ground_truth_in_another_unit_is_noticed_at_the_points(factor: float, said: bool) -> None:
     rng = np.random.default_rng(0)
     sparse = np.where(rng.random(ROOM.shape) < 0.2, ROOM * rng.normal(1.0, 0.05, ROOM.shape), 0.0)
-    found = ratio_warning(factor * ROOM, sparse, "truth.png", "predict.ground_truth_scale")
+    found = ratio_warning(factor * ROOM, sparse, "truth.png", scale_sentence("predict.ground_truth_scale"))
     assert (found is not None) == said
     assert ratio_warning(np.where(sparse > 0, 0.0, 9 * ROOM), sparse, "truth.png", "x") is None  # no pixel in common
+
+
+def test_the_options_of_a_reader_are_those_that_it_has() -> None:
+    class Reader:
+        scale = 1000.0
+
+    assert points_scale(Reader()) == (1000.0, "data.scale")
+    assert ratio_remedy(Reader()) == ""
+    reader = Reader()
+    reader.sparse_scale = None  # type: ignore[attr-defined]
+    assert points_scale(reader) == (1000.0, "data.scale")
+    assert ratio_remedy(reader) == " data.sparse_scale sets the stored values per metre of the sparse points."
+    reader.sparse_scale = 256.0  # type: ignore[attr-defined]
+    assert points_scale(reader) == (256.0, "data.sparse_scale")
+    reader.ground_truth_scale = None  # type: ignore[attr-defined]
+    assert ratio_remedy(reader) == " data.ground_truth_scale sets the stored values per metre of the ground truth."
+    assert points_scale(object()) is None

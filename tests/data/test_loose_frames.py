@@ -45,6 +45,13 @@ def write(folder: Path, names: list[str], numbers: list[int], video: bool = Fals
     return LooseFrames(folder / ("clip.mp4" if video else "images"), folder / "points", folder / "K.txt")
 
 
+def test_images_without_points_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write(tmp_path, [f"rgb_{number + 8}.png" for number in (0, 2, 3)], [0, 2, 3])
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{tmp_path}/images: 2 of 5 images have no depth, by name or number."
+    ]
+
+
 @pytest.mark.parametrize("form", ["rgb_{}.png", "sparse-{}.npy", "{:04d}.png"])
 def test_images_have_the_points_of_their_name_or_number(tmp_path: Path, form: str) -> None:
     reader = write(tmp_path, [form.format(number + 8) for number in (0, 2, 3)], [0, 2, 3])

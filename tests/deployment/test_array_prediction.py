@@ -165,10 +165,47 @@ def test_no_model(tmp_path):
         deux.predict(**frame(), model=None)
 
 
-def test_far_away_frames_are_no_mistake():
+def test_points_beyond_the_range_are_no_mistake_while_one_lies_within():
     data = frame()
-    data["sparse_depth"] *= 15.0
-    assert deux.predict(**data, model=Doubling()).max() > 100.0
+    data["sparse_depth"] *= 9.0
+    data["sparse_depth"][0, 0] = 9.9
+    assert deux.predict(**data, model=Doubling()).max() > 80.0
+
+
+def test_points_that_all_lie_beyond_the_range_are_refused():
+    """In centimetres they are no farther away than ten times the model's range."""
+    data = frame()
+    data["sparse_depth"] *= 100.0
+    sentence = r"sparse_depth is at 10.* predicts up to 10 metres: .* divide millimetres by 1000 and centimetres by 100"
+    with pytest.raises(DeuxError, match=sentence):
+        deux.predict(**data, model=Doubling())
+    with pytest.raises(DeuxError, match=rf"^frame 0: .*{sentence}"):
+        next(deux.predict(**{name: iter([value]) for name, value in data.items()}, model=Doubling()))
+
+
+def test_a_later_frame_of_a_stream_may_be_far_away():
+    near, far = frame(), frame()
+    far["sparse_depth"] *= 15.0
+    stream = {name: iter([near[name], far[name]]) for name in near}
+    assert max(depth.max() for depth in deux.predict(**stream, model=Doubling())) > 100.0
+
+
+def test_a_camera_of_another_size_is_warned_of_once_in_a_call_or_stream(caplog):
+    data = frame()
+    deux.predict(**data, model=Doubling())
+    assert not caplog.messages
+    data["intrinsics"] = np.diag([1 / WIDTH, 1 / HEIGHT, 1.0]) @ data["intrinsics"]
+    deux.predict(**data, model=Doubling())
+    (message,) = caplog.messages
+    assert message.startswith("the focal lengths 0.5 and 0.675676 are too short for an image of 50 x 37 pixels: if the")
+    assert message.endswith("multiply its first row by the width 50 and its second row by the height 37.")
+    for given in (
+        {name: np.stack([value] * 3) for name, value in data.items()},
+        {name: iter([value] * 3) for name, value in data.items()},
+    ):
+        caplog.clear()
+        assert len(list(deux.predict(**given, model=Doubling()))) == 3
+        assert caplog.messages == [message]
 
 
 MISTAKES = {

@@ -1,4 +1,5 @@
 import pickle
+from typing import ClassVar
 
 import pytest
 import torch
@@ -243,3 +244,38 @@ def test_a_model_without_published_code_is_not_written(path):
     with pytest.raises(DeuxError, match=r"'plain' has no published code that could load it: export.format=onnx\.$"):
         save_published(Plain(), "plain", path)
     assert not path.exists()
+
+
+class Fixed(Two):
+    """A model that deux makes with an option that the published code does not have."""
+
+    published_options: ClassVar[dict[str, int]] = {"margin": 0}
+
+    def __init__(self, margin: int = 4) -> None:
+        super().__init__()
+        self.margin = margin
+
+
+@pytest.fixture
+def fixed():
+    registry().register("depth_models", "fixed", Fixed)
+    yield
+    registry().unregister("depth_models", "fixed")
+
+
+@pytest.mark.usefixtures("fixed")
+def test_options_that_are_asked_for_are_those_of_the_model(path):
+    torch.save(checkpoint_of(Fixed()), path)
+    assert deux.load_published("fixed", path).margin == 0
+    assert deux.load_published("fixed", path, settings={"margin": 2}).margin == 2
+
+
+@pytest.mark.usefixtures("fixed")
+def test_what_the_published_code_does_not_compute_is_said(path, caplog):
+    save_published(Fixed(margin=0), "fixed", path)
+    assert not caplog.messages
+    save_published(Fixed(), "fixed", path)
+    assert caplog.messages == [
+        f"{path} holds a fixed with margin=4, and its published code computes with margin=0, so that its depth will "
+        "differ; deux.load_published makes the same model again by settings={'margin': 4}."
+    ]

@@ -103,6 +103,17 @@ def test_frames_are_judged_by_the_camera_and_drawn_below_the_option_that_names_t
     assert "max_depth=10 too small?" in capsys.readouterr().out
 
 
+def test_an_option_needs_the_split_that_its_task_reads(tmp_path, capsys):
+    folders = [dataset(tmp_path / "train", triplets=False), dataset(tmp_path / "test", "test", triplets=False)]
+    outputs = f"paths.outputs={tmp_path / 'outputs'}"
+    assert main([f"training_data={folders[0]}", f"evaluation.data={folders[1]}", outputs]) == 0
+    capsys.readouterr()
+    assert main([f"training_data={folders[1]}", outputs]) == 1
+    assert f"training_data needs train frames: {folders[1]} has no train split" in lines(capsys)["FAULT"]
+    assert main([f"evaluation.data={folders[0]}", outputs]) == 1
+    assert f"evaluation.data needs test frames: {folders[0]} has no test split" in lines(capsys)["FAULT"]
+
+
 class Downloads(SceneSource):
     """Two scenes, of which one is there."""
 

@@ -12,6 +12,7 @@ from void_layout import dataset, enlarge
 from deux.data.dataset_reader import DatasetReader
 from deux.doctor.frame_checks import SplitCheck, check_frames
 from deux.geometry.poses import inverse
+from deux_plugins.readers.rgbd_folder import RgbdFolder
 
 
 @pytest.fixture
@@ -44,6 +45,15 @@ def test_a_good_recording_has_no_problems(folder: Path, tmp_path: Path) -> None:
     assert check.preview == tmp_path / "previews/train.png"
     with Image.open(check.preview) as preview:
         assert len(np.unique(np.array(preview.convert("RGB")).reshape(-1, 3), axis=0)) > 100
+
+
+def test_frames_count_as_trained_on_where_the_training_chooses_their_sources(folder: Path) -> None:
+    """By parallax, the first frames of a sequence have source frames after them."""
+    found = check_frames(DatasetReader(folder), show=lambda line: None, choice="baseline")
+    assert not any("source frames" in fact for fact in found[0].facts)
+    shutil.rmtree(folder / "data/hall-00/absolute_pose")
+    found = check_frames(DatasetReader(folder), show=lambda line: None, choice="baseline")
+    assert "2 frames have no source frames: evaluated, but not trained on" in found[0].facts
 
 
 def test_the_motion_of_a_frame_is_that_of_its_pose(folder: Path) -> None:
@@ -128,6 +138,32 @@ def test_what_is_not_there_is_a_fact_and_no_problem(folder: Path, tmp_path: Path
     }
     assert any(sentence[kind] in fact for fact in check.facts)
     assert check.preview is not None
+
+
+def test_depth_without_a_point_says_nothing_of_poses(folder: Path) -> None:
+    for kind in ("ground_truth", "sparse_depth"):
+        for file in folder.glob(f"data/*/{kind}/*.png"):
+            Image.fromarray(np.zeros((40, 48), np.uint16)).save(file)
+    check = train(DatasetReader(folder))
+    assert check.problems == ["12 of the 12 frames that were read have no sparse point."]
+    assert check.warp is None
+    assert "no ground truth at any pixel of neighbouring frames: nothing is said of poses" in check.facts
+
+
+def test_an_option_is_named_only_where_the_reader_has_it(folder: Path) -> None:
+    video = folder.parent / "hall"
+    for kind, name in (("image", "images"), ("sparse_depth", "sparse"), ("ground_truth", "depth")):
+        shutil.copytree(folder / "data/hall-00" / kind, video / name)
+    shutil.copy(folder / "data/hall-00/K.txt", video)
+    for file in (video / "sparse").glob("*.png"):
+        Image.fromarray(2 * np.array(Image.open(file))).save(file)
+    options = {"scale": 256.0, "test": 0.0, "validation": 0.0}
+    (problem,) = check_frames(RgbdFolder(video, **options), show=lambda line: None)[0].problems
+    assert problem.endswith(
+        "is 0.5 times the sparse depth at the points that both have (median): are both in one unit? "
+        "data.sparse_scale sets the stored values per metre of the sparse points."
+    )
+    assert check_frames(RgbdFolder(video, sparse_scale=512.0, **options), show=lambda line: None)[0].problems == []
 
 
 def test_single_frames_are_checked_as_far_as_they_go(tmp_path: Path) -> None:

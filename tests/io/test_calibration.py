@@ -99,3 +99,10 @@ def test_a_matrix_of_another_image_is_noticed(matrix: np.ndarray, sentence: str)
     assert found is not None
     assert re.search(sentence, found)
     assert "\n" not in found
+
+
+def test_matrices_may_be_separated_by_commas(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "K.txt", Camera(hfov=77.0).intrinsics, fmt="%.18e", delimiter=",")
+    np.testing.assert_array_equal(read_intrinsics(tmp_path / "K.txt"), Camera(hfov=77.0).intrinsics)
+    np.savetxt(tmp_path / "pose.txt", np.eye(4), delimiter=", ")
+    np.testing.assert_array_equal(read_pose(tmp_path / "pose.txt"), np.eye(4))

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from deux.errors import DeuxError
-from deux.io.camera_files import read_any_depth, read_any_image
+from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
 from deux.io.images import read_image
 
 
@@ -105,3 +105,12 @@ def test_stored_values_over_the_scale_are_metres(tmp_path, scale):
     stored = np.array([[0, 1, 65534], [256, 1000, 5000]], np.uint16)
     Image.fromarray(stored).save(tmp_path / "d.png")
     np.testing.assert_allclose(read_any_depth(tmp_path / "d.png", scale), stored / scale, rtol=1e-6)
+
+
+def test_the_ending_of_an_array_may_be_in_capitals(tmp_path):
+    depth, matrix = np.full((4, 6), 1.5, np.float32), np.array([[30.0, 0, 2.5], [0, 30, 1.5], [0, 0, 1]])
+    for name, array in (("d.NPY", depth), ("K.Npy", matrix)):
+        with (tmp_path / name).open("wb") as file:
+            np.save(file, array)
+    np.testing.assert_array_equal(read_any_depth(tmp_path / "d.NPY"), depth)
+    np.testing.assert_array_equal(read_any_intrinsics(tmp_path / "K.Npy"), matrix)

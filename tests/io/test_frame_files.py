@@ -26,6 +26,20 @@ def test_files_belong_to_frames_by_name_and_otherwise_by_number() -> None:
     assert matching(["rgb_1"], {}) == {}
 
 
+def test_what_names_leave_is_matched_by_number() -> None:
+    depths = {"01": Path("a"), "02": Path("b"), "10": Path("c")}
+    assert matching(["1", "2", "10"], depths) == {"1": Path("a"), "2": Path("b"), "10": Path("c")}
+    assert list(matching(["1", "2", "10"], depths)) == ["1", "2", "10"]
+    # The number of a frame that has its file tells no other one's.
+    assert matching(["left_1", "right_1"], {"left_1": Path("a"), "mask_1": Path("b")}) == {"left_1": Path("a")}
+    # Of two files with one number neither is taken, and other files do not matter.
+    assert matching(["1", "2"], {"1": Path("a"), "02": Path("b"), "002": Path("c")}) == {"1": Path("a")}
+    assert matching(["1", "2"], {"1": Path("a"), "02": Path("b"), "x_7": Path("c"), "y_7": Path("d")}) == {
+        "1": Path("a"),
+        "2": Path("b"),
+    }
+
+
 def test_two_frames_of_one_number_have_no_file_by_it() -> None:
     """Which of the two cameras the depth belongs to, the numbers do not tell."""
     depths = {f"depth_{number}": Path(f"d{number}") for number in (1, 2)}

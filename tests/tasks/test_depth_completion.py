@@ -105,3 +105,12 @@ def test_a_refusal_names_the_measures_that_would_do():
     assert sentence.endswith(
         "and this is one frame: choose a measure that judges single frames, flip or hidden_points or sparse_error."
     )
+
+
+def test_whoever_completes_frames_has_judged_them(walk, caplog):
+    """A task looks at some frames before it begins: no batch is warned of again, and far frames end no long command."""
+    matrix = np.diag([1 / CAMERA.width, 1 / CAMERA.height, 1.0]) @ walk[0].intrinsics
+    far = replace(walk[0], sparse_depth=20 * walk[0].sparse_depth, intrinsics=matrix)
+    assert far.sparse_depth[far.sparse_depth > 0].min() > Wall.max_depth
+    assert len(DepthCompleter(Wall())([far, far])) == 2
+    assert not caplog.messages

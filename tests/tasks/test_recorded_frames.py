@@ -88,8 +88,14 @@ def test_recorded_poses(tiny, video, model_file, tmp_path, model):
     with log.open() as lines:
         assert any(row.get("validation/mae") for row in csv.DictReader(lines))
 
-    folders = [f"evaluation.checkpoint={tmp_path}/run", f"hydra.run.dir={tmp_path}/tested", f"evaluation.data={video}"]
-    outcome = tiny(tmp_path, "task=evaluate", *folders, "scenes=files", model=model)
+    printed = outcome.out.rpartition("Trained. To evaluate it: python -m deux ")[2].split()
+    assert printed == [
+        "task=evaluate",
+        "data=deux",
+        f"evaluation.data={video}",
+        f"evaluation.checkpoint={tmp_path}/run",
+    ]
+    outcome = tiny(tmp_path, *printed, f"hydra.run.dir={tmp_path}/tested", "scenes=files", model=model)
     assert (outcome.code, outcome.err) == (0, "")
     assert f"12 test frames of {video}" in outcome.out
     found = results(tmp_path / "tested")
@@ -118,6 +124,19 @@ def test_a_supervised_model_needs_no_poses(tiny, without_poses, tmp_path):
     assert (outcome.code, outcome.err) == (0, "")
 
 
+def test_a_training_does_not_go_on_with_other_frames(tiny, video, tmp_path):
+    folder = copy(video, tmp_path)
+    options = ["task=train", f"training_data={folder}", f"hydra.run.dir={tmp_path}/run"]
+    assert tiny(tmp_path, *options).code == 0
+    assert "trained before" in tiny(tmp_path, *options).out
+    matrix = np.loadtxt(folder / "data/kitchen/K.txt")
+    np.savetxt(folder / "data/kitchen/K.txt", 2 * matrix)
+    assert tiny(tmp_path, *options).sentence == (
+        f"{tmp_path}/run holds a run with other recorded frames: the files of training_data have changed since it was "
+        "begun; choose another folder with hydra.run.dir=... or delete this one."
+    )
+
+
 def test_a_foundation_is_trained_on_generated_flats_and_that_is_said(tiny, video, tmp_path):
     """The crop of the recorded frames is larger than the camera of those flats."""
     options = [f"training_data={video}", f"hydra.run.dir={tmp_path}/run", "training.crop=[64,72]"]
@@ -141,6 +160,7 @@ def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny
     options = ["task=train", f"training_data={folder}", "scenes.validation=2", f"hydra.run.dir={tmp_path}/run"]
     outcome = tiny(tmp_path, *options)
     assert (outcome.code, outcome.err) == (0, "")
+    assert "task=evaluate data=deux evaluation.data=" in outcome.out
     assert f"no validation: {folder} has no validation split" in outcome.out
     assert not (tmp_path / "datasets").exists()
     lines = [f"copy/data/office/image/{number}.jpg" for number in range(FRAMES)]
@@ -149,6 +169,11 @@ def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny
     outcome = tiny(tmp_path, *options[:-1], "data.validation=[office]", f"hydra.run.dir={tmp_path}/held-out")
     assert (outcome.code, outcome.err) == (0, "")
     assert f"6 validation frames of {folder}\n" in outcome.out
+    chosen = "data=deux 'data.validation=[office]' evaluation.data="
+    assert f"task=evaluate {chosen}{folder} evaluation.checkpoint=" in outcome.out
+    (folder / "test_image.txt").unlink()
+    outcome = tiny(tmp_path, *options[:-1], "data.validation=[office]", f"hydra.run.dir={tmp_path}/no-test")
+    assert f"task=evaluate {chosen}FOLDER_WITH_TEST_FRAMES evaluation.checkpoint=" in outcome.out
 
 
 @pytest.mark.parametrize("why", ["single", "blind"])
@@ -194,10 +219,11 @@ def test_intrinsics_divided_by_the_images_size_are_noticed(tiny, video, tmp_path
 
 def test_frames_without_points_are_counted_in_the_table(tiny, video, model_file, tmp_path):
     folder = copy(video, tmp_path)
-    Image.fromarray(np.zeros((48, 48), np.uint16)).save(folder / "data/hall/sparse_depth/2.png")
+    Image.fromarray(np.zeros((48, 48), np.uint16)).save(folder / "data/hall/sparse_depth/0.png")
     options = [f"evaluation.data={folder}", f"evaluation.checkpoint={model_file('kbnet')}"]
     outcome = tiny(tmp_path, "task=evaluate", *options, f"hydra.run.dir={tmp_path}/run")
-    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.code == 0
+    assert outcome.err == f"WARNING: 1 of the 8 frames of {folder} that were read has no point.\n"
     assert "Errors on the 12 test frames" in outcome.out
     found = results(tmp_path / "run")
     assert found["without_points"] == 1

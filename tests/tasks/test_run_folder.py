@@ -47,6 +47,40 @@ def test_a_run_without_a_record_of_its_weights_goes_on(tmp_path):
         pass
 
 
+def test_other_recorded_frames_under_the_same_path_are_refused_and_unknown_ones_recorded(tmp_path):
+    """A folder of an earlier version has no record of them."""
+    with open_run_folder(tmp_path, {"seed": 0}, {"training.start": "1a"}):
+        (tmp_path / "checkpoints").mkdir()
+    with open_run_folder(tmp_path, {"seed": 0}, {"training.start": "1a"}, {"training_data": "c3"}):
+        pass
+    assert json.loads((tmp_path / "run.json").read_text()) == {
+        "seed": 0,
+        "weights of options": {"training.start": "1a"},
+        "files of options": {"training_data": "c3"},
+    }
+    sentence = (
+        f"^{tmp_path} holds a run with other recorded frames: the files of training_data have changed since it was "
+        r"begun; choose another folder with hydra\.run\.dir=\.\.\. or delete this one\.$"
+    )
+    with (
+        pytest.raises(DeuxError, match=sentence),
+        open_run_folder(tmp_path, {"seed": 0}, {"training.start": "1a"}, {"training_data": "d4"}),
+    ):
+        pass
+
+
+def test_an_option_that_came_later_and_is_null_changes_nothing(tmp_path):
+    with open_run_folder(tmp_path, {"data": {"scale": 1000.0}}):
+        (tmp_path / "checkpoints").mkdir()
+    with open_run_folder(tmp_path, {"data": {"scale": 1000.0, "sparse_scale": None}}):
+        pass
+    with (
+        pytest.raises(DeuxError, match=r"data\.sparse_scale: None there, 256\.0 here"),
+        open_run_folder(tmp_path, {"data": {"scale": 1000.0, "sparse_scale": 256.0}}),
+    ):
+        pass
+
+
 def test_a_run_that_came_to_nothing_makes_room_for_another(tmp_path):
     for checkpoint in ("nowhere", None):
         with open_run_folder(tmp_path, {"seed_model": {"checkpoint": checkpoint}}):

@@ -324,3 +324,19 @@ def test_a_model_that_brings_its_weights_resumes_with_the_same_options_only(pred
     assert "7 of them before" in predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy").out
     sentence = predict(f"model={wall}", "model.distance=2.5", checkpoint=None, format="npy").sentence
     assert "holds a run with other settings" in sentence
+
+
+def test_frames_of_a_corrected_camera_are_not_taken_for_those_of_before(predict, room_folder):
+    assert predict().code == 0
+    run = room_folder.parent / "run"
+    assert predict().code == 0
+    record = json.loads((run / "run.json").read_text())
+    del record["files of options"]  # as an earlier version left it
+    (run / "run.json").write_text(json.dumps(record))
+    assert predict().code == 0
+    matrix = np.loadtxt(room_folder / "K.txt")
+    np.savetxt(room_folder / "K.txt", 2 * matrix)
+    assert predict().sentence == (
+        f"{run} holds a run with other recorded frames: the files of predict.data have changed since it was begun; "
+        "choose another folder with hydra.run.dir=... or delete this one."
+    )

@@ -32,12 +32,14 @@ class FrameFiles:
         sparse_depth: the sparse points; None where they are sampled from the ground truth.
         ground_truth: the true depth.
         scale: stored depth values per metre, in PNG files.
+        sparse_scale: the same of the sparse points; None for `scale`.
     """
 
     image: Path
     sparse_depth: Path | None = None
     ground_truth: Path | None = None
     scale: float = 256.0
+    sparse_scale: float | None = None
 
     @property
     def has_depth(self) -> bool:
@@ -137,7 +139,7 @@ class RecordedVideo(Reader):
         """H x W float32 metres, 0 = none; at corners of the image where there is no file of points."""
         files = self._files(frame)
         if files.sparse_depth is not None:
-            return read_any_depth(files.sparse_depth, files.scale)
+            return read_any_depth(files.sparse_depth, files.sparse_scale or files.scale)
         depth = self.ground_truth(frame)
         if depth is None:
             raise DeuxError(f"{self.folder} has no depth of frame {frame.name} of {frame.sequence}.")
@@ -221,4 +223,5 @@ def _sources(frames: Sequence[str], index: int | None, steps: Sequence[int]) -> 
 
 
 def _size(array: np.ndarray) -> str:
-    return f"{array.shape[0]} x {array.shape[1]}"
+    """Width x height."""
+    return f"{array.shape[1]} x {array.shape[0]}"

@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from deux.errors import DeuxError
 from deux.geometry.poses import inverse
-from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_pose
+from deux.io.frame_files import list_files, matching
+from deux.io.number_lines import as_numbers, read_lines, read_numbers
 
 TRAJECTORY_FILES = ("poses.txt", "groundtruth.txt", "trajectory.txt", "poses", "pose")
 """Names under which poses are looked for; the last two are folders with a file for each frame."""
@@ -22,10 +23,10 @@ TOLERANCE = 0.02
 def read_trajectory(path: Path, stems: Sequence[str], world_to_camera: bool = False) -> dict[str, np.ndarray]:
     """Read the poses of a video's frames.
 
-    A folder has a text file for each frame, of its name, with a 3 x 4 or 4 x 4 matrix. A file has one line for each
-    frame in their order, of 12 or 16 numbers, the rows of such a matrix; or lines of a time stamp in seconds and
-    tx ty tz qx qy qz qw, the form of the TUM benchmark, each of which belongs to the image that is nearest in time, by
-    its name, within `TOLERANCE`.
+    A folder has a text file for each frame, of its name or number, with a 3 x 4 or 4 x 4 matrix. A file has one line
+    for each frame in their order, of 12 or 16 numbers, the rows of such a matrix; or lines of a time stamp in seconds
+    and tx ty tz qx qy qz qw, the form of the TUM benchmark, each of which belongs to the image that is nearest in time,
+    by its name, within `TOLERANCE`.
 
     Args:
         path: the file or folder.
@@ -41,8 +42,9 @@ def read_trajectory(path: Path, stems: Sequence[str], world_to_camera: bool = Fa
             is not.
     """
     if path.is_dir():
-        rows = {stem: _numbers(file) for stem in stems if (file := path / f"{stem}.txt").exists()}
-        found = {stem: checked_pose(row, path / f"{stem}.txt") for stem, row in rows.items() if np.isfinite(row).all()}
+        files = matching(stems, list_files(path, (".txt",)))
+        rows = {stem: read_numbers(file) for stem, file in files.items()}
+        found = {stem: checked_pose(row, files[stem]) for stem, row in rows.items() if np.isfinite(row).all()}
     else:
         table = _table(path)
         found = _by_time(table, path, stems) if table.shape[1] == 8 else _by_order(table, path, stems)
@@ -85,23 +87,12 @@ def _from_quaternion(row: np.ndarray, where: str) -> np.ndarray:
 
 
 def _table(path: Path) -> np.ndarray:
-    """The numbers of a text file, line by line; lines that begin with # are comments."""
-    text = read_bytes(path).decode(errors="replace")
-    lines = [line.replace(",", " ").split() for line in text.splitlines() if line.strip() and line.strip()[0] != "#"]
+    """The numbers of a text file, line by line."""
+    lines = read_lines(path)
     widths = sorted({len(line) for line in lines})
     if len(widths) != 1 or widths[0] not in (8, 12, 16):
         raise DeuxError(
             f"{path} has lines of {', '.join(map(str, widths)) or 'no'} numbers: a pose is 12 or 16 numbers, the rows "
             "of its matrix, or a time stamp and tx ty tz qx qy qz qw."
         )
-    try:
-        return np.array(lines, dtype=np.float64)
-    except ValueError as error:
-        raise DeuxError(f"{path} is not a text file of numbers.") from error
-
-
-def _numbers(path: Path) -> np.ndarray:
-    try:
-        return np.array(read_bytes(path).split(), dtype=np.float64)
-    except ValueError as error:
-        raise DeuxError(f"{path} is not a text file of numbers.") from error
+    return as_numbers(lines, path)

@@ -193,11 +193,80 @@ def test_frames_without_depth_or_pose_are_counted(tmp_path: Path, caplog: pytest
         ("1", "0"), ("2", "1"), ("3", "2"), ("5", "3"), ("6", "5"), ("8", "7"), ("9", "8"),
     ]  # fmt: skip
     assert [r.getMessage() for r in caplog.records] == [
-        f"{folder}, train: 8 of 10 frames: 1 without pose, 1 without depth"
+        f"{folder}: 1 of 10 images has no depth, by name or number.",
+        f"{folder}, train: 8 of 10 frames: 1 without pose, 1 without depth",
     ]
     evaluated = RgbdFolder(folder, validation=0, test=0.7, margin=0).triplets("test", (-1,))
     assert [(t.target.name[-1], len(t.sources)) for t in evaluated if len(t.sources) == 0] == [("3", 0), ("4", 0)]
     assert len(evaluated) == 6
+
+
+def test_depth_is_found_by_number_where_some_names_coincide(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Images 1.png to 12.png beside depth 01.png to 12.png: the last three are of one name."""
+    folder = write_video(tmp_path / "hall", list(video(12)), name="{}")
+    for number in range(12):
+        (folder / "depth" / f"{number}.png").rename(folder / "depth" / f"{number:02}.png")
+    with caplog.at_level(logging.WARNING):
+        assert [frame.name for frame in whole(folder).frames()] == [str(number) for number in range(12)]
+    assert not caplog.records
+
+
+def test_poses_and_matrices_of_frames_are_found_by_number(tmp_path: Path) -> None:
+    folder = write_video(tmp_path / "hall", frames := list(video(4)), poses=False)
+    for number, frame in enumerate(frames):
+        save_matrix(folder / "poses" / f"pose_{number:05}.txt", frame.pose)
+        save_matrix(folder / "intrinsics" / f"K_{number:05}.txt", np.diag([2.0, 2.0, 1.0]) @ frame.intrinsics)
+    reader = whole(folder)
+    for number, frame in enumerate(frames):
+        named = FrameReference("hall", f"frame_{number}")
+        np.testing.assert_allclose(reader.pose(named), frame.pose)
+        np.testing.assert_array_equal(reader.intrinsics(named), np.diag([2.0, 2.0, 1.0]) @ frame.intrinsics)
+    for number in (2, 3):  # two files that are of the two cameras rather than of the first frames
+        (folder / "intrinsics" / f"K_{number:05}.txt").unlink()
+    np.testing.assert_array_equal(whole(folder).intrinsics(FrameReference("hall", "frame_0")), frames[0].intrinsics)
+
+
+def test_short_videos_without_training_frames_are_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for name, count in (("long", 40), ("short", 12), ("tiny", 9)):
+        write_video(tmp_path / name, list(video(count)))
+    with caplog.at_level(logging.WARNING):
+        RgbdFolder(tmp_path).triplets("train", (-1,))
+    assert [r.getMessage() for r in caplog.records] == [
+        f"{tmp_path}, train: 18 of 43 frames: 25 between splits",
+        f"{tmp_path}: 2 of 3 videos have no training frames (short, tiny), as data.validation=0.1, data.test=0.2 and "
+        "data.margin=5 take them all: data.margin=2 or data.split_by=videos leaves some.",
+    ]
+    caplog.clear()
+    with caplog.at_level(logging.WARNING):
+        assert {t.target.sequence for t in RgbdFolder(tmp_path, margin=2).triplets("train", (-1,))} == {
+            "long",
+            "short",
+            "tiny",
+        }
+        RgbdFolder(tmp_path, split_by="videos").triplets("train", (-1,))
+    assert [r.getMessage() for r in caplog.records] == [f"{tmp_path}, train: 31 of 43 frames: 12 between splits"]
+
+
+def test_points_may_have_a_unit_of_their_own(tmp_path: Path) -> None:
+    folder = write_video(tmp_path / "hall", frames := list(video(2)))
+    frame = FrameReference("hall", "frame_1")
+    with pytest.raises(DeuxError, match=r"data\.sparse_scale=256 is of sparse points, and .*hall has no folder sparse"):
+        whole(folder, sparse_scale=256.0).sparse_depth(frame)
+    for number in (0, 1):
+        save_depth(folder / "sparse" / f"frame_{number}.png", frames[number].sparse_depth, 256.0)
+    reader = whole(folder, sparse_scale=256.0)
+    points, truth = reader.sparse_depth(frame), reader.ground_truth(frame)
+    np.testing.assert_allclose(points[points > 0], truth[points > 0], atol=0.005)
+    with pytest.raises(DeuxError, match=r"data\.sparse_scale is 0"):
+        whole(folder, sparse_scale=0.0)
+
+
+def test_images_of_another_format_are_named_as_what_is_missing(tmp_path: Path) -> None:
+    folder = write_video(tmp_path / "hall", list(video(2)))
+    for number in (0, 1):
+        (folder / "rgb" / f"frame_{number}.png").rename(folder / "rgb" / f"frame_{number}.bmp")
+    with pytest.raises(DeuxError, match=r"hall/rgb holds no image: \.png or \.jpg files are expected, so save others"):
+        whole(folder).frames()
 
 
 def test_where_a_video_has_points_none_are_sampled(tmp_path: Path) -> None:
@@ -227,7 +296,7 @@ def test_the_cameras_matrix(tmp_path: Path) -> None:
 def test_depth_of_another_size_than_the_image_is_refused(tmp_path: Path) -> None:
     folder = write_video(tmp_path / "hall", list(video(3)))
     save_depth(folder / "depth/frame_1.png", np.ones((8, 12)), 1000.0)
-    with pytest.raises(DeuxError, match=r"frame_1 of hall in .* has an image of 16 x 24 pixels and depth of 8 x 12"):
+    with pytest.raises(DeuxError, match=r"frame_1 of hall in .* has an image of 24 x 16 pixels and depth of 12 x 8"):
         whole(folder).sparse_depth(FrameReference("hall", "frame_1"))
 
 

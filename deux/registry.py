@@ -96,7 +96,7 @@ class PluginChoice:
     Args:
         kind: a key of `KINDS`.
         name: its registered name.
-        settings: every option, defaults included; JSON values.
+        settings: every option, defaults included; JSON values, for hashes and records.
         defaulted: names of the options that nobody chose.
     """
 
@@ -106,8 +106,11 @@ class PluginChoice:
     defaulted: frozenset[str] = field(default=frozenset(), compare=False)
 
     def create(self, *given: Any) -> Any:
-        """Make the plugin, anew at each call; `given` as in `Registry.create`."""
-        return registry().create(self.kind, self.name, self.settings, *given)
+        """Make the plugin, anew at each call; `given` as in `Registry.create`.
+
+        What nobody chose is left to its constructor, whose defaults may be no JSON values.
+        """
+        return registry().create(self.kind, self.name, self.chosen, *given)
 
     @property
     def chosen(self) -> dict[str, Any]:

@@ -1,8 +1,10 @@
 import sys
+from enum import Enum
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -219,3 +221,23 @@ def test_installed_packages_are_gone_through_once(monkeypatch: pytest.MonkeyPatc
     assert all(found.plugins(kind) for kind in KINDS)
     assert [entry.value for entry in found.entry_points("deux.weights") if entry.dist.name == "deux"]
     assert calls == ["all"]
+
+
+class Shade(Enum):
+    DARK = "dark"
+
+
+class Shaded(Mean):
+    def __init__(
+        self, shade: Shade = Shade.DARK, kinds: frozenset[int] = frozenset(), count: int = np.int64(3), power: int = 1
+    ) -> None:
+        self.given = (shade, kinds, count, power)
+
+
+def test_what_nobody_chose_is_left_to_the_constructors_own_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Registry()
+    found.register("losses", "shaded", Shaded)
+    monkeypatch.setattr("deux.registry.registry", lambda: found)
+    choice = found.choose("losses", {"name": "shaded", "power": 2})
+    assert choice.settings == {"shade": "Shade.DARK", "kinds": [], "count": 3, "power": 2}
+    assert choice.create().given == (Shade.DARK, frozenset(), 3, 2)

@@ -21,6 +21,9 @@ from typing import Any
 from deux.errors import DeuxError, near_matches
 from deux.options import construct, full_settings, options, plain
 
+OWN_PACKAGE = "deux"
+"""The distribution that the framework and the plugins that ship with it come in."""
+
 
 @dataclass(frozen=True)
 class Kind:
@@ -32,7 +35,8 @@ class Kind:
         contract: the class in `deux.contracts` that a plugin derives from.
         settings: where the options of the plugin called {name} stand in the configuration.
         given: the constructor's parameters that the framework fills in; the others are options.
-        reserved: options of the framework among the plugin's in the configuration; no plugin has their names.
+        reserved: options of the framework among the plugin's in the configuration, beside "name", which is one in those
+            of every kind; no plugin has their names.
     """
 
     name: str
@@ -54,7 +58,7 @@ KINDS = {
         Kind("explorers", "explorer", "Explorer", "explore"),
         Kind("depth_models", "depth model", "DepthModel", "model"),
         Kind("rewards", "reward", "Reward", "explorer_training.reward_options"),
-        Kind("losses", "loss term", "LossTerm", "objective.{name}"),
+        Kind("losses", "loss term", "LossTerm", "objective.{name}", reserved=("weight",)),
         Kind("uncertainties", "measure of uncertainty", "Uncertainty", "collect.uncertainty_options"),
         Kind("simulators", "simulator", "Simulator", "simulator", given=("scene", "camera", "robot", "colors")),
         Kind("scenes", "source of scenes", "SceneSource", "scenes"),
@@ -153,14 +157,22 @@ class Registry:
         Raises:
             DeuxError: nothing of that kind has the name, or two packages have it.
         """
+        self.check_name(kind, name)
         found = [plugin for plugin in self.plugins(kind) if plugin.name == name]
-        noun = KINDS[kind].noun
-        if not found:
-            raise DeuxError(f"there is no {noun} called {name!r}: {near_matches(name, self.names(kind))}")
         if len(found) > 1:
             owners = " and ".join(plugin.origin for plugin in found)
-            raise DeuxError(f"the name {name!r} belongs to {len(found)} {noun}s, of {owners}: uninstall all but one.")
+            others = [plugin.package for plugin in found if plugin.package != OWN_PACKAGE]
+            advice = "uninstall all but one"
+            if len(others) < len(found):
+                packages = " and ".join(dict.fromkeys(others))
+                advice = f"give that of {packages} another name, or uninstall {packages}"
+            raise DeuxError(f"the name {name!r} belongs to {len(found)} {KINDS[kind].noun}s, of {owners}: {advice}.")
         return found[0]
+
+    def check_name(self, kind: str, name: str) -> None:
+        """Raise DeuxError if nothing of that kind has the name; two packages may have it."""
+        if name not in (names := self.names(kind)):
+            raise DeuxError(f"there is no {KINDS[kind].noun} called {name!r}: {near_matches(name, names)}")
 
     def get(self, kind: str, name: str) -> type:
         """Import the plugin of that name and return its class.
@@ -255,10 +267,11 @@ class Registry:
             raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
         if missing := getattr(cls, "__abstractmethods__", None):
             raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
-        if taken := sorted(options(cls, kind.given).keys() & set(kind.reserved)):
+        if taken := sorted(options(cls, kind.given).keys() & {"name", *kind.reserved}):
+            where = kind.settings.format(name=plugin.name)
             raise DeuxError(
-                f"{said} has an option called {taken[0]!r}, and {kind.settings}.{taken[0]} is an option of deux's own: "
-                "give the plugin's another name."
+                f"{said} has an option called {taken[0]!r}, and {where}.{taken[0]} is an option of deux's own: give "
+                "the plugin's another name."
             )
 
 

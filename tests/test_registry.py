@@ -201,6 +201,21 @@ def test_a_reader_with_an_option_of_the_frameworks_own_is_refused() -> None:
         Registry().register("readers", "cached", Cached)
 
 
+def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() -> None:
+    class Named(Mean):
+        def __init__(self, name: str = "bob") -> None:
+            self.name = name
+
+    class Weighted(Mean):
+        def __init__(self, weight: float = 2.0) -> None:
+            self.weight = weight
+
+    for cls, option in ((Named, "name"), (Weighted, "weight")):
+        own = rf"has an option called '{option}', and objective\.mine\.{option} is an option of deux's own: give the"
+        with pytest.raises(DeuxError, match=own):
+            Registry().register("losses", "mine", cls)
+
+
 def test_reserved_options_reach_no_plugin() -> None:
     assert registry().choose("readers", {"name": "deux", "cache": "device"}).settings.keys().isdisjoint({"cache"})
     with pytest.raises(DeuxError, match=r"data.*cach"):

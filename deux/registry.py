@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from deux.errors import DeuxError, near_matches
+from deux.errors import DeuxError, near_matches, shown
 from deux.options import construct, full_settings, options, plain
 
 OWN_PACKAGE = "deux"
@@ -37,6 +37,7 @@ class Kind:
         given: the constructor's parameters that the framework fills in; the others are options.
         reserved: options of the framework among the plugin's in the configuration, beside "name", which is one in those
             of every kind; no plugin has their names.
+        declared: attributes of a plugin that hold frozensets, and of what: a class in `deux.contracts`, or "str".
     """
 
     name: str
@@ -45,6 +46,7 @@ class Kind:
     settings: str
     given: tuple[str, ...] = ()
     reserved: tuple[str, ...] = ()
+    declared: tuple[tuple[str, str], ...] = ()
 
     @property
     def group(self) -> str:
@@ -55,10 +57,17 @@ class Kind:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("explorers", "explorer", "Explorer", "explore"),
+        Kind("explorers", "explorer", "Explorer", "explore", declared=(("needs", "Need"),)),
         Kind("depth_models", "depth model", "DepthModel", "model"),
-        Kind("rewards", "reward", "Reward", "explorer_training.reward_options"),
-        Kind("losses", "loss term", "LossTerm", "objective.{name}", reserved=("weight",)),
+        Kind("rewards", "reward", "Reward", "explorer_training.reward_options", declared=(("needs", "Need"),)),
+        Kind(
+            "losses",
+            "loss term",
+            "LossTerm",
+            "objective.{name}",
+            reserved=("weight",),
+            declared=(("needs", "LossNeed"), ("extras", "str")),
+        ),
         Kind("uncertainties", "measure of uncertainty", "Uncertainty", "collect.uncertainty_options"),
         Kind("simulators", "simulator", "Simulator", "simulator", given=("scene", "camera", "robot", "colors")),
         Kind("scenes", "source of scenes", "SceneSource", "scenes"),
@@ -201,12 +210,15 @@ class Registry:
             given: values of the parameters that the kind's `given` names, in that order.
 
         Raises:
-            DeuxError: as `get` and `deux.options.construct`.
+            DeuxError: as `get` and `deux.options.construct`; or the plugin declares its needs as something else than a
+                frozenset of them.
         """
         cls = self.get(kind, name)
         chosen = {key: value for key, value in settings.items() if key != "name"}
         filled = dict(zip(KINDS[kind].given, given, strict=True))
-        return construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
+        made = construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
+        self._check_declared(self.find(kind, name), made)
+        return made
 
     def choose(self, kind: str, chosen: Any, where: str = "") -> PluginChoice:
         """A plugin with all its options, defaults filled in; it is imported and not made.
@@ -256,6 +268,20 @@ class Registry:
         if kind not in self._plugins:
             self._plugins[kind] = [_from_entry_point(kind, e) for e in self.entry_points(KINDS[kind].group)]
         return self._plugins[kind]
+
+    @staticmethod
+    def _check_declared(plugin: Plugin, made: Any) -> None:
+        kind = KINDS[plugin.kind]
+        for attribute, member in kind.declared:
+            cls = str if member == "str" else getattr(importlib.import_module("deux.contracts"), member)
+            found = getattr(made, attribute)
+            if not isinstance(found, frozenset) or not all(isinstance(one, cls) for one in found):
+                wanted = "text" if cls is str else f"deux.contracts.{member}"
+                example = '"prior"' if cls is str else f"{member}.{next(iter(cls)).name}"
+                raise DeuxError(
+                    f"the {kind.noun} {plugin.name!r} of {plugin.origin} has {attribute} = {shown(found)}: it must be "
+                    f"a frozenset of {wanted}, as in {attribute} = frozenset({{{example}}})."
+                )
 
     @staticmethod
     def _check_contract(plugin: Plugin, cls: Any) -> None:

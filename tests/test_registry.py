@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from deux.contracts import Batch, LossTerm, Prediction, Reader, Reconstructions, Reward
+from deux.contracts import Batch, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions, Reward
 from deux.errors import DeuxError
 from deux.registry import KINDS, Registry, registry
 
@@ -199,6 +199,29 @@ def test_a_reader_with_an_option_of_the_frameworks_own_is_refused() -> None:
 
     with pytest.raises(DeuxError, match=r"has an option called 'cache', and data\.cache is an option of deux's own: "):
         Registry().register("readers", "cached", Cached)
+
+
+NEEDS = r"it must be a frozenset of deux\.contracts\.Need, as in needs = frozenset\(\{Need\.SENSOR_DEPTH\}\)\.$"
+DECLARED = [
+    ("explorers", "needs", {Need.LABELS}, NEEDS),
+    ("explorers", "needs", Need.LABELS, NEEDS),
+    ("explorers", "needs", "labels", NEEDS),
+    ("explorers", "needs", frozenset({"labels"}), NEEDS),
+    ("losses", "needs", frozenset({"reconstruction"}), r"a frozenset of deux\.contracts\.LossNeed, as in needs = "),
+    ("losses", "extras", "prior", r"it must be a frozenset of text, as in extras = frozenset\(\{\"prior\"\}\)\.$"),
+]
+
+
+@pytest.mark.parametrize(("kind", "attribute", "value", "sentence"), DECLARED)
+def test_what_a_plugin_declares_is_a_frozenset(kind: str, attribute: str, value: Any, sentence: str) -> None:
+    class Resting(Explorer):
+        reset = act = None  # type: ignore[assignment]
+
+    contract = {"explorers": Resting, "losses": Mean}[kind]
+    found = Registry()
+    found.register(kind, "mine", type("Mine", (contract,), {attribute: value}))
+    with pytest.raises(DeuxError, match=rf"'mine' of registered by hand .* has {attribute} = .*: .*{sentence}"):
+        found.create(kind, "mine", {})
 
 
 def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from deux.collection.perception import MODEL_NEEDS, SOURCES, HostPercept, Percept, Perception, on_host
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Frame, Need, Observation, Simulator
-from deux.errors import DeuxError, shown
+from deux.errors import DeuxError, kind_of, shown, sizes
 from deux.io.images import quantise_depth
 from deux.simulator.starts import random_starts
 
@@ -197,19 +197,10 @@ def check_frame(simulator: Simulator, frame: Frame) -> None:
         array = getattr(frame, name, None)
         if not (isinstance(array, np.ndarray) and array.shape == shape and array.dtype == dtype):
             raise DeuxError(
-                f"the simulator {type(simulator).__name__} gives a frame whose {name} is {_array(array)}: for its "
-                f"camera of {camera.width} x {camera.height} pixels it is {_sizes(shape)} {np.dtype(dtype)}."
+                f"the simulator {type(simulator).__name__} gives a frame whose {name} is {kind_of(array)}: for its "
+                f"camera of {camera.width} x {camera.height} pixels it is an ndarray of {sizes(shape)}, "
+                f"{np.dtype(dtype)}."
             )
-
-
-def _array(value: object) -> str:
-    if isinstance(value, np.ndarray):
-        return f"{_sizes(value.shape)} {value.dtype}"
-    return "None" if value is None else f"of the type {type(value).__name__}"
-
-
-def _sizes(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape)) or "a single"
 
 
 def _action(explorer: Explorer, number: int, chosen: object) -> Action:

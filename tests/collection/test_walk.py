@@ -170,16 +170,13 @@ def test_the_number_of_an_action_is_taken_for_it(monkeypatch):
 
 
 WRONG_FRAMES = {
-    "rgb is 20 x 24 x 3 uint8: for its camera of 48 x 40 pixels it is 40 x 48 x 3 uint8.": lambda frame: replace(
-        frame, rgb=frame.rgb[::2, ::2]
-    ),
-    "rgb is 40 x 48 x 3 float64: for": lambda frame: replace(frame, rgb=frame.rgb / 255.0),
-    "depth is 40 x 48 float64: for its camera of 48 x 40 pixels it is 40 x 48 float32.": lambda frame: replace(
-        frame, depth=frame.depth.astype(np.float64)
-    ),
-    "depth is 40 x 48 x 1 float32: for": lambda frame: replace(frame, depth=frame.depth[..., None]),
+    "rgb is ndarray of 20 x 24 x 3, uint8: for its camera of 48 x 40 pixels it is an ndarray of 40 x 48 x 3, "
+    "uint8.": lambda frame: replace(frame, rgb=frame.rgb[::2, ::2]),
+    "rgb is ndarray of 40 x 48 x 3, float64: for": lambda frame: replace(frame, rgb=frame.rgb / 255.0),
+    "depth is ndarray of 40 x 48, float64: for": lambda frame: replace(frame, depth=frame.depth.astype(np.float64)),
+    "depth is ndarray of 40 x 48 x 1, float32: for": lambda frame: replace(frame, depth=frame.depth[..., None]),
     "rgb is None: for": lambda frame: replace(frame, rgb=None),
-    "pose is 3 x 4 float64: for": lambda frame: replace(frame, pose=frame.pose[:3]),
+    "pose is ndarray of 3 x 4, float64: for": lambda frame: replace(frame, pose=frame.pose[:3]),
 }
 
 

@@ -76,6 +76,10 @@ KINDS = {
 }
 
 
+GROUPS = (*(kind.group for kind in KINDS.values()), "deux.conf", "deux.weights")
+"""The entry-point groups of deux; the last two hold configuration files and trained models."""
+
+
 @dataclass(frozen=True)
 class Plugin:
     """A plugin and the package that brought it. Nothing is imported until `load` is called.
@@ -151,6 +155,11 @@ class Registry:
         """What the packages that were installed at the first call declare of a group."""
         found: EntryPoints = self._installed.select(group=group)
         return found
+
+    def unknown_groups(self) -> dict[str, list[Plugin]]:
+        """What packages declare in groups whose names begin with "deux." and which are none of `GROUPS`, by group."""
+        unknown = sorted(group for group in self._installed.groups if group.startswith("deux.") and group not in GROUPS)
+        return {group: [_from_entry_point(group, entry) for entry in self.entry_points(group)] for group in unknown}
 
     def plugins(self, kind: str) -> list[Plugin]:
         """All plugins of a kind, sorted by name; where two packages use one name, both are listed."""

@@ -175,8 +175,7 @@ class Registry:
         Raises:
             DeuxError: nothing of that kind has the name, or two packages have it.
         """
-        self.check_name(kind, name)
-        found = [plugin for plugin in self.plugins(kind) if plugin.name == name]
+        found = self._called(kind, name)
         if len(found) > 1:
             owners = " and ".join(plugin.origin for plugin in found)
             others = [plugin.package for plugin in found if plugin.package != OWN_PACKAGE]
@@ -189,8 +188,7 @@ class Registry:
 
     def check_name(self, kind: str, name: str) -> None:
         """Raise DeuxError if nothing of that kind has the name; two packages may have it."""
-        if name not in (names := self.names(kind)):
-            raise DeuxError(f"there is no {KINDS[kind].noun} called {name!r}: {near_matches(name, names)}")
+        self._called(kind, name)
 
     def get(self, kind: str, name: str) -> type:
         """Import the plugin of that name and return its class.
@@ -270,6 +268,12 @@ class Registry:
         plugin = self.find(kind, name)
         self._table(kind).remove(plugin)
         return plugin
+
+    def _called(self, kind: str, name: str) -> list[Plugin]:
+        found = [plugin for plugin in self.plugins(kind) if plugin.name == name]
+        if not found:
+            raise DeuxError(f"there is no {KINDS[kind].noun} called {name!r}: {near_matches(name, self.names(kind))}")
+        return found
 
     def _table(self, kind: str) -> list[Plugin]:
         if kind not in KINDS:

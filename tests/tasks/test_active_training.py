@@ -2,9 +2,9 @@
 
 import csv
 import json
-import re
 import math
 import pickle
+import re
 from pathlib import Path
 
 import pytest

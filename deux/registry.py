@@ -286,7 +286,7 @@ class Registry:
     def _check_declared(plugin: Plugin, made: Any) -> None:
         kind = KINDS[plugin.kind]
         for attribute, member in kind.declared:
-            cls = str if member == "str" else getattr(importlib.import_module("deux.contracts"), member)
+            cls: Any = str if member == "str" else getattr(importlib.import_module("deux.contracts"), member)
             found = getattr(made, attribute)
             if not isinstance(found, frozenset) or not all(isinstance(one, cls) for one in found):
                 wanted = "text" if cls is str else f"deux.contracts.{member}"

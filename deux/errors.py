@@ -100,6 +100,30 @@ def shown(value: object, most: int = 80) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
+def sizes(shape: Iterable[int]) -> str:
+    """The shape of an array or tensor for a message.
+
+    Example:
+        >>> sizes((2, 3)), sizes(())
+        ('2 x 3', 'a single number')
+    """
+    return " x ".join(map(str, shape)) or "a single number"
+
+
+def kind_of(value: object) -> str:
+    """What a value is, for a message that has no use for its content: a tensor is not read, nor its device waited for.
+
+    Example:
+        >>> kind_of(None), kind_of(0.5)
+        ('None', 'a value of the type float')
+    """
+    shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
+    if value is None or not isinstance(shape, tuple) or dtype is None:
+        return "None" if value is None else f"a value of the type {type(value).__name__}"
+    kind = str(dtype).removeprefix("torch.")
+    return f"{type(value).__name__} of {sizes(shape)}, {kind}"
+
+
 def check_range(
     name: str, value: float, least: float = -math.inf, most: float = math.inf, *, ends: bool = True
 ) -> None:

@@ -3,7 +3,8 @@
 import torch
 from torch import Tensor
 
-from deux.contracts import DepthPredictor, View
+from deux.contracts import DepthPredictor, Uncertainty, View
+from deux.errors import DeuxError, kind_of, sizes
 from deux.geometry.reprojection import reproject
 
 
@@ -43,6 +44,23 @@ def frame_of(view: View, index: int) -> View:
         view.predict_depth,
         view.rebuilt[one],
         view.visible[one],
+    )
+
+
+def pixel_uncertainty(measure: Uncertainty, view: View) -> Tensor:
+    """What a measure makes of a view, N x H x W; only its shape and type are looked at, which waits for no device.
+
+    Raises:
+        DeuxError: the measure gives something else.
+    """
+    found: object = measure(view)
+    count, _, height, width = view.image.shape
+    wanted = (count, height, width)
+    if isinstance(found, Tensor) and found.shape == wanted and found.is_floating_point():
+        return found
+    raise DeuxError(
+        f"the measure of uncertainty {type(measure).__name__} gives {kind_of(found)}: it must be a Tensor of "
+        f"N x H x W, float32, here {sizes(wanted)}."
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import re
 import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -98,13 +99,41 @@ def full_settings(
     """The settings together with the constructor's defaults, as JSON can hold them, in the parameters' order.
 
     Equal settings give equal results however they were written (1 or 1.0, list or tuple), so this is what hashes and
-    saved configurations are made of. Raises as `construct` does.
+    saved configurations are made of. What JSON cannot hold, such as an enum's member, is there as text: a default is
+    made from the constructor alone, and not from here.
+
+    Raises:
+        DeuxError: as `construct`; or a value's text is another one at each start, as that of a function is.
     """
     checked = _checked(target, settings, where, given)
     known = options(target, given)
     full = {name: checked.get(name, option.default) for name, option in known.items()}
     full.update({name: value for name, value in checked.items() if name not in known})
-    return {name: _json(value) for name, value in full.items()}
+    written = {}
+    for name, value in full.items():
+        try:
+            written[name] = _json(value)
+        except _Mismatch:
+            default = "" if name in checked else " by default"
+            raise DeuxError(
+                f"{where}.{name} of {getattr(target, '__name__', target)} is {shown(value)}{default}, which reads "
+                "otherwise at each start, so that no dataset would be found again: let it be a number, text, an enum's "
+                "member, a list or None, and make the object in the constructor."
+            ) from None
+    return written
+
+
+def without_defaults(target: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as `full_settings` wrote them, without those that the constructor would fill in alike."""
+    known = options(target)
+
+    def is_default(name: str, value: Any) -> bool:
+        try:
+            return name in known and value == _json(known[name].default)
+        except _Mismatch:
+            return False
+
+    return {name: value for name, value in settings.items() if not is_default(name, value)}
 
 
 def unresolved_reference(error: InterpolationKeyError, where: str = "an option") -> str:
@@ -294,4 +323,13 @@ def _json(value: Any) -> Any:
         return {str(key): _json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_json(item) for item in value]
-    return value if isinstance(value, bool | int | float | str | None) else str(value)
+    if isinstance(value, set | frozenset):
+        return sorted((_json(item) for item in value), key=repr)  # text is in another order at each start
+    if callable(to_list := getattr(value, "tolist", None)) and not isinstance(value, type):
+        return _json(to_list())  # numpy's arrays, and its scalars, some of which are floats as well
+    if isinstance(value, bool | int | float | str | None):
+        return value
+    text = str(value)
+    if re.search(r"\bat 0x[0-9a-fA-F]+", text):
+        raise _Mismatch
+    return text

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import os
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 
 from rich.console import Console
 from rich.table import Table
 
 from deux.errors import DeuxError, near_matches
 from deux.options import REQUIRED, describe, options
-from deux.registry import KINDS, Plugin, registry
+from deux.registry import GROUPS, KINDS, Plugin, registry
 from deux.search_path import leave_out_working_folder
 
 
@@ -27,21 +29,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except DeuxError as error:
         print(f"deux: {error}", file=sys.stderr)
         return 1
-    if text is None:
-        print_listing()
-    else:
-        print(text)
+    try:
+        if text is None:
+            print_listing()
+        else:
+            print(text)
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader, such as `head`, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more as it ends
     return 0
 
 
 def listing() -> list[tuple[str, str, str, str, str]]:
-    """One row for each installed plugin: kind, name, package, version, and "" or what is wrong with it."""
+    """One row for each installed plugin: kind, name, package, version, and "" or what is wrong with it.
+
+    Entry points of groups that deux does not have, misspelt ones perhaps, come last with their group as the kind.
+    """
     rows = []
     for kind in KINDS:
         names = [plugin.name for plugin in registry().plugins(kind)]
         for plugin in registry().plugins(kind):
             state = "the name is used twice" if names.count(plugin.name) > 1 else ""
             rows.append((KINDS[kind].noun, plugin.name, plugin.package, plugin.version, state))
+    for group, strangers in registry().unknown_groups().items():
+        near = get_close_matches(group, GROUPS, n=1, cutoff=0.7)
+        state = f"there is no such group{f'; did you mean {near[0]}?' if near else ''}"
+        rows += [(group, plugin.name, plugin.package, plugin.version, state) for plugin in strangers]
     return rows
 
 

@@ -18,8 +18,11 @@ from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from deux.errors import DeuxError, near_matches
+from deux.errors import DeuxError, near_matches, shown
 from deux.options import construct, full_settings, options, plain
+
+OWN_PACKAGE = "deux"
+"""The distribution that the framework and the plugins that ship with it come in."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,9 @@ class Kind:
         contract: the class in `deux.contracts` that a plugin derives from.
         settings: where the options of the plugin called {name} stand in the configuration.
         given: the constructor's parameters that the framework fills in; the others are options.
-        reserved: options of the framework among the plugin's in the configuration; no plugin has their names.
+        reserved: options of the framework among the plugin's in the configuration, beside "name", which is one in those
+            of every kind; no plugin has their names.
+        declared: attributes of a plugin that hold frozensets, and of what: a class in `deux.contracts`, or "str".
     """
 
     name: str
@@ -41,6 +46,7 @@ class Kind:
     settings: str
     given: tuple[str, ...] = ()
     reserved: tuple[str, ...] = ()
+    declared: tuple[tuple[str, str], ...] = ()
 
     @property
     def group(self) -> str:
@@ -51,16 +57,27 @@ class Kind:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("explorers", "explorer", "Explorer", "explore"),
+        Kind("explorers", "explorer", "Explorer", "explore", declared=(("needs", "Need"),)),
         Kind("depth_models", "depth model", "DepthModel", "model"),
-        Kind("rewards", "reward", "Reward", "explorer_training.reward_options"),
-        Kind("losses", "loss term", "LossTerm", "objective.{name}"),
+        Kind("rewards", "reward", "Reward", "explorer_training.reward_options", declared=(("needs", "Need"),)),
+        Kind(
+            "losses",
+            "loss term",
+            "LossTerm",
+            "objective.{name}",
+            reserved=("weight",),
+            declared=(("needs", "LossNeed"), ("extras", "str")),
+        ),
         Kind("uncertainties", "measure of uncertainty", "Uncertainty", "collect.uncertainty_options"),
         Kind("simulators", "simulator", "Simulator", "simulator", given=("scene", "camera", "robot", "colors")),
         Kind("scenes", "source of scenes", "SceneSource", "scenes"),
         Kind("readers", "reader", "Reader", "data", given=("folder",), reserved=("cache",)),
     )
 }
+
+
+GROUPS = (*(kind.group for kind in KINDS.values()), "deux.conf", "deux.weights")
+"""The entry-point groups of deux; the last two hold configuration files and trained models."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +113,7 @@ class PluginChoice:
     Args:
         kind: a key of `KINDS`.
         name: its registered name.
-        settings: every option, defaults included; JSON values.
+        settings: every option, defaults included; JSON values, for hashes and records.
         defaulted: names of the options that nobody chose.
     """
 
@@ -106,8 +123,11 @@ class PluginChoice:
     defaulted: frozenset[str] = field(default=frozenset(), compare=False)
 
     def create(self, *given: Any) -> Any:
-        """Make the plugin, anew at each call; `given` as in `Registry.create`."""
-        return registry().create(self.kind, self.name, self.settings, *given)
+        """Make the plugin, anew at each call; `given` as in `Registry.create`.
+
+        What nobody chose is left to its constructor, whose defaults may be no JSON values.
+        """
+        return registry().create(self.kind, self.name, self.chosen, *given)
 
     @property
     def chosen(self) -> dict[str, Any]:
@@ -136,6 +156,11 @@ class Registry:
         found: EntryPoints = self._installed.select(group=group)
         return found
 
+    def unknown_groups(self) -> dict[str, list[Plugin]]:
+        """What packages declare in groups whose names begin with "deux." and which are none of `GROUPS`, by group."""
+        unknown = sorted(group for group in self._installed.groups if group.startswith("deux.") and group not in GROUPS)
+        return {group: [_from_entry_point(group, entry) for entry in self.entry_points(group)] for group in unknown}
+
     def plugins(self, kind: str) -> list[Plugin]:
         """All plugins of a kind, sorted by name; where two packages use one name, both are listed."""
         return sorted(self._table(kind), key=lambda plugin: (plugin.name, plugin.package))
@@ -150,14 +175,20 @@ class Registry:
         Raises:
             DeuxError: nothing of that kind has the name, or two packages have it.
         """
-        found = [plugin for plugin in self.plugins(kind) if plugin.name == name]
-        noun = KINDS[kind].noun
-        if not found:
-            raise DeuxError(f"there is no {noun} called {name!r}: {near_matches(name, self.names(kind))}")
+        found = self._called(kind, name)
         if len(found) > 1:
             owners = " and ".join(plugin.origin for plugin in found)
-            raise DeuxError(f"the name {name!r} belongs to {len(found)} {noun}s, of {owners}: uninstall all but one.")
+            others = [plugin.package for plugin in found if plugin.package != OWN_PACKAGE]
+            advice = "uninstall all but one"
+            if len(others) < len(found):
+                packages = " and ".join(dict.fromkeys(others))
+                advice = f"give that of {packages} another name, or uninstall {packages}"
+            raise DeuxError(f"the name {name!r} belongs to {len(found)} {KINDS[kind].noun}s, of {owners}: {advice}.")
         return found[0]
+
+    def check_name(self, kind: str, name: str) -> None:
+        """Raise DeuxError if nothing of that kind has the name; two packages may have it."""
+        self._called(kind, name)
 
     def get(self, kind: str, name: str) -> type:
         """Import the plugin of that name and return its class.
@@ -186,12 +217,15 @@ class Registry:
             given: values of the parameters that the kind's `given` names, in that order.
 
         Raises:
-            DeuxError: as `get` and `deux.options.construct`.
+            DeuxError: as `get` and `deux.options.construct`; or the plugin declares its needs as something else than a
+                frozenset of them.
         """
         cls = self.get(kind, name)
         chosen = {key: value for key, value in settings.items() if key != "name"}
         filled = dict(zip(KINDS[kind].given, given, strict=True))
-        return construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
+        made = construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
+        self._check_declared(self.find(kind, name), made)
+        return made
 
     def choose(self, kind: str, chosen: Any, where: str = "") -> PluginChoice:
         """A plugin with all its options, defaults filled in; it is imported and not made.
@@ -235,12 +269,32 @@ class Registry:
         self._table(kind).remove(plugin)
         return plugin
 
+    def _called(self, kind: str, name: str) -> list[Plugin]:
+        found = [plugin for plugin in self.plugins(kind) if plugin.name == name]
+        if not found:
+            raise DeuxError(f"there is no {KINDS[kind].noun} called {name!r}: {near_matches(name, self.names(kind))}")
+        return found
+
     def _table(self, kind: str) -> list[Plugin]:
         if kind not in KINDS:
             raise DeuxError(f"{kind!r} is not a kind of plugin: {near_matches(kind, KINDS)}")
         if kind not in self._plugins:
             self._plugins[kind] = [_from_entry_point(kind, e) for e in self.entry_points(KINDS[kind].group)]
         return self._plugins[kind]
+
+    @staticmethod
+    def _check_declared(plugin: Plugin, made: Any) -> None:
+        kind = KINDS[plugin.kind]
+        for attribute, member in kind.declared:
+            cls: Any = str if member == "str" else getattr(importlib.import_module("deux.contracts"), member)
+            found = getattr(made, attribute)
+            if not isinstance(found, frozenset) or not all(isinstance(one, cls) for one in found):
+                wanted = "text" if cls is str else f"deux.contracts.{member}"
+                example = '"prior"' if cls is str else f"{member}.{next(iter(cls)).name}"
+                raise DeuxError(
+                    f"the {kind.noun} {plugin.name!r} of {plugin.origin} has {attribute} = {shown(found)}: it must be "
+                    f"a frozenset of {wanted}, as in {attribute} = frozenset({{{example}}})."
+                )
 
     @staticmethod
     def _check_contract(plugin: Plugin, cls: Any) -> None:
@@ -252,10 +306,11 @@ class Registry:
             raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
         if missing := getattr(cls, "__abstractmethods__", None):
             raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
-        if taken := sorted(options(cls, kind.given).keys() & set(kind.reserved)):
+        if taken := sorted(options(cls, kind.given).keys() & {"name", *kind.reserved}):
+            where = kind.settings.format(name=plugin.name)
             raise DeuxError(
-                f"{said} has an option called {taken[0]!r}, and {kind.settings}.{taken[0]} is an option of deux's own: "
-                "give the plugin's another name."
+                f"{said} has an option called {taken[0]!r}, and {where}.{taken[0]} is an option of deux's own: give "
+                "the plugin's another name."
             )
 
 

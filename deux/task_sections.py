@@ -82,7 +82,6 @@ PLUGIN_SECTIONS = {
 """The sections that choose a plugin, and of which kind."""
 
 _NAMING_OPTIONS = (
-    ("seed_model", "explore", "explorers"),
     ("seed_model", "name", "depth_models"),
     ("compare", "baseline", "explorers"),
     ("collect", "uncertainty", "uncertainties"),
@@ -211,12 +210,16 @@ def section(cfg: DictConfig, name: str) -> Any:
 def check_plugins(cfg: DictConfig) -> None:
     """Raise DeuxError if a section of the task names a plugin that is not installed, or is installed twice.
 
-    Nothing is imported, so a run with a misspelt loss term ends before any work is done.
+    Nothing is imported, so a run with a misspelt loss term ends before any work is done. The explorer of a seed model
+    that is there already is not asked for: of two that have its name, it may be either.
     """
     names = TASKS[task_name(cfg)].sections
     content = {name: section(cfg, name) for name in (*names, *ALWAYS_READ)}
     for kind, name in _named_plugins({name: content[name] for name in names}):
         registry().find(kind, name)
+    seed_model = content.get("seed_model", {})
+    if seed_model.get("explore") is not None and seed_model.get("checkpoint") is not None:
+        registry().check_name("explorers", str(seed_model["explore"]))
 
 
 def check_seed(seed: Any) -> int:
@@ -247,6 +250,8 @@ def _named_plugins(content: Mapping[str, Any]) -> list[tuple[str, str]]:
     """
     found = [(kind, content[name].get("name")) for name, kind in PLUGIN_SECTIONS.items() if name in content]
     found += [(kind, content[name].get(option)) for name, option, kind in _NAMING_OPTIONS if name in content]
+    if content.get("seed_model", {}).get("checkpoint") is None:
+        found.append(("explorers", content.get("seed_model", {}).get("explore")))
     explorers = content.get("compare", {}).get("explorers")
     found += [("explorers", name) for name in (explorers if isinstance(explorers, list) else [])]
     found += [("losses", term) for term in content.get("objective", {})]

@@ -101,6 +101,7 @@ def test_help_tells_what_there_is_without_importing_torch(tmp_path: Path) -> Non
         "scenes: apartments, ",
         "experiment: debug",
         "sparse_depth",
+        f"\n{', '.join(registry().names('rewards'))}\n",
         "docs/plugins.md",
         "batch_size:",
     ):

@@ -26,16 +26,17 @@ from deux.contracts import Action, Episode, Explorer, Observation, Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.options import REQUIRED, construct, options
-from deux.registry import KINDS, registry
+from deux.registry import KINDS, Plugin, registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS
 from deux.tasks.compare_explorers import CompareSettings
+from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.export import ExportSettings
 from deux.tasks.export_dataset import ExportDatasetSettings
-from deux.tasks.model_training import FoundationSettings
+from deux.tasks.model_training import FoundationSettings, Training
 from deux.tasks.predict import PredictSettings
 from deux.tasks.report import ReportSettings
-from deux.tasks.seed_model import SeedModelSettings
+from deux.tasks.seed_model import SeedModel, SeedModelSettings
 from deux.tasks.train_explorer import ExplorerTrainingSettings
 from deux.training.training_settings import TrainingSettings
 
@@ -350,3 +351,24 @@ def test_composing_returns_plain_nodes_that_stay_checked() -> None:
     assert isinstance(cfg, DictConfig)
     assert OmegaConf.is_struct(cfg.collect)
     assert not OmegaConf.is_struct(cfg.model)
+
+
+@pytest.fixture
+def second_random(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A second package with an explorer called `random`."""
+    second = Plugin("random", "explorers", "other-package", "2.0", "other:Explorer", lambda: None)
+    monkeypatch.setitem(registry()._plugins, "explorers", [*registry().plugins("explorers"), second])
+
+
+@pytest.mark.usefixtures("second_random")
+def test_a_name_of_two_packages_is_an_error_where_it_is_asked_for_and_nowhere_else() -> None:
+    assert compose(["explore=frontier"]).seed_model.explore == "random"
+    sections = sections_of(compose(["task=collect", "explore=deux", "scenes.train=1", "scenes.validation=0"]))
+    datasets = Datasets(sections, ["train"])
+    assert SeedModel(sections, datasets, Training(sections, datasets, 1)).settings.checkpoint == "kbnet-indoor"
+    advice = r"of deux .* and other-package 2\.0 .*: give that of other-package another name, or uninstall other-p"
+    for asked in (["explore=random"], ["explore=deux", "seed_model.checkpoint=null"], ["task=compare_explorers"]):
+        with pytest.raises(DeuxError, match=f"^the name 'random' belongs to 2 explorers, {advice}"):
+            compose(asked)
+    with pytest.raises(DeuxError, match="there is no explorer called 'rndom': did you mean random"):
+        compose(["seed_model.explore=rndom"])

@@ -5,7 +5,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view
+from deux.contracts import Uncertainty
+from deux.errors import DeuxError
+from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view, pixel_uncertainty
 from deux.geometry.reprojection import reproject
 from deux.testing.uncertainties import WALL, wall_view
 
@@ -61,3 +63,25 @@ def test_a_frame_of_a_view_has_its_part_of_every_tensor():
             assert torch.equal(part, whole[1:2])
         else:
             assert part is whole
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (lambda depth: depth, "Tensor of 1 x 1 x 48 x 64, float32"),
+        (lambda depth: depth[:, 0, ::2, ::2], "Tensor of 1 x 24 x 32, float32"),
+        (lambda depth: depth.mean(), "Tensor of a single number, float32"),
+        (lambda depth: depth[:, 0].numpy(), "ndarray of 1 x 48 x 64, float32"),
+        (lambda depth: depth[:, 0] > 1, "Tensor of 1 x 48 x 64, bool"),
+        (lambda depth: 0.5, "a value of the type float"),
+        (lambda depth: None, "None"),
+    ],
+)
+def test_a_measure_that_gives_no_value_for_each_pixel_is_named(value, told):
+    class Odd(Uncertainty):
+        def __call__(self, view):
+            return value(view.depth)
+
+    wanted = r"it must be a Tensor of N x H x W, float32, here 1 x 48 x 64\.$"
+    with pytest.raises(DeuxError, match=f"^the measure of uncertainty Odd gives {told}: {wanted}"):
+        pixel_uncertainty(Odd(), wall_view())

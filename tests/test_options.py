@@ -1,14 +1,16 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.options import REQUIRED, construct, describe, full_settings, options
+from deux.options import REQUIRED, construct, describe, full_settings, options, without_defaults
 
 if TYPE_CHECKING:
     from somewhere import Unknown
@@ -141,3 +143,47 @@ def test_options_are_those_of_the_constructor() -> None:
     assert known["gain"].default == 1.0
     assert describe(known["limit"].annotation) == "a number or null"
     assert options(object) == {}
+
+
+class Color(Enum):
+    RED = "red"
+    BLUE = "blue"
+
+
+class Own:
+    def __init__(
+        self,
+        color: Color = Color.RED,
+        labels: frozenset[str] = frozenset({"b", "a", "c"}),
+        weights: np.ndarray = np.ones(3),  # noqa: B008
+        count: int = np.int64(3),  # type: ignore[assignment]
+        gain: float = np.float64(0.5),
+    ) -> None:
+        self.given = (color, labels, weights, count, gain)
+
+
+class Lazy:
+    def __init__(self, gain: float = 1.0, shape: Any = lambda x: x) -> None:
+        self.shape = shape
+
+
+def test_defaults_that_json_cannot_hold_are_written_alike_at_each_start():
+    full = full_settings(Own, {})
+    assert full == {
+        "color": "Color.RED",
+        "labels": ["a", "b", "c"],
+        "weights": [1.0, 1.0, 1.0],
+        "count": 3,
+        "gain": 0.5,
+    }
+    assert [type(full[name]) for name in ("count", "gain")] == [int, float]
+    assert without_defaults(Own, full | {"gain": 0.25}) == {"gain": 0.25}
+
+
+@pytest.mark.parametrize("value", [lambda x: x, object(), [object()]])
+def test_a_value_whose_text_holds_an_address_is_refused(value):
+    with pytest.raises(DeuxError, match=r"^explore\.shape of Lazy is .* at 0x\w+>\]?, which reads otherwise at each"):
+        full_settings(Lazy, {"shape": value}, "explore")
+    with pytest.raises(DeuxError, match=r"^explore\.shape of Lazy is <function .*> by default, which reads otherwise"):
+        full_settings(Lazy, {"gain": 2}, "explore")
+    assert without_defaults(Lazy, {"shape": "x"}) == {"shape": "x"}

@@ -1,5 +1,10 @@
 """`python -m deux.plugins`."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from deux import plugins
@@ -57,3 +62,32 @@ def test_a_name_of_two_kinds_is_explained_for_each(capsys: pytest.CaptureFixture
     assert "\n  explore.weights: " in explorer
     assert reward.startswith("novelty, from deux 0.1.0 (deux_plugins.rewards.novelty:NoveltyReward)\n")
     assert "\n  explorer_training.reward_options.cell: a number, default 0.5" in reward
+
+
+def test_entry_points_of_a_group_that_is_none_are_listed_with_the_one_that_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    metadata = tmp_path / "typing_error-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: typing-error\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text("[deux.explorer]\nspiral = spiral:Spiral\n\n[deux.xyz]\na = a:A\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = Registry()
+    monkeypatch.setattr(plugins, "registry", lambda: found)
+    assert plugins.listing()[-2:] == [
+        ("deux.explorer", "spiral", "typing-error", "1.0", "there is no such group; did you mean deux.explorers?"),
+        ("deux.xyz", "a", "typing-error", "1.0", "there is no such group"),
+    ]
+    assert not [row for row in plugins.listing() if row[0] in ("deux.weights", "deux.conf")]
+
+
+@pytest.mark.parametrize("arguments", [[], ["kbnet"]])
+def test_a_reader_that_has_seen_enough_is_no_error(arguments: list[str]) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        command = [sys.executable, "-m", "deux.plugins", *arguments]
+        result = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(writer)
+    assert (result.returncode, result.stderr) == (0, "")

@@ -1,12 +1,14 @@
 import sys
+from enum import Enum
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
-from deux.contracts import Batch, LossTerm, Prediction, Reader, Reconstructions, Reward
+from deux.contracts import Batch, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions, Reward
 from deux.errors import DeuxError
 from deux.registry import KINDS, Registry, registry
 
@@ -199,6 +201,44 @@ def test_a_reader_with_an_option_of_the_frameworks_own_is_refused() -> None:
         Registry().register("readers", "cached", Cached)
 
 
+NEEDS = r"it must be a frozenset of deux\.contracts\.Need, as in needs = frozenset\(\{Need\.SENSOR_DEPTH\}\)\.$"
+DECLARED = [
+    ("explorers", "needs", {Need.LABELS}, NEEDS),
+    ("explorers", "needs", Need.LABELS, NEEDS),
+    ("explorers", "needs", "labels", NEEDS),
+    ("explorers", "needs", frozenset({"labels"}), NEEDS),
+    ("losses", "needs", frozenset({"reconstruction"}), r"a frozenset of deux\.contracts\.LossNeed, as in needs = "),
+    ("losses", "extras", "prior", r"it must be a frozenset of text, as in extras = frozenset\(\{\"prior\"\}\)\.$"),
+]
+
+
+@pytest.mark.parametrize(("kind", "attribute", "value", "sentence"), DECLARED)
+def test_what_a_plugin_declares_is_a_frozenset(kind: str, attribute: str, value: Any, sentence: str) -> None:
+    class Resting(Explorer):
+        reset = act = None  # type: ignore[assignment]
+
+    contract = {"explorers": Resting, "losses": Mean}[kind]
+    found = Registry()
+    found.register(kind, "mine", type("Mine", (contract,), {attribute: value}))
+    with pytest.raises(DeuxError, match=rf"'mine' of registered by hand .* has {attribute} = .*: .*{sentence}"):
+        found.create(kind, "mine", {})
+
+
+def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() -> None:
+    class Named(Mean):
+        def __init__(self, name: str = "bob") -> None:
+            self.name = name
+
+    class Weighted(Mean):
+        def __init__(self, weight: float = 2.0) -> None:
+            self.weight = weight
+
+    for cls, option in ((Named, "name"), (Weighted, "weight")):
+        own = rf"has an option called '{option}', and objective\.mine\.{option} is an option of deux's own: give the"
+        with pytest.raises(DeuxError, match=own):
+            Registry().register("losses", "mine", cls)
+
+
 def test_reserved_options_reach_no_plugin() -> None:
     assert registry().choose("readers", {"name": "deux", "cache": "device"}).settings.keys().isdisjoint({"cache"})
     with pytest.raises(DeuxError, match=r"data.*cach"):
@@ -219,3 +259,23 @@ def test_installed_packages_are_gone_through_once(monkeypatch: pytest.MonkeyPatc
     assert all(found.plugins(kind) for kind in KINDS)
     assert [entry.value for entry in found.entry_points("deux.weights") if entry.dist.name == "deux"]
     assert calls == ["all"]
+
+
+class Shade(Enum):
+    DARK = "dark"
+
+
+class Shaded(Mean):
+    def __init__(
+        self, shade: Shade = Shade.DARK, kinds: frozenset[int] = frozenset(), count: int = np.int64(3), power: int = 1
+    ) -> None:
+        self.given = (shade, kinds, count, power)
+
+
+def test_what_nobody_chose_is_left_to_the_constructors_own_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Registry()
+    found.register("losses", "shaded", Shaded)
+    monkeypatch.setattr("deux.registry.registry", lambda: found)
+    choice = found.choose("losses", {"name": "shaded", "power": 2})
+    assert choice.settings == {"shade": "Shade.DARK", "kinds": [], "count": 3, "power": 2}
+    assert choice.create().given == (Shade.DARK, frozenset(), 3, 2)

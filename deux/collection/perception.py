@@ -10,7 +10,7 @@ from torch import Tensor
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.collection.transfers import download, upload
 from deux.contracts import DepthPredictor, Frame, Need, Uncertainty, View
-from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view
+from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view, pixel_uncertainty
 from deux.geometry.depth_correction import correct_depth
 from deux.geometry.poses import source_from_target
 from deux.inference.precision import tf32_convolutions
@@ -133,7 +133,7 @@ class Perception:
         if self.uncertainty is None:
             return [Percept(one, corrected_depth=depth) for one, depth in zip(views, depths, strict=True)]
         if view.sources.shape[1] == SOURCES:
-            residuals = self.uncertainty(view)
+            residuals = pixel_uncertainty(self.uncertainty, view)
         else:
             residuals = torch.full_like(view.depth[:, 0], torch.nan)
         return [Percept(*parts) for parts in zip(views, residuals, frame_uncertainty(residuals), depths, strict=True)]

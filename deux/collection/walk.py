@@ -10,7 +10,7 @@ import numpy as np
 
 from deux.collection.perception import MODEL_NEEDS, SOURCES, HostPercept, Percept, Perception, on_host
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Frame, Need, Observation, Simulator
-from deux.errors import DeuxError
+from deux.errors import DeuxError, kind_of, shown, sizes
 from deux.io.images import quantise_depth
 from deux.simulator.starts import random_starts
 
@@ -49,6 +49,7 @@ class Walk:
         """The latest frames, newest first, at most 1 + `SOURCES`."""
         self._stored = stored
         self._rendered = False
+        self._checked = False
         self._collided = False
         free_space = simulator.free_space(floor)
         self.start = random_starts(free_space, 1, np.random.default_rng(seed))[0]
@@ -64,12 +65,19 @@ class Walk:
         return len(self.actions) == self.steps or self.actions[-1:] == [Action.STOP]
 
     def observe(self) -> None:
-        """Take the next frame, in arrays of its own, the depth as the files of a dataset hold it."""
+        """Take the next frame, in arrays of its own, the depth as the files of a dataset hold it.
+
+        Raises:
+            DeuxError: the simulator's first frame is not of its camera's size, or of other types (`check_frame`).
+        """
         frame = self._stored(len(self.actions), self.simulator.pose) if self._stored else None
         self._rendered = frame is None
         if frame is None:
             channels = COLOR | {Channel.LABELS} if Need.LABELS in self.explorer.needs else COLOR
             seen = self.simulator.observe(channels)
+            if not self._checked:
+                check_frame(self.simulator, seen)
+                self._checked = True
             frame = Frame(seen.rgb.copy(), quantise_depth(seen.depth), seen.pose.copy(), seen.labels)
         self.frames = (frame, *self.frames[:SOURCES])
 
@@ -79,9 +87,12 @@ class Walk:
         Args:
             percept: what the depth model makes of that frame; None without a model.
             seen: what the explorer needs of it, in arrays of its own.
+
+        Raises:
+            DeuxError: what the explorer chose is no action.
         """
         number, collided = len(self.actions), self._collided
-        action = self.explorer.act(self._observation(seen or HostPercept()))
+        action = _action(self.explorer, number, self.explorer.act(self._observation(seen or HostPercept())))
         self.actions.append(action)
         if not self.over:
             self._collided = self.simulator.step(action)
@@ -173,3 +184,30 @@ def check_perception(explorer: Explorer, perception: Perception | None) -> None:
             f"The explorer needs {Need.RESIDUAL} but there is no measure of uncertainty: choose one with "
             "collect.uncertainty."
         )
+
+
+def check_frame(simulator: Simulator, frame: Frame) -> None:
+    """Raise DeuxError if a frame's arrays are not of the simulator's camera's size, or of other types."""
+    camera, size = simulator.camera, (simulator.camera.height, simulator.camera.width)
+    for name, shape, dtype in (
+        ("rgb", (*size, 3), np.uint8),
+        ("depth", size, np.float32),
+        ("pose", (4, 4), np.float64),
+    ):
+        array = getattr(frame, name, None)
+        if not (isinstance(array, np.ndarray) and array.shape == shape and array.dtype == dtype):
+            raise DeuxError(
+                f"the simulator {type(simulator).__name__} gives a frame whose {name} is {kind_of(array)}: for its "
+                f"camera of {camera.width} x {camera.height} pixels it is an ndarray of {sizes(shape)}, "
+                f"{np.dtype(dtype)}."
+            )
+
+
+def _action(explorer: Explorer, number: int, chosen: object) -> Action:
+    """What an explorer chose as an action; its number does as well."""
+    if isinstance(chosen, int | np.integer) and not isinstance(chosen, bool) and chosen in list(Action):
+        return Action(int(chosen))
+    raise DeuxError(
+        f"the explorer {type(explorer).__name__} chose {shown(chosen)} at step {number}: `act` returns a "
+        f"deux.contracts.Action, one of {', '.join(action.name for action in Action)}."
+    )

@@ -53,7 +53,10 @@ class DepthModel(nn.Module, ABC):
     """A depth completion network. All options are in the constructor, each with its published default."""
 
     supervised: ClassVar[bool] = False
-    """Whether the objective may read ground truth. The data module loads it for supervised models only."""
+    """Whether the objective may read ground truth. The data module loads it for supervised models only.
+
+    This and `objective` may be set in the constructor where they depend on the options.
+    """
 
     pretrained: ClassVar[bool] = False
     """Whether the constructor loads trained weights: such a model needs no checkpoint and no training."""

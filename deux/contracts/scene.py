@@ -234,7 +234,7 @@ class SceneSource(ABC):
     def splits(self) -> SceneSplits:
         """The scenes that the options ask for; nothing is loaded. Equal options give equal splits.
 
-        No two scenes share a name, and none is in two splits unless an option allows it.
+        No two scenes share a name, and none is in two splits unless an option called `allow_overlap` is true.
 
         Raises:
             DeuxError: a scene is missing, or in two splits at once.

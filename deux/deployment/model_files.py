@@ -22,7 +22,7 @@ from deux.io.arrays import said
 from deux.io.atomic import write_atomically
 from deux.io.json_files import checked_record, decode_json
 from deux.memory_budget import check_memory
-from deux.options import full_settings
+from deux.options import full_settings, without_defaults
 from deux.registry import registry
 
 MODEL_FILE = "model.safetensors"
@@ -246,7 +246,8 @@ def _damaged(file: Path, error: Exception) -> DeuxError:
 def _make(config: ModelConfig, file: Path) -> DepthModel:
     """The model that a file says it holds, newly made."""
     try:
-        model: DepthModel = registry().create("depth_models", config.name, config.settings)
+        settings = without_defaults(registry().get("depth_models", config.name), config.settings)
+        model: DepthModel = registry().create("depth_models", config.name, settings)
         return model
     except Exception as error:  # the settings are anybody's, and a constructor may meet anything in them
         raise DeuxError(f"{file} holds a {shown(config.name)} that cannot be made here: {said(error)}.") from error

@@ -65,6 +65,28 @@ def check_disjoint(
                 )
 
 
+def check_apart(splits: SceneSplits) -> None:
+    """Check that no scene is in two splits, under one name or two; parts of a scene that are apart are two scenes.
+
+    Scenes in files are told apart by the files' places: their identity takes as long as reading them.
+
+    Raises:
+        DeuxError: a scene is in two splits.
+    """
+    scenes = {split: {_content(scene): scene.name for scene in getattr(splits, split)} for split in SPLITS}
+    for (first, some), (second, others) in combinations(scenes.items(), 2):
+        if shared := next((content for content in some if content in others), None):
+            name, other = some[shared], others[shared]
+            also = "" if other == name else f", as {other},"
+            raise DeuxError(
+                f"the scene {name} is in scenes.{first} and{also} in scenes.{second}: it must be in one only."
+            )
+
+
+def _content(scene: SceneReference) -> Hashable:
+    return (scene.identity if scene.file is None else scene.file.resolve(), scene.area)
+
+
 def each_once(
     splits: Mapping[str, Sequence[T]], noun: str, content: Callable[[T], Hashable]
 ) -> dict[str, tuple[T, ...]]:

@@ -11,7 +11,7 @@ from scipy import stats
 from torch import Tensor
 
 from deux.contracts import Uncertainty, View
-from deux.frame_uncertainty import frame_uncertainty
+from deux.frame_uncertainty import frame_uncertainty, pixel_uncertainty
 from deux.geometry.camera import Camera
 from deux.metrics.sparsification import ause, sparsification_curve
 
@@ -195,7 +195,8 @@ class WalkJudge:
     def _uncertainties(self, view: View, computed: Mapping[str, Tensor]) -> dict[str, np.ndarray]:
         """The H x W maps of all measures and controls for the one frame of a view."""
         maps = {
-            name: computed[name] if name in computed else measure(view)[0] for name, measure in self._measures.items()
+            name: computed[name] if name in computed else pixel_uncertainty(measure, view)[0]
+            for name, measure in self._measures.items()
         }
         by_chance = torch.rand(view.depth.shape[2:], generator=self._rng)
         maps |= dict(zip(CONTROLS, (view.depth[0, 0], by_chance), strict=True))

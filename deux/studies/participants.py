@@ -8,7 +8,7 @@ import numpy as np
 
 from deux.collection.perception import MODEL_NEEDS
 from deux.contracts import NO_ROBOT, Explorer, FreeViewpoints, Reward
-from deux.errors import DeuxError
+from deux.errors import DeuxError, printable
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.registry import PluginChoice, registry
 
@@ -25,7 +25,7 @@ class Participants:
         fingerprints: `Explorer.fingerprint` of each, by name.
         own_rewards: the reward that a learned explorer was trained for, by the explorer's name.
         rewards: the rewards that judge all of them.
-        left_out: why each explorer that is installed does not take part, by name.
+        left_out: why each explorer or reward that is installed does not take part, by name.
     """
 
     explorers: list[PluginChoice] = field(default_factory=list)
@@ -77,13 +77,26 @@ def find_participants(named: Sequence[str] | None, configured: PluginChoice, has
             if named:
                 raise
             found.left_out[name] = str(error)
+        except (Exception, SystemExit) as error:  # the modules and constructors of other packages may raise anything
+            if named or name == configured.name:
+                raise
+            found.left_out[name] = _unmade(name, error)
     if not found.explorers:
         raise DeuxError(f"there is no explorer to compare: {' '.join(found.left_out.values())}")
     for name in registry().names("rewards"):
         state = learned.get(name, {})
-        if state or not registry().create("rewards", name, {}).state():
-            found.rewards[name] = state
+        try:
+            if state or not registry().create("rewards", name, {}).state():
+                found.rewards[name] = state
+        except (Exception, SystemExit) as error:
+            found.left_out[f"the reward {name}"] = _unmade(name, error)
     return found
+
+
+def _unmade(name: str, error: BaseException) -> str:
+    if isinstance(error, DeuxError):
+        return str(error)
+    return f"{name} cannot be made: {type(error).__name__}: {printable(str(error))}."
 
 
 def make_rewards(states: RewardStates) -> dict[str, Reward]:

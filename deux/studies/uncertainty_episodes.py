@@ -13,7 +13,7 @@ from deux.collection.sparse import SparseSettings
 from deux.collection.specification import episode_seed, place_name
 from deux.collection.walk import Step, Walk, run_walks
 from deux.contracts import DepthPredictor, SceneReference, Uncertainty
-from deux.errors import DeuxError, counted
+from deux.errors import DeuxError, counted, printable
 from deux.geometry.poses import motion
 from deux.inference.threads import one_thread
 from deux.io.atomic import make_folder, read_bytes, write_json
@@ -45,6 +45,8 @@ def installed_measures() -> tuple[list[PluginChoice], dict[str, str]]:
             measures.append(choice)
         except DeuxError as error:
             left_out[name] = str(error)
+        except (Exception, SystemExit) as error:  # the modules and constructors of other packages may raise anything
+            left_out[name] = f"{name} cannot be made: {type(error).__name__}: {printable(str(error))}."
     return measures, left_out
 
 

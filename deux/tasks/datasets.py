@@ -20,7 +20,7 @@ from deux.geometry.camera import Camera
 from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths
 from deux.registry import PluginChoice, registry
-from deux.scenes.splits import check_not_empty
+from deux.scenes.splits import check_apart, check_not_empty
 from deux.simulator.simulation import Simulation
 from deux.task_sections import Sections
 from deux.tasks.console import progress, say
@@ -39,11 +39,15 @@ def read_scenes(sections: Sections, needed: Sequence[str]) -> SceneSplits:
         needed: the splits that must have a scene.
 
     Raises:
-        DeuxError: a scene is missing or in two splits, or a needed split has none.
+        DeuxError: a scene is missing, or in two splits where no option `allow_overlap` of the source allows it, or a
+            needed split has none.
     """
-    source: SceneSource = sections.plugin("scenes").create()
+    chosen = sections.plugin("scenes")
+    source: SceneSource = chosen.create()
     splits = source.splits()
     check_not_empty(splits, needed)
+    if not chosen.settings.get("allow_overlap", False):
+        check_apart(splits)
     return splits
 
 

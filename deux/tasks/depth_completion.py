@@ -11,7 +11,7 @@ from deux.contracts import DepthModel, FrameReference, Uncertainty
 from deux.data.frame_stream import RecordedFrame
 from deux.deployment.array_prediction import check_prediction, predict_batch
 from deux.errors import DeuxError
-from deux.frame_uncertainty import make_view
+from deux.frame_uncertainty import make_view, pixel_uncertainty
 from deux.inference.precision import default_device, tf32_convolutions
 from deux.registry import registry
 
@@ -71,7 +71,7 @@ class DepthCompleter:
             self._tensor([source.source_from_target for source in sources]).reshape(*shape, 4, 4),
             self._model.predict,
         )
-        confidence = torch.exp(-measure(view)).nan_to_num(nan=0.0)
+        confidence = torch.exp(-pixel_uncertainty(measure, view)).nan_to_num(nan=0.0)
         depths = check_prediction(view.depth[:, 0].cpu().numpy())
         return [CompletedDepth(depth, known) for depth, known in zip(depths, confidence.cpu().numpy(), strict=True)]
 

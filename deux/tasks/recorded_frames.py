@@ -91,7 +91,8 @@ def check_recorded(
         choice: how source frames are chosen.
 
     Raises:
-        DeuxError: there are no poses though they are needed, or a file is missing, damaged or of another kind.
+        DeuxError: there are no frames, or no poses though they are needed, or a file is missing, damaged or of another
+            kind.
     """
     found = _listed(reader, split, offsets, needs, choice)
     complete = [triplet for triplet in found if triplet.sources or not needs.sources]
@@ -139,7 +140,13 @@ def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, st
 
 
 def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:
-    return list_triplets(reader, split, choice if needs.sources else "recent", offsets)
+    found = list_triplets(reader, split, choice if needs.sources else "recent", offsets)
+    if not found:
+        raise DeuxError(
+            f"the {split} split of {reader.folder} has no frames, as {type(reader).__name__} reads it: name a folder "
+            "that has some, or by the options under `data` which are the split's."
+        )
+    return found
 
 
 def _where(offsets: tuple[int, ...], choice: SourceChoice) -> str:

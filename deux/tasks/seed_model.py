@@ -127,8 +127,10 @@ class SeedModel:
         if self.settings.source is not None:
             registry().choose("scenes", {"name": self.settings.source}, "seed_model.source")
         explorer = sections.plugin("explore")
-        self._explorer = explorer if self.settings.explore == explorer.name else _named(self.settings.explore)
-        if is_ceiling(self._explorer):
+        if self.settings.checkpoint is None and self.settings.explore != explorer.name:
+            explorer = registry().choose("explorers", {"name": self.settings.explore}, "seed_model.explore")
+        self._explorer = explorer
+        if self.settings.checkpoint is None and is_ceiling(explorer):
             raise DeuxError(
                 f"seed_model.explore is {self.settings.explore}, but a seed model is trained on what a robot collects, "
                 "and free viewpoints are a ceiling that none can: choose another explorer."
@@ -175,10 +177,6 @@ class SeedModel:
         else:
             frames = self._datasets.explored_elsewhere(self._explorer, source, self.settings.scenes)
         return str(self._training.train_once(replace(self._recipe, training=training), frames, "seed_models"))
-
-
-def _named(explorer: str) -> PluginChoice:
-    return registry().choose("explorers", {"name": explorer}, "seed_model.explore")
 
 
 def _other_recipe(model: PluginChoice, final: Recipe, training: dict[str, Any]) -> Recipe:

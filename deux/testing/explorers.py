@@ -267,9 +267,11 @@ class ExplorerSuite:
             moved = np.hypot(*np.diff(path[1:], axis=0).T) > 0.25 * world.robot.forward_step
             pushes = sum(action is Action.FORWARD and not far for action, far in zip(actions, moved, strict=False))
             where = f"in {trap.__name__}, {pushes} of {len(actions)} actions pushed the robot against an obstacle"
-            assert pushes <= self.most_pushes, where
+            remedy = "deux.mapping.recovery.Recovery frees a robot that is stuck, and Action.STOP ends the episode"
+            assert pushes <= self.most_pushes, f"{where}, and at most {self.most_pushes} may (`most_pushes`): {remedy}"
             out = len(actions) < self.escape_steps or actions[-1] is Action.STOP
-            assert out, f"{where}, and it did not get out"
+            limit = f"{self.escape_steps} actions (`escape_steps`)"
+            assert out, f"{where}, and it did not get out within {limit}: {remedy}"
 
     def test_map_is_consistent(self) -> None:
         """`map` is None or holds grids of its frame's shape with legal values, and changes nothing."""

@@ -17,7 +17,7 @@ from deux.contracts import (
     Prediction,
     Reconstructions,
 )
-from deux.errors import DeuxError
+from deux.errors import DeuxError, kind_of, shown, sizes
 from deux.geometry.reprojection import reproject
 from deux.inference.precision import tf32_convolutions
 from deux.registry import registry
@@ -98,7 +98,8 @@ class Objective(nn.Module):
             poses: the relative poses of the reconstructions; the batch's own if None.
 
         Raises:
-            DeuxError: the prediction lacks an extra that a term needs, or the batch ground truth or poses.
+            DeuxError: the prediction is none or of another shape, it lacks an extra that a term needs, or the batch
+                ground truth or poses; or a term gives no scalar. Shapes and types alone are looked at.
         """
         self._check(batch, prediction)
         with torch.autocast(prediction.depth.device.type, enabled=False), tf32_convolutions(False):
@@ -110,7 +111,7 @@ class Objective(nn.Module):
                 reconstructions = reconstruct(batch, prediction, poses)
             readable = batch if self.supervised else replace(batch, ground_truth=None)
             inputs = LossInputs(readable, prediction, reconstructions, self.depth_range)
-            values = {name: term(inputs) for name, term in self.terms.items()}
+            values = {name: _scalar(name, term(inputs)) for name, term in self.terms.items()}
             total = torch.stack([self.weights[name] * value for name, value in values.items()]).sum()
         return Losses(total, {name: value.detach() for name, value in values.items()}, reconstructions)
 
@@ -118,6 +119,17 @@ class Objective(nn.Module):
         return [name for name, term in self.terms.items() if need in term.needs]
 
     def _check(self, batch: Batch, prediction: Prediction) -> None:
+        if not isinstance(prediction, Prediction):
+            raise DeuxError(
+                f"the `forward` of {self.model} gives {kind_of(prediction)}: it must be a deux.contracts.Prediction."
+            )
+        count, _, height, width = batch.image.shape
+        depth, wanted = prediction.depth, (count, 1, height, width)
+        if not (isinstance(depth, Tensor) and depth.shape == wanted and depth.is_floating_point()):
+            raise DeuxError(
+                f"the prediction of {self.model} has as its depth {kind_of(depth)}: it must be a Tensor of "
+                f"N x 1 x H x W, float32, here {sizes(wanted)}."
+            )
         for name, term in self.terms.items():
             for extra in sorted(term.extras - prediction.extras.keys()):
                 known = ", ".join(sorted(prediction.extras)) or "none"
@@ -128,6 +140,15 @@ class Objective(nn.Module):
         for name in self._needing(LossNeed.GROUND_TRUTH):
             if batch.ground_truth is None:
                 raise DeuxError(f"objective.{name} needs ground truth, and the training frames come without it.")
+
+
+def _scalar(name: str, value: Tensor) -> Tensor:
+    if isinstance(value, Tensor) and value.ndim == 0 and value.is_floating_point():
+        return value
+    raise DeuxError(
+        f"objective.{name} gives {kind_of(value)}: a loss term gives a Tensor without dimensions, such as a "
+        "mean, float32."
+    )
 
 
 def reconstruct(batch: Batch, prediction: Prediction, poses: RelativePoses) -> Reconstructions:
@@ -149,12 +170,17 @@ def make_objective(
     Raises:
         DeuxError: a term is not installed or its options are wrong, or its weight is missing or no number.
     """
+    if not isinstance(model.objective, Mapping):
+        raise DeuxError(
+            f"the objective of {type(model).__name__} is {shown(model.objective)}: it must be a mapping, from the "
+            "names of loss terms to their weights."
+        )
     terms: dict[str, tuple[float, LossTerm]] = {}
-    for name, options in merge_settings(type(model).objective, overrides or {}).items():
+    for name, options in merge_settings(model.objective, overrides or {}).items():
         weight = options.pop("weight")
         terms[name] = (weight, registry().create("losses", name, options))
     depth_range = (model.min_depth, model.max_depth)
-    supervised = type(model).supervised if supervised is None else supervised
+    supervised = model.supervised if supervised is None else supervised
     return Objective(terms, depth_range, supervised, model=type(model).__name__)
 
 

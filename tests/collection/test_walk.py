@@ -1,12 +1,17 @@
+import re
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from toy_world import GuessingModel, ToyScene, ToySimulator, Wanderer, guided_explorer
 
 from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
 from deux.collection.perception import Perception
+from deux.collection.viewpoints import collect_viewpoints, plan_viewpoints
 from deux.collection.walk import Step, Walk, run_walks
 from deux.contracts import Action, Frame, Need
 from deux.errors import DeuxError
@@ -143,3 +148,44 @@ def test_what_an_explorer_needs_has_to_be_there():
         steps_of(guided_explorer())
     with pytest.raises(DeuxError, match=r"there is no measure of uncertainty: choose one with collect\.uncertainty"):
         steps_of(guided_explorer(), perception=Perception(GuessingModel()))
+
+
+@pytest.mark.parametrize("chosen", [None, "forward", 7, -1, True, 1.0, torch.tensor(1), np.float64(1.0)])
+def test_what_is_no_action_is_told_at_the_step(monkeypatch, chosen):
+    explorer = Wanderer()
+    script = [Action.LEFT, chosen]
+    monkeypatch.setattr(explorer, "act", lambda observation: script[observation.step])
+    with pytest.raises(
+        DeuxError, match=r"^the explorer Wanderer chose .* at step 1: `act` returns a deux\.contracts\.A"
+    ):
+        steps_of(explorer)
+
+
+def test_the_number_of_an_action_is_taken_for_it(monkeypatch):
+    explorer = Wanderer()
+    script = [np.int64(1), 2, 3]
+    monkeypatch.setattr(explorer, "act", lambda observation: script[observation.step])
+    assert [step.action for step in steps_of(explorer)] == [Action.LEFT, Action.RIGHT, Action.STOP]
+    assert all(type(action) is Action for action in (step.action for step in steps_of(explorer)))
+
+
+WRONG_FRAMES = {
+    "rgb is ndarray of 20 x 24 x 3, uint8: for its camera of 48 x 40 pixels it is an ndarray of 40 x 48 x 3, "
+    "uint8.": lambda frame: replace(frame, rgb=frame.rgb[::2, ::2]),
+    "rgb is ndarray of 40 x 48 x 3, float64: for": lambda frame: replace(frame, rgb=frame.rgb / 255.0),
+    "depth is ndarray of 40 x 48, float64: for": lambda frame: replace(frame, depth=frame.depth.astype(np.float64)),
+    "depth is ndarray of 40 x 48 x 1, float32: for": lambda frame: replace(frame, depth=frame.depth[..., None]),
+    "rgb is None: for": lambda frame: replace(frame, rgb=None),
+    "pose is ndarray of 3 x 4, float64: for": lambda frame: replace(frame, pose=frame.pose[:3]),
+}
+
+
+@pytest.mark.parametrize("told", WRONG_FRAMES)
+def test_a_frame_that_is_not_of_its_camera_is_told_of_the_simulator(monkeypatch, told):
+    whole = ToySimulator._frame
+    monkeypatch.setattr(ToySimulator, "_frame", lambda *arguments: WRONG_FRAMES[told](whole(*arguments)))
+    with pytest.raises(DeuxError, match=re.escape(f"the simulator ToySimulator gives a frame whose {told}")):
+        steps_of(Wanderer())
+    plans = plan_viewpoints(Path("nowhere"), ToyScene(), 0, 1)
+    with pytest.raises(DeuxError, match=re.escape(f"the simulator ToySimulator gives a frame whose {told}")):
+        collect_viewpoints([plans], ToySimulator)

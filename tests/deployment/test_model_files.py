@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from enum import Enum
 
 import pytest
 import safetensors.torch
@@ -52,6 +53,24 @@ def test_defaults_of_the_day_are_saved(tmp_path, monkeypatch):
     save_model(tmp_path / MODEL_FILE, Scaled(), "scaled", {})
     monkeypatch.setattr(Scaled.__init__, "__defaults__", (7.0, 3))
     assert load_model(tmp_path).scale == 2.0
+
+
+def test_a_default_that_json_cannot_hold_is_left_to_the_constructor(tmp_path):
+    class Side(Enum):
+        LEFT = "left"
+
+    class Sided(Scaled):
+        def __init__(self, scale: float = 2.0, side: Side = Side.LEFT) -> None:
+            super().__init__(scale)
+            self.side = side
+
+    registry().register("depth_models", "sided", Sided)
+    try:
+        save_model(tmp_path / MODEL_FILE, Sided(5.0), "sided", {"scale": 5})
+        loaded = load_model(tmp_path)
+    finally:
+        registry().unregister("depth_models", "sided")
+    assert (loaded.scale, loaded.side) == (5.0, Side.LEFT)
 
 
 def test_nothing_there(tmp_path):

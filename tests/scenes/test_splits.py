@@ -1,10 +1,11 @@
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
-from deux.contracts import SceneReference, SceneSplits
+from deux.contracts import SceneArea, SceneReference, SceneSplits
 from deux.errors import DeuxError
-from deux.scenes.splits import check_disjoint, check_not_empty, each_once, make_splits
+from deux.scenes.splits import check_apart, check_disjoint, check_not_empty, each_once, make_splits
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,46 @@ def test_two_names_of_one_content_in_two_splits_are_named_both():
         DeuxError, match=r"^seed A is in scenes\.train and, as a, in scenes\.test: it must be in one only"
     ):
         check_disjoint({"train": ["A", "b"], "validation": ["c"], "test": ["a"]}, "seed", content=str.lower)
+
+
+@dataclass(frozen=True)
+class Seeded(SceneReference):
+    seed: int = 0
+
+    @property
+    def identity(self) -> str:
+        return f"seed-{self.seed}"
+
+
+@dataclass(frozen=True)
+class Filed(SceneReference):
+    path: Path
+
+    @property
+    def identity(self) -> str:
+        raise AssertionError("a file was read")
+
+    @property
+    def file(self) -> Path:
+        return self.path
+
+
+def test_a_scene_in_two_splits_is_named_with_both():
+    check_apart(SceneSplits((Seeded("a", 1), Seeded("b", 2)), (), (Seeded("c", 3),)))
+    with pytest.raises(DeuxError, match=r"^the scene b is in scenes\.train and in scenes\.test: it must be in one"):
+        check_apart(SceneSplits((Seeded("a", 1), Seeded("b", 2)), (), (Seeded("b", 2),)))
+    with pytest.raises(DeuxError, match=r"^the scene c is in scenes\.validation and, as d, in scenes\.test: it must"):
+        check_apart(SceneSplits((), (Seeded("c", 3),), (Seeded("d", 3),)))
+
+
+def test_scenes_in_files_are_told_apart_by_their_places_and_parts(tmp_path):
+    near, far = SceneArea(region=(0.0, 0.0, 4.0, 4.0)), SceneArea(region=(4.0, 0.0, 8.0, 4.0))
+    one, other = tmp_path / "one.glb", tmp_path / "other.glb"
+    check_apart(SceneSplits((Filed("a", one), Filed("b", other, area=near)), (), (Filed("c", other, area=far),)))
+    link = tmp_path / "link.glb"
+    link.symlink_to(one)
+    with pytest.raises(DeuxError, match=r"^the scene a is in scenes\.train and, as c, in scenes\.test"):
+        check_apart(SceneSplits((Filed("a", one),), (), (Filed("c", link),)))
 
 
 def test_two_names_of_one_content_in_one_split_are_taken_once(caplog):

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deux.contracts import Episode, Experience, Observation
+from deux.contracts import Episode, Experience, Explorer, Observation, Reward
 from deux.environment.egocentric import Crops
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
@@ -86,3 +86,50 @@ def test_no_explorer_at_all(monkeypatch):
     monkeypatch.setattr(registry(), "names", lambda kind: ["deux"] if kind == "explorers" else [])
     with pytest.raises(DeuxError, match="there is no explorer to compare: deux needs a depth model"):
         participants()
+
+
+class Broken(Explorer):
+    def __init__(self, gain: float = 1.0) -> None:
+        raise ValueError("gain must be\nnegative")
+
+    reset = act = None
+
+
+class Unnamed(Broken):
+    def __init__(self, gain: float) -> None:
+        self.gain = gain
+
+
+@pytest.mark.parametrize(
+    ("cls", "reason"),
+    [
+        (Broken, "broken cannot be made: ValueError: gain must be negative."),
+        (Unnamed, "Unnamed needs a value for compare.explorers.gain."),
+    ],
+)
+def test_an_explorer_that_cannot_be_made_is_left_out_unless_it_is_named(cls, reason):
+    registry().register("explorers", "broken", cls)
+    try:
+        found = participants()
+        assert found.left_out["broken"] == reason
+        assert {"random", "frontier"} <= {choice.name for choice in found.explorers}
+        with pytest.raises((ValueError, DeuxError), match=r"gain must be\nnegative|needs a value for compare"):
+            participants("random", "broken")
+    finally:
+        registry().unregister("explorers", "broken")
+
+
+def test_a_reward_that_cannot_be_made_does_not_judge():
+    class Greedy(Reward):
+        def __init__(self, worth: float) -> None:
+            self.worth = worth
+
+        reset = __call__ = None
+
+    registry().register("rewards", "greedy", Greedy)
+    try:
+        found = participants("random")
+    finally:
+        registry().unregister("rewards", "greedy")
+    assert "greedy" not in found.rewards
+    assert found.left_out == {"the reward greedy": "Greedy needs a value for explorer_training.reward_options.worth."}

@@ -128,3 +128,10 @@ def test_all_installed_measures_are_found_and_a_broken_one_is_left_out(monkeypat
     monkeypatch.setattr(registry(), "names", with_another)
     measures, left_out = installed_measures()
     assert "there is no measure of uncertainty called 'nowhere'" in left_out["nowhere"]
+    cls = registry().get("uncertainties", "ssim")
+
+    def refuse(self: object, *arguments: object, **options: object) -> None:
+        raise ValueError("no\nwindow")
+
+    monkeypatch.setattr(cls, "__init__", refuse)
+    assert installed_measures()[1]["ssim"] == "ssim cannot be made: ValueError: no window."

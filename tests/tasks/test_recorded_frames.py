@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from deux.contracts import Action
+from deux.contracts import Action, Reader
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.tasks.recorded_frames import Needs, check_recorded, validation_of
 from deux.testing.box_world import Box, BoxWorld
 
 MODELS = ("kbnet", "voiced", "scaffnet", "fusionnet")
@@ -251,3 +253,18 @@ def test_errors_are_kept_for_each_recorded_sequence(deux, tmp_path, wall):
         ("seq-01", FRAMES),
         ("seq-02", FRAMES),
     ]
+
+
+def test_a_reader_that_finds_nothing_is_told_with_folder_and_split(tmp_path, capsys):
+    class Blind(Reader):
+        folder = tmp_path
+        image = intrinsics = sparse_depth = None
+
+        def triplets(self, split, offsets):
+            return []
+
+    told = f"split of {tmp_path} has no frames, as Blind reads it: name a folder that has some, or by the options"
+    with pytest.raises(DeuxError, match=f"^the train {told}"):
+        check_recorded(Blind(), "train", (-1, -2), None, Needs())
+    assert validation_of(Blind(), (-1, -2), Needs()) == []
+    assert f"no validation: the validation {told}" in capsys.readouterr().out

@@ -1,5 +1,8 @@
 """The suite must pass a sound explorer and catch each fault that it is there to catch."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -187,3 +190,38 @@ def test_an_observation_holds_what_was_declared_and_nothing_else():
         observation = observe(BoxWorld(3.0, 3.0), frozenset({need}), 5, False)
         optional = {name for names in fields.values() for name in names}
         assert {name for name in optional if getattr(observation, name) is not None} == fields[need]
+
+
+class LeavesNeedsAsText(Sound):
+    needs = "sensor_depth"
+
+
+@pytest.mark.parametrize(
+    ("faulty", "test", "told"),
+    [
+        (
+            NeverTurnsAway,
+            "test_gets_out_of_traps",
+            r"at most 75 may \(`most_pushes`\): deux\.mapping\.recovery\.Recovery",
+        ),
+        (
+            TurnsOnTheSpot,
+            "test_gets_out_of_traps",
+            r"get out within 250 actions \(`escape_steps`\): deux\.mapping\.recov",
+        ),
+        # An assertion without a message of its own shows its values, which pytest writes out where it rewrote the file.
+        (LeavesNeedsAsText, "test_needs_are_declared", r"isinstance\('sensor_depth', frozenset\)"),
+    ],
+)
+def test_a_failure_says_what_is_wrong(faulty, test, told):
+    class Suite(ExplorerSuite):
+        def make_explorer(self):
+            return faulty()
+
+    with pytest.raises(AssertionError, match=told):
+        getattr(Suite(), test)()
+
+
+def test_the_worlds_need_no_pytest():
+    code = "import sys; sys.modules['pytest'] = None; import deux.testing.box_world"
+    subprocess.run([sys.executable, "-c", code], check=True)

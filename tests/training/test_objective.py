@@ -1,3 +1,4 @@
+import re
 from typing import ClassVar
 
 import numpy as np
@@ -8,6 +9,7 @@ from torch import nn
 from deux.contracts import Batch, DepthModel, LossInputs, LossNeed, LossSettings, LossTerm, Prediction
 from deux.errors import DeuxError
 from deux.registry import registry
+from deux.testing.host_waits import refuse_host_waits
 from deux.testing.losses import DEPTH_RANGE, imperfect_sample
 from deux.training import objective as objective_module
 from deux.training.objective import Objective, make_objective, merge_settings
@@ -146,19 +148,16 @@ def test_an_unsupervised_objective_cannot_read_ground_truth():
 
 
 def test_no_installed_term_that_reads_ground_truth_fits_an_unsupervised_model():
-    """Neither by configuration nor by the model's own objective, nor with the instance declaring itself supervised."""
+    """Neither by configuration nor by the model's own objective."""
     terms = {name: registry().create("losses", name, {}) for name in registry().names("losses")}
     reading = [name for name, term in terms.items() if LossNeed.GROUND_TRUTH in term.needs]
     assert "supervised_depth" in reading
     for name in reading:
         own = type("Own", (Model,), {"objective": {name: 1.0}})()
-        pretending = Model()
-        pretending.supervised = True
         for model, overrides in (
             (Model(), {name: 1e-9}),
             (Model(), {name: {"weight": 1.0}, **dict.fromkeys(Model.objective)}),
             (own, None),
-            (pretending, {name: 1.0}),
         ):
             with pytest.raises(
                 DeuxError, match=rf"objective\.{name} reads ground truth, but the model is unsupervised"
@@ -205,6 +204,81 @@ def test_a_model_without_the_extra_of_an_installed_term_is_named():
     sample = imperfect_sample()
     objective = make_objective(Model(), {"topology_prior": 1.0})
     with pytest.raises(DeuxError, match=r"objective\.topology_prior needs the extra 'prior' .* which Model does not"):
+        objective(sample.batch, Prediction(sample.depth))
+
+
+def test_an_objective_may_be_set_in_the_models_constructor():
+    class Own(Model):
+        def __init__(self, smoothness: float, supervised: bool) -> None:
+            super().__init__()
+            self.objective = {"sparse_depth": 1.0, "local_smoothness": smoothness}
+            self.supervised = supervised
+
+    assert make_objective(Own(0.25, False)).weights == {"sparse_depth": 1.0, "local_smoothness": 0.25}
+    truthful = make_objective(Own(0.25, True), {"supervised_depth": 1.0})
+    assert truthful.supervised
+    with pytest.raises(DeuxError, match=r"objective\.supervised_depth reads ground truth, but the model is unsup"):
+        make_objective(Own(0.25, False), {"supervised_depth": 1.0})
+    with pytest.raises(DeuxError, match=r"^the objective of Listed is \['sparse_depth'\]: it must be a mapping, from"):
+        make_objective(type("Listed", (Model,), {"objective": ["sparse_depth"]})())
+
+
+WRONG_PREDICTIONS = {
+    "the `forward` of Model gives Tensor of 2 x 1 x 24 x 32, float32: it must be a deux.contracts.Pred": lambda depth: (
+        depth
+    ),
+    "the `forward` of Model gives a value of the type dict: it must be a": lambda depth: {"depth": depth},
+    "the `forward` of Model gives None: it must be a": lambda depth: None,
+    "the prediction of Model has as its depth Tensor of 2 x 24 x 32, float32: it must be a Tensor of N x 1 x H x W, "
+    "float32, here 2 x 1 x 24 x 32.": lambda depth: Prediction(depth[:, 0]),
+    "the prediction of Model has as its depth Tensor of 2 x 1 x 12 x 16, float32: it": lambda depth: Prediction(
+        depth[..., ::2, ::2]
+    ),
+    "the prediction of Model has as its depth ndarray of 2 x 1 x 24 x 32, float32: it": lambda depth: Prediction(
+        depth.numpy()
+    ),
+    "the prediction of Model has as its depth Tensor of 2 x 1 x 24 x 32, int64: it": lambda depth: Prediction(
+        depth.long()
+    ),
+}
+
+
+@pytest.mark.parametrize("told", WRONG_PREDICTIONS)
+def test_what_is_no_prediction_of_the_batch_is_told_of_the_model(told):
+    sample = imperfect_sample()
+    objective = objective_of(Probe(LossNeed.RECONSTRUCTIONS), model="Model")
+    with pytest.raises(DeuxError, match=f"^{re.escape(told)}"):
+        objective(sample.batch, WRONG_PREDICTIONS[told](sample.depth))
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (lambda depth: 0.5, "a value of the type float"),
+        (lambda depth: None, "None"),
+        (lambda depth: depth.mean((1, 2, 3)), "Tensor of 2, float32"),
+        (lambda depth: depth, "Tensor of 2 x 1 x 24 x 32, float32"),
+        (lambda depth: np.float32(0.5), "float32 of a single number, float32"),
+        (lambda depth: (depth > 1).any(), "Tensor of a single number, bool"),
+    ],
+)
+def test_a_term_that_gives_no_scalar_is_named(value, told):
+    class Term(LossTerm):
+        def __call__(self, inputs):
+            return value(inputs.prediction.depth)
+
+    sample = imperfect_sample()
+    with pytest.raises(DeuxError, match=rf"^objective\.b gives {told}: a loss term gives a Tensor without dimensions"):
+        objective_of(Probe(), Term())(sample.batch, Prediction(sample.depth))
+
+
+def test_wrong_values_are_told_without_reading_them():
+    """On a card, that would wait for it."""
+    sample = imperfect_sample()
+    objective = objective_of(Probe())
+    with refuse_host_waits(), pytest.raises(DeuxError, match="has as its depth"):
+        objective(sample.batch, Prediction(sample.depth[:, 0]))
+    with refuse_host_waits():
         objective(sample.batch, Prediction(sample.depth))
 
 

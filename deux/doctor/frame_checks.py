@@ -11,6 +11,7 @@ from deux.contracts import FrameReference, Reader, Triplet
 from deux.contracts.reader import SPLITS
 from deux.data.chosen_sources import count_without_sources
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
+from deux.data.even_choice import evenly_chosen
 from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
 from deux.errors import DeuxError, counted, plural
 from deux.figures.drawing import save_figure
@@ -106,7 +107,7 @@ def _check_split(
         check.facts.append(
             f"{counted(single, 'frame')} {plural('has', single)} no source frames{where}: evaluated, but not trained on"
         )
-    chosen = _spread(triplets, CHECKED)
+    chosen = evenly_chosen(triplets, CHECKED)
     targets = [one.target for one in chosen]
     _check_cameras(reader, targets, check)
     _check_sizes(reader, targets, check)
@@ -115,15 +116,10 @@ def _check_split(
     _check_poses(reader, neighbours, check)
     _check_warp(reader, neighbours, check)
     if previews is not None:
-        rows = [_preview(reader, one) for one in _spread(neighbours or chosen, PREVIEWED)]
+        rows = [_preview(reader, one) for one in evenly_chosen(neighbours or chosen, PREVIEWED)]
         check.preview = save_figure(draw_preview(rows), previews / f"{split}.png")
         check.facts.append(f"preview: {check.preview}")
     return check
-
-
-def _spread(triplets: Sequence[Triplet], count: int) -> list[Triplet]:
-    """As many of the triplets, evenly over all."""
-    return [triplets[i] for i in np.unique(np.linspace(0, len(triplets) - 1, count).round().astype(int))]
 
 
 def _neighbours(reader: Reader, split: str) -> list[Triplet]:
@@ -133,7 +129,7 @@ def _neighbours(reader: Reader, split: str) -> list[Triplet]:
     except DeuxError:
         return []
     complete = [Triplet(target, sources[:1]) for target, sources in found if sources]
-    return _spread(complete, CHECKED) if complete else []
+    return evenly_chosen(complete, CHECKED) if complete else []
 
 
 def _check_cameras(reader: Reader, frames: Sequence[FrameReference], check: SplitCheck) -> None:

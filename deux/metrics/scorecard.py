@@ -14,6 +14,7 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.chosen_sources import PAPER_OFFSETS, list_triplets
+from deux.data.even_choice import evenly_chosen
 from deux.errors import DeuxError, shown
 from deux.geometry.poses import source_from_target, yaw_of
 from deux.geometry.source_frames import SourceRule
@@ -172,7 +173,7 @@ def score(
         raise DeuxError(f"{reader.folder} lists no {split} frames, so that it has no scorecard.")
     poses = {frame: _pose(reader, frame) for one in triplets for frame in (one.target, *one.sources)}
     parallax = [any(PARALLAX.apart(poses[one.target], poses[frame]) for frame in one.sources) for one in triplets]
-    sampled = _spread(triplets, most_frames)
+    sampled = evenly_chosen(triplets, most_frames)
     depths = [_depth(reader, one.target) for one in sampled]
     moved = [
         moved_share(depth, reader.intrinsics(one.target), [_motion(poses, one, frame) for frame in one.sources])
@@ -182,7 +183,9 @@ def score(
     views = {(place, _heading(poses[one.target])) for place, one in zip(places, triplets, strict=True)}
     shares, distance, test_shares = depth_shares(depths), None, {}
     if tests is not None:
-        others = [_depth(tests, one.target) for one in _spread(tests.triplets("test", PAPER_OFFSETS), most_frames)]
+        others = [
+            _depth(tests, one.target) for one in evenly_chosen(tests.triplets("test", PAPER_OFFSETS), most_frames)
+        ]
         distance = total_variation(depth_histogram(depths), depth_histogram(others))
         test_shares = depth_shares(others)
     explored: dict[str, Any] = {}
@@ -271,12 +274,6 @@ def _place(pose: np.ndarray) -> tuple[int, int]:
 def _heading(pose: np.ndarray) -> int:
     """Number of the heading's sector; sectors are centred on the multiples of `VIEW_ANGLE`."""
     return round(np.degrees(yaw_of(pose)) / VIEW_ANGLE) % round(360.0 / VIEW_ANGLE)
-
-
-def _spread(triplets: Sequence[Triplet], most: int) -> list[Triplet]:
-    """At most `most` of them, evenly spread."""
-    chosen = np.unique(np.linspace(0, len(triplets) - 1, min(most, len(triplets))).round().astype(int))
-    return [triplets[k] for k in chosen]
 
 
 def _pose(reader: Reader, frame: FrameReference) -> np.ndarray:

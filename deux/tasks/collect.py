@@ -41,7 +41,7 @@ def run(cfg: DictConfig) -> None:
         check_viewer("collect.viewer")
     evaluation = sections.read("evaluation", EvaluationSettings)
     training = Training(sections, datasets, evaluation.validation_viewpoints)
-    exploration = Exploration(sections, datasets, training)
+    exploration = GuidedCollection(sections, datasets, training)
     with open_run_folder(run_folder(), sections.identity, named_weights(sections, trained=False)) as run:
         dataset = exploration.collect(run)
         if leads():
@@ -54,7 +54,7 @@ def run(cfg: DictConfig) -> None:
             say(f"Dataset: {dataset}")
 
 
-class Exploration:
+class GuidedCollection:
     """Collects the frames of the configured explorer, guided by a seed model if it needs one.
 
     Args:

@@ -15,7 +15,7 @@ from deux.metrics.scorecard import score
 from deux.report.results import RESULTS_FILE, Results
 from deux.task_sections import Sections
 from deux.tasks.active_training import ActiveTraining, read_rounds
-from deux.tasks.collect import Exploration
+from deux.tasks.collect import GuidedCollection
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, Evaluator
@@ -63,7 +63,7 @@ class Experiment:
                 )
         self._datasets = Datasets(sections, ["train", "test"])
         self._training = Training(sections, self._datasets, self._evaluation.validation_viewpoints)
-        self._exploration = Exploration(sections, self._datasets, self._training)
+        self._exploration = GuidedCollection(sections, self._datasets, self._training)
         self._final = ActiveTraining(sections, self._datasets, self._training)
         self._test = Evaluator(sections)
         self.weights = named_weights(sections)

@@ -20,7 +20,7 @@ from deux.errors import DeuxError, check_range, counted
 from deux.io.atomic import make_folder, write_json
 from deux.io.layout import SourceChoice
 from deux.task_sections import Sections
-from deux.tasks.collect import Exploration
+from deux.tasks.collect import GuidedCollection
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings, read_given
@@ -134,7 +134,7 @@ def _collected(sections: Sections, run: RunFolder) -> dict[str, Reader]:
     datasets = Datasets(sections, ["train"])
     evaluation = sections.read("evaluation", EvaluationSettings)
     training = Training(sections, datasets, evaluation.validation_viewpoints)
-    readers: dict[str, Reader] = {"train": DatasetReader(Exploration(sections, datasets, training).collect(run))}
+    readers: dict[str, Reader] = {"train": DatasetReader(GuidedCollection(sections, datasets, training).collect(run))}
     if datasets.scenes.test:
         readers["test"] = DatasetReader(datasets.viewpoints("test", evaluation.viewpoints))
     return readers

@@ -41,7 +41,7 @@ def predict_frame(
     """
     if measure is not None and measure.needs_sources:
         raise refuse_measure(str(settings.uncertainty), "predict.image is one frame")
-    frame = read_frame(settings)
+    frame = read_single_frame(settings)
     truth_file = settings.ground_truth and str(settings.ground_truth)
     check_units(frame, model, DepthFiles(str(settings.sparse), settings.sparse_scale, truth_file))
     truth = unseen_truth(frame, camera)
@@ -63,7 +63,7 @@ def predict_frame(
         say(error_table(f"Errors on the {counted:,} pixels with ground truth that are no sparse points", rows))
 
 
-def read_frame(chosen: PredictSettings) -> RecordedFrame:
+def read_single_frame(chosen: PredictSettings) -> RecordedFrame:
     """Read the files of one frame.
 
     Raises:

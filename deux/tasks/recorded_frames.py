@@ -11,6 +11,7 @@ from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel, FrameReference, Reader, Triplet
 from deux.data.chosen_sources import list_triplets
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
+from deux.data.even_choice import evenly_chosen
 from deux.errors import DeuxError, counted, plural
 from deux.io.calibration import camera_warning
 from deux.io.file_digest import file_digest
@@ -101,7 +102,7 @@ def check_recorded(
     say(f"  {counted(len(complete), f'{split} frame')} of {reader.folder}{others if lacking else ''}")
     if not complete:
         return  # the data module says so in a sentence
-    chosen = _spread([triplet.target for triplet in complete])
+    chosen = evenly_chosen([triplet.target for triplet in complete], CHECKED)
     if needs.poses:
         _check_poses(reader, chosen)
     _check_cameras_and_units(reader, chosen, model, needs.ground_truth)
@@ -118,7 +119,7 @@ def check_frames(reader: Reader, frames: Sequence[FrameReference], model: DepthM
     Raises:
         DeuxError: a file is missing, damaged or of another kind.
     """
-    _check_cameras_and_units(reader, _spread(frames), model, truth=True)
+    _check_cameras_and_units(reader, evenly_chosen(frames, CHECKED), model, truth=True)
 
 
 def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, str]:
@@ -159,11 +160,6 @@ def _check_cameras_and_units(reader: Reader, frames: Sequence[FrameReference], m
         camera = f"the camera matrix of {frame.sequence} in {reader.folder}"
         _warn(camera_warning(reader.intrinsics(frame), height, width, camera))
     _check_unit(reader, frames, truth, model.max_depth)
-
-
-def _spread(found: Sequence[FrameReference]) -> list[FrameReference]:
-    """`CHECKED` frames, evenly over all."""
-    return [found[i] for i in np.unique(np.linspace(0, len(found) - 1, CHECKED).round().astype(int))]
 
 
 def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:

@@ -11,7 +11,7 @@ from deux.errors import DeuxError
 from deux.options import converted
 from deux.task_sections import Sections
 from deux.tasks.active_training import ActiveTraining
-from deux.tasks.collect import Exploration
+from deux.tasks.collect import GuidedCollection
 from deux.tasks.command_lines import command_line
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
@@ -36,7 +36,7 @@ def run(cfg: DictConfig) -> None:
     datasets = Datasets(sections, ["train"] if explored else None)
     evaluation = sections.read("evaluation", EvaluationSettings)
     training = Training(sections, datasets, evaluation.validation_viewpoints)
-    exploration = Exploration(sections, datasets, training) if given is None else None
+    exploration = GuidedCollection(sections, datasets, training) if given is None else None
     final = ActiveTraining(sections, datasets, training)
     weights = named_weights(sections, explorer=explored, guide=given is None)
     files = {} if given is None else given_files(given, "training_data", sections)

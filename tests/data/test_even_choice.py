@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import pytest
 
 from deux.data.even_choice import evenly_chosen
@@ -9,7 +11,7 @@ def test_gaps_differ_by_one_at_most_and_both_ends_are_there(count, most):
     assert len(chosen) == min(count, most)
     assert chosen[0] == 0
     assert chosen[-1] == count - 1 or most == 1
-    gaps = {second - first for first, second in zip(chosen, chosen[1:], strict=False)}
+    gaps = {second - first for first, second in pairwise(chosen)}
     assert not gaps or max(gaps) - min(gaps) <= 1
 
 

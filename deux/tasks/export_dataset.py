@@ -23,9 +23,10 @@ from deux.task_sections import Sections
 from deux.tasks.collect import GuidedCollection
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import Datasets
-from deux.tasks.evaluate import EvaluationSettings, read_given
+from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.named_weights import named_weights
+from deux.tasks.recorded_frames import given_files, read_given
 from deux.tasks.run_folder import RunFolder, changed, open_run_folder, short_hash
 from deux.training.training_settings import TrainingSettings
 
@@ -83,16 +84,18 @@ def run(cfg: DictConfig) -> None:
     output = _output(settings)
     record = run_folder() / _EXPORTED
     weights = {} if settings.folders else named_weights(sections, trained=False)
+    readers = {split: read_given(sections, folder) for split, folder in settings.folders.items()}
+    files: dict[str, str] = {}
+    for name, reader in readers.items():
+        files |= given_files(reader, f"export_dataset.{name}", sections)
     if output.exists():
-        if record.exists() and _has_made(json.loads(record.read_text()), sections, output, weights):
+        if record.exists() and _has_made(json.loads(record.read_text()), sections, output, weights, files):
             say(f"This export is complete: {output}")
             return
         raise DeuxError(f"export_dataset.output={settings.output} is there already: remove it or name another folder.")
     training = sections.read("training", TrainingSettings)
-    with open_run_folder(run_folder(), sections.identity, weights) as run:
-        if settings.folders:
-            readers = {split: read_given(sections, folder) for split, folder in settings.folders.items()}
-        else:
+    with open_run_folder(run_folder(), sections.identity, weights, files) as run:
+        if not readers:
             readers = _collected(sections, run)
         splits = read_splits(readers, training.offsets, settings.sources or training.sources)
         partial = output.with_name(f".{output.name}.partial")
@@ -103,7 +106,7 @@ def run(cfg: DictConfig) -> None:
         with progress() as report:
             for done, _ in enumerate(_write(partial, output, splits, settings), start=1):
                 report("export", done, total)
-        write_json(record, {**_made_by(sections, partial), "weights": weights})
+        write_json(record, {**_made_by(sections, partial), "weights": weights, "files": files})
         partial.rename(output)
     say(str(output))
     for split in splits:
@@ -123,10 +126,13 @@ def _made_by(sections: Sections, folder: Path) -> dict[str, Any]:
     return {"settings": short_hash(sections.identity), "inode": folder.stat().st_ino}
 
 
-def _has_made(record: dict[str, Any], sections: Sections, folder: Path, weights: dict[str, str]) -> bool:
-    """Whether a command's record says that it has made a folder, with the same weights."""
-    known = record.pop("weights", {})  # which earlier versions did not record
-    return record == _made_by(sections, folder) and not changed(known, weights)
+def _has_made(
+    record: dict[str, Any], sections: Sections, folder: Path, weights: dict[str, str], files: dict[str, str]
+) -> bool:
+    """Whether a command's record says that it has made a folder, with the same weights and of the same recordings."""
+    known = {key: record.pop(key, {}) for key in ("weights", "files")}  # which earlier versions did not record
+    same = not changed(known["weights"], weights) and not changed(known["files"], files)
+    return same and record == _made_by(sections, folder)
 
 
 def _collected(sections: Sections, run: RunFolder) -> dict[str, Reader]:

@@ -73,6 +73,9 @@ def test_one_split_of_a_folder(deux, tiny_arguments, tmp_path):
         assert outcome.code == 0, outcome.err
     assert [path.name for path in again.iterdir()] == ["test-000000.tar"]
     assert (again / "test-000000.tar").read_bytes() == (output / "test-000000.tar").read_bytes()
+    assert "This export is complete" in deux(*tiny_arguments(tmp_path / "outputs", *arguments)).out
+    (output / "test-000000.tar").touch()
+    assert "is there already: remove it" in deux(*tiny_arguments(tmp_path / "outputs", *arguments)).sentence
 
 
 def test_the_command_that_has_made_the_folder_finds_it_and_no_other_command_does(deux, tiny_arguments, tmp_path):

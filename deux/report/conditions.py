@@ -97,6 +97,16 @@ UNUSED = {
 }
 """Options that nothing depends on where another one has a value."""
 
+AS_BEFORE = {
+    "explore.max_incidence": "90",
+    "training.augmentation.scale": "[1, 1]",
+    "training.averaging": "0",
+    "training.compile": "false",
+    "training.tf32": "false",
+}
+"""Options that a later version added, with the values by which it does what was done before, and which do no more where
+they are written out. They are left out as null ones are, so that a sweep over two versions has one row."""
+
 DRAW = "scenes.draw"
 """The option of generated scenes that says which ones a seed takes."""
 
@@ -149,7 +159,7 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None, overri
     configuration = current_keys(configuration)
     options = flatten_options(configuration)
     values = dict(options)
-    options = tuple(option for option in options if _is_used(option[0], values))
+    options = tuple(one for one in options if AS_BEFORE.get(one[0]) != one[1] and _is_used(one[0], values))
     own_seed = int(configuration.get("seed", 0))
     by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
     if not any(override.lstrip("+").startswith(f"{DRAW}=") for override in overrides):

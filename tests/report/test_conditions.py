@@ -4,6 +4,8 @@ import pytest
 import yaml
 
 from deux.configuration import config_folder
+from deux.data.augmentation import AugmentationSettings
+from deux.registry import registry
 from deux.report import conditions as parts
 from deux.report.conditions import conditions, differences, flatten_options, variant_labels
 from deux.report.older_configurations import current_keys
@@ -251,3 +253,25 @@ def test_a_section_that_some_lack_is_one_word():
     assert variant_labels([plain, refreshed]) == {plain: "no callbacks", refreshed: "with callbacks"}
     label = variant_labels([refreshed, oftener])[oftener]
     assert label == "callbacks.active_collection.every=2, uncertainty=flip"
+
+
+def test_an_option_that_came_later_and_changes_nothing_tells_no_runs_apart():
+    """As a sweep that was begun with a version without it and ended with one that writes its default down."""
+    later = {"explore": {"max_incidence": 90.0}, "training": {"averaging": 0.0, "tf32": False, "compile": False}}
+    later["training"]["augmentation"] = {"scale": [1.0, 1.0]}
+    written = {key: {**CONFIGURATION[key], **options} for key, options in later.items()}
+    assert conditions({**CONFIGURATION, **written}) == conditions(CONFIGURATION)
+    chosen = {**CONFIGURATION, "explore": {**CONFIGURATION["explore"], "max_incidence": 81.0}}
+    assert conditions(chosen) != conditions(CONFIGURATION)
+
+
+@pytest.mark.parametrize("key", parts.AS_BEFORE)
+def test_what_counts_as_before_is_the_default(key):
+    section, name = key.split(".", 1)
+    if section == "explore":
+        default = registry().choose("explorers", {"name": "deux"}).settings[name]
+    elif name.startswith("augmentation."):
+        default = getattr(AugmentationSettings(), name.partition(".")[2])
+    else:
+        default = getattr(TrainingSettings(), name)
+    assert flatten_options({"it": default}) == (("it", parts.AS_BEFORE[key]),)

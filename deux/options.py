@@ -12,6 +12,7 @@ import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -99,8 +100,8 @@ def full_settings(
     """The settings together with the constructor's defaults, as JSON can hold them, in the parameters' order.
 
     Equal settings give equal results however they were written (1 or 1.0, list or tuple), so this is what hashes and
-    saved configurations are made of. What JSON cannot hold, such as an enum's member, is there as text: a default is
-    made from the constructor alone, and not from here.
+    saved configurations are made of. An enum's member is there by its name, and what else JSON cannot hold as text: a
+    default is made from the constructor alone, and not from here.
 
     Raises:
         DeuxError: as `construct`; or a value's text is another one at each start, as that of a function is.
@@ -193,6 +194,8 @@ def describe(annotation: Any) -> str:
         return "null"
     if get_origin(annotation) is Literal:
         return " or ".join(repr(value) for value in arguments)
+    if _is_enum(annotation):
+        return " or ".join(member.name for member in annotation)
     if _is_union(annotation):
         return " or ".join(describe(argument) for argument in arguments)
     if _is_sequence(annotation):
@@ -240,8 +243,9 @@ def _option_value(value: Any, annotation: Any, where: str) -> Any:
     try:
         return _converted(value, annotation, where)
     except _Mismatch:
-        choices = [choice for choice in get_args(annotation) if isinstance(choice, str)]
-        if get_origin(annotation) is Literal and isinstance(value, str) and choices:
+        names = [member.name for member in annotation] if _is_enum(annotation) else get_args(annotation)
+        choices = [choice for choice in names if isinstance(choice, str)]
+        if (_is_enum(annotation) or get_origin(annotation) is Literal) and isinstance(value, str) and choices:
             raise DeuxError(f"{where} cannot be {shown(value)}: {near_matches(value, choices)}") from None
         raise DeuxError(f"{where} must be {describe(annotation)}, but is {shown(value)}.") from None
 
@@ -265,6 +269,8 @@ def _converted(value: Any, annotation: Any, where: str) -> Any:
             raise _Mismatch from None
     if annotation is Path:
         return Path(_expect(value, isinstance(value, str | Path)))
+    if _is_enum(annotation):
+        return _member(value, annotation)
     if _is_mapping(annotation):
         return _mapping(_expect(value, isinstance(value, Mapping)), annotation, where)
     if _is_sequence(annotation):
@@ -289,6 +295,17 @@ def _first_match(value: Any, alternatives: Sequence[Any], where: str) -> Any:
     raise _Mismatch
 
 
+def _member(value: Any, kind: type[Enum]) -> Enum:
+    """The member that a name in any case or a value tells; names come first."""
+    named = {member.name.lower(): member for member in kind}
+    if isinstance(value, str) and not isinstance(value, Enum) and value.lower() in named:
+        return named[value.lower()]
+    try:
+        return kind(value)
+    except ValueError:
+        raise _Mismatch from None
+
+
 def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
     arguments = get_args(annotation)
     kind = list if list in (annotation, get_origin(annotation)) else tuple
@@ -308,6 +325,10 @@ def _is_union(annotation: Any) -> bool:
     return get_origin(annotation) in (Union, types.UnionType)
 
 
+def _is_enum(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, Enum)
+
+
 def _is_sequence(annotation: Any) -> bool:
     return (get_origin(annotation) or annotation) in (tuple, list, Sequence)
 
@@ -317,6 +338,8 @@ def _is_mapping(annotation: Any) -> bool:
 
 
 def _json(value: Any) -> Any:
+    if isinstance(value, Enum):
+        return value.name
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):

@@ -170,7 +170,7 @@ class Lazy:
 def test_defaults_that_json_cannot_hold_are_written_alike_at_each_start():
     full = full_settings(Own, {})
     assert full == {
-        "color": "Color.RED",
+        "color": "RED",
         "labels": ["a", "b", "c"],
         "weights": [1.0, 1.0, 1.0],
         "count": 3,
@@ -187,3 +187,18 @@ def test_a_value_whose_text_holds_an_address_is_refused(value):
     with pytest.raises(DeuxError, match=r"^explore\.shape of Lazy is <function .*> by default, which reads otherwise"):
         full_settings(Lazy, {"gain": 2}, "explore")
     assert without_defaults(Lazy, {"shape": "x"}) == {"shape": "x"}
+
+
+@pytest.mark.parametrize("written", ["BLUE", "blue", Color.BLUE])
+def test_an_enums_member_is_chosen_by_its_name_or_value(written):
+    assert construct(Own, {"color": written}, "").given[0] is Color.BLUE
+    assert full_settings(Own, {"color": written})["color"] == "BLUE"
+
+
+@pytest.mark.parametrize(
+    ("written", "sentence"),
+    [("bleu", r"^explore\.color cannot be 'bleu': there is: BLUE, RED"), (3, r"must be RED or BLUE, but is 3\.$")],
+)
+def test_what_is_no_member_is_told_with_those_there_are(written, sentence):
+    with pytest.raises(DeuxError, match=sentence):
+        construct(Own, {"color": written}, "explore")

@@ -277,5 +277,5 @@ def test_what_nobody_chose_is_left_to_the_constructors_own_defaults(monkeypatch:
     found.register("losses", "shaded", Shaded)
     monkeypatch.setattr("deux.registry.registry", lambda: found)
     choice = found.choose("losses", {"name": "shaded", "power": 2})
-    assert choice.settings == {"shade": "Shade.DARK", "kinds": [], "count": 3, "power": 2}
+    assert choice.settings == {"shade": "DARK", "kinds": [], "count": 3, "power": 2}
     assert choice.create().given == (Shade.DARK, frozenset(), 3, 2)

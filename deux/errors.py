@@ -117,9 +117,11 @@ def kind_of(value: object) -> str:
         >>> kind_of(None), kind_of(0.5)
         ('None', 'a value of the type float')
     """
+    if value is None:
+        return "None"
     shape, dtype = getattr(value, "shape", None), getattr(value, "dtype", None)
-    if value is None or not isinstance(shape, tuple) or dtype is None:
-        return "None" if value is None else f"a value of the type {type(value).__name__}"
+    if not isinstance(shape, tuple) or dtype is None:
+        return f"a value of the type {type(value).__name__}"
     kind = str(dtype).removeprefix("torch.")
     return f"{type(value).__name__} of {sizes(shape)}, {kind}"
 

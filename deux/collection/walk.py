@@ -49,7 +49,6 @@ class Walk:
         """The latest frames, newest first, at most 1 + `SOURCES`."""
         self._stored = stored
         self._rendered = False
-        self._checked = False
         self._collided = False
         free_space = simulator.free_space(floor)
         self.start = random_starts(free_space, 1, np.random.default_rng(seed))[0]
@@ -71,13 +70,12 @@ class Walk:
             DeuxError: the simulator's first frame is not of its camera's size, or of other types (`check_frame`).
         """
         frame = self._stored(len(self.actions), self.simulator.pose) if self._stored else None
-        self._rendered = frame is None
+        first, self._rendered = not self._rendered, frame is None
         if frame is None:
             channels = COLOR | {Channel.LABELS} if Need.LABELS in self.explorer.needs else COLOR
             seen = self.simulator.observe(channels)
-            if not self._checked:
+            if first:
                 check_frame(self.simulator, seen)
-                self._checked = True
             frame = Frame(seen.rgb.copy(), quantise_depth(seen.depth), seen.pose.copy(), seen.labels)
         self.frames = (frame, *self.frames[:SOURCES])
 

@@ -9,10 +9,9 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from deux.compilation import compiled
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
-from deux.mapping.growing_grid import GrowingGrid
+from deux.mapping.residual_cells import ResidualCells
 
 
 class ResidualField(Protocol):
@@ -121,28 +120,14 @@ class SurfaceResidualField:
         bandwidth: float = 0.5,
         prior_weight: float = 1.0,
     ) -> None:
-        self._camera = camera
         self._resolution = resolution
-        self._max_range = max_range
         self._bandwidth = bandwidth
         self._prior_weight = prior_weight
-        self._cells = GrowingGrid(resolution, {"total": np.float64, "count": np.int64})
+        self._residuals = ResidualCells(camera, max_range, resolution)
 
     def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
         """Project the residuals of all pixels with depth onto the floor; NaN residuals are left out."""
-        self._cells.cover(float(pose[0, 3]), float(pose[2, 3]), self._max_range + self._resolution)
-        frame = self._cells.frame
-        k = self._camera.intrinsics
-        _project(
-            np.asarray(depth, np.float32),
-            np.asarray(residual, np.float32),
-            np.ascontiguousarray(pose, np.float64),
-            (k[0, 0], k[0, 2], k[1, 2]),
-            self._max_range,
-            (frame.origin_x, frame.origin_z, self._resolution),
-            self._cells["total"],
-            self._cells["count"],
-        )
+        self._residuals.add(pose, depth, residual)
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Uncertainty near N x 2 world points (x, z)."""
@@ -150,8 +135,9 @@ class SurfaceResidualField:
         if not seen.any():
             return np.zeros(len(points))
         mean = uncertainty[seen].mean()
-        rows, columns = self._cells.frame.cells(points[:, 0], points[:, 1])
-        inside = self._cells.frame.contains(rows, columns)
+        own = self._residuals.grid.frame
+        rows, columns = own.cells(points[:, 0], points[:, 1])
+        inside = own.contains(rows, columns)
         values = np.full(len(points), mean)
         if not inside.any():
             return values
@@ -179,8 +165,9 @@ class SurfaceResidualField:
         rows, columns = np.mgrid[: frame.rows, : frame.columns]
         centres_x = frame.origin_x + (columns + 0.5) * frame.resolution
         centres_z = frame.origin_z + (rows + 0.5) * frame.resolution
-        own_rows, own_columns = self._cells.frame.cells(centres_x, centres_z)
-        inside = self._cells.frame.contains(own_rows, own_columns)
+        own = self._residuals.grid.frame
+        own_rows, own_columns = own.cells(centres_x, centres_z)
+        inside = own.contains(own_rows, own_columns)
         result = np.full(frame.shape, np.nan, np.float32)
         field = np.where(seen, uncertainty, np.nan)
         result[inside] = field[own_rows[inside], own_columns[inside]]
@@ -188,26 +175,5 @@ class SurfaceResidualField:
 
     def _uncertainty(self) -> tuple[np.ndarray, np.ndarray]:
         """1 - exp(-mean residual) of each cell, and which cells have one."""
-        count = self._cells["count"]
-        return 1.0 - np.exp(-self._cells["total"] / np.maximum(count, 1)), count > 0
-
-
-@compiled
-def _project(depth, residual, pose, lens, max_range, lattice, total, count):  # type: ignore[no-untyped-def]
-    """Add each pixel's residual to the cell that its point falls into."""
-    f, cx, cy = lens
-    origin_x, origin_z, resolution = lattice
-    for v in range(depth.shape[0]):
-        b = (v - cy) / f
-        for u in range(depth.shape[1]):
-            d = depth[v, u]
-            if not d > 0.0 or not np.isfinite(residual[v, u]):
-                continue
-            a = (u - cx) / f
-            dx = (pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]) * d
-            dz = (pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]) * d
-            if dx * dx + dz * dz <= max_range * max_range:
-                row = int((pose[2, 3] + dz - origin_z) / resolution)
-                column = int((pose[0, 3] + dx - origin_x) / resolution)
-                total[row, column] += residual[v, u]
-                count[row, column] += 1
+        (total,), (count,) = self._residuals.totals, self._residuals.counts
+        return 1.0 - np.exp(-total / np.maximum(count, 1)), count > 0

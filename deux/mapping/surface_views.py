@@ -4,15 +4,12 @@ import math
 
 import numpy as np
 
-from deux.compilation import compiled
 from deux.geometry.camera import Camera
-from deux.mapping.growing_grid import GrowingGrid
+from deux.mapping.residual_cells import ResidualCells
 from deux.mapping.view_fan import NOTHING, SURFACE, Rays, headings
 
 DISTANCES = (1.0, 3.0)
 """Metres at which the distance classes end: near, middle, and far beyond."""
-
-CLASSES = ("near", "middle", "far")
 
 SECTORS = 16
 """Bearings from which a surface is seen alike: 22.5 degrees each, about a metre of parallax at 2.5 m."""
@@ -31,13 +28,8 @@ class SurfaceViews:
     """
 
     def __init__(self, camera: Camera, max_range: float = 5.0, resolution: float = 0.1) -> None:
-        self._camera = camera
-        self._max_range = max_range
-        layers: dict[str, type] = {"views": np.int64}
-        layers |= {f"total {name}": np.float64 for name in CLASSES}
-        layers |= {f"count {name}": np.int64 for name in CLASSES}
         self._resolution = resolution
-        self._cells = GrowingGrid(resolution, layers)
+        self._residuals = ResidualCells(camera, max_range, resolution, DISTANCES, {"views": np.int64})
 
     def record(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray) -> None:
         """Add one frame's residuals.
@@ -47,18 +39,7 @@ class SurfaceViews:
             depth: H x W metres, 0 or NaN = none.
             residual: H x W uncertainty of the pixels, not negative, NaN = not known.
         """
-        self._cells.cover(float(pose[0, 3]), float(pose[2, 3]), self._max_range + self._resolution)
-        frame, k = self._cells.frame, self._camera.intrinsics
-        _record(
-            np.asarray(depth, np.float32),
-            np.asarray(residual, np.float32),
-            np.ascontiguousarray(pose, np.float64),
-            (k[0, 0], k[0, 2], k[1, 2]),
-            self._max_range,
-            (frame.origin_x, frame.origin_z, self._resolution),
-            tuple(self._cells[f"total {name}"] for name in CLASSES),
-            tuple(self._cells[f"count {name}"] for name in CLASSES),
-        )
+        self._residuals.add(pose, depth, residual)
 
     def mark_seen(self, rays: Rays, shown: np.ndarray) -> None:
         """Remember that what the rays end in was seen, surfaces and what stays unknown alike.
@@ -73,9 +54,9 @@ class SurfaceViews:
         ends = rays.ends[shown]
         least, most = ends.min(axis=0), ends.max(axis=0)
         x, z = (least + most) / 2.0
-        self._cells.cover(float(x), float(z), float((most - least).max()) / 2.0 + self._resolution)
-        rows, columns = self._cells.frame.cells(ends[:, 0], ends[:, 1])
-        np.bitwise_or.at(self._cells["views"], (rows, columns), _views(rays)[shown])
+        self._residuals.grid.cover(float(x), float(z), float((most - least).max()) / 2.0 + self._resolution)
+        rows, columns = self._residuals.grid.frame.cells(ends[:, 0], ends[:, 1])
+        np.bitwise_or.at(self._residuals.grid["views"], (rows, columns), _views(rays)[shown])
 
     def uncertainty(self, rays: Rays) -> np.ndarray:
         """The uncertainty of what each ray shows, N x R float64; 0 for `NOTHING`.
@@ -84,7 +65,7 @@ class SurfaceViews:
         that distance, the mean over the other classes; where it has none, and for the unknown, the mean over all
         surfaces, in that class if there are any. 1 where no residual is known at all.
         """
-        total, count = (np.stack([self._cells[f"{layer} {name}"] for name in CLASSES]) for layer in ("total", "count"))
+        total, count = np.stack(self._residuals.totals), np.stack(self._residuals.counts)
         if count.sum() == 0:
             return (rays.kind != NOTHING).astype(np.float64)
         totals, counts = total.sum(axis=(1, 2)), count.sum(axis=(1, 2))
@@ -107,46 +88,20 @@ class SurfaceViews:
         class, and s is 1 if this would be one of them, else 0: the more often and the more alike, the less.
         """
         rows, columns = self._inside(rays)
-        views = np.where(rows >= 0, self._cells["views"][rows, columns], 0) if self._cells["views"].size else 0
+        seen_in = self._residuals.grid["views"]
+        views = np.where(rows >= 0, seen_in[rows, columns], 0) if seen_in.size else 0
         repeated = (views & _views(rays)) != 0
         return (1.0 + np.bitwise_count(views)) ** -(1.0 + repeated)
 
     def _inside(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of each ray's end; -1 where it has none or lies outside the grid."""
         ends = np.where(np.isfinite(rays.ends), rays.ends, 0.0)
-        rows, columns = self._cells.frame.cells(ends[..., 0], ends[..., 1])
-        inside = self._cells.frame.contains(rows, columns) & (rays.kind != NOTHING)
+        rows, columns = self._residuals.grid.frame.cells(ends[..., 0], ends[..., 1])
+        inside = self._residuals.grid.frame.contains(rows, columns) & (rays.kind != NOTHING)
         return np.where(inside, rows, -1), np.where(inside, columns, -1)
 
 
 def _views(rays: Rays) -> np.ndarray:
     """The view in which each ray shows its end, one bit of an int64."""
     sector = (headings(rays.kind.shape[1]) / (2.0 * math.pi) * SECTORS).astype(np.int64)
-    return np.int64(1) << (sector * len(CLASSES) + np.digitize(rays.distance, DISTANCES))
-
-
-@compiled
-def _record(depth, residual, pose, lens, max_range, lattice, total, count):  # type: ignore[no-untyped-def]
-    """Add each pixel's residual to the cell that its point falls into, in the class of its distance."""
-    f, cx, cy = lens
-    origin_x, origin_z, resolution = lattice
-    for v in range(depth.shape[0]):
-        b = (v - cy) / f
-        for u in range(depth.shape[1]):
-            d = depth[v, u]
-            if not d > 0.0 or not np.isfinite(residual[v, u]):
-                continue
-            a = (u - cx) / f
-            dx = (pose[0, 0] * a + pose[0, 1] * b + pose[0, 2]) * d
-            dz = (pose[2, 0] * a + pose[2, 1] * b + pose[2, 2]) * d
-            distance = math.sqrt(dx * dx + dz * dz)
-            if distance > max_range:
-                continue
-            at_distance = 0
-            for bound in DISTANCES:
-                if distance >= bound:
-                    at_distance += 1
-            row = int((pose[2, 3] + dz - origin_z) / resolution)
-            column = int((pose[0, 3] + dx - origin_x) / resolution)
-            total[at_distance][row, column] += residual[v, u]
-            count[at_distance][row, column] += 1
+    return np.int64(1) << (sector * (len(DISTANCES) + 1) + np.digitize(rays.distance, DISTANCES))

@@ -5,7 +5,6 @@ from deux.contracts import Channel, Robot
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
 from deux.geometry.poses import camera_pose
-from deux.mapping import residual_field
 from deux.mapping.residual_field import PoseResidualField, SurfaceResidualField
 from deux.testing.box_world import Box, BoxWorld
 
@@ -122,15 +121,3 @@ def test_the_pose_grid_of_a_long_walk_is_that_of_all_cells_and_poses_at_once():
     expected = (weights @ deltas + 0.01 * deltas.mean()) / (weights.sum(-1) + 0.01)
     expected[weights.sum(-1) <= np.exp(-2.0)] = np.nan
     np.testing.assert_allclose(field.grid(frame), expected, rtol=1e-5)
-
-
-def test_a_surface_at_the_end_of_the_range_is_within_the_grid(monkeypatch):
-    """The compiled code checks no index; as Python it does. Rounding brings such a point into the next row."""
-    monkeypatch.setattr(residual_field, "_project", residual_field._project.py_func)
-    depth, pose = np.zeros((17, 17), np.float32), np.eye(4)
-    depth[8, 8] = 5.0
-    for start in 0.05 * np.arange(-40, 40, 4):
-        field = SurfaceResidualField(Camera(17, 17))
-        for step in range(20):
-            pose[2, 3] = start + 0.25 * step
-            field.update(pose, depth, np.ones((17, 17), np.float32), 0.5)

@@ -56,7 +56,8 @@ class Reader(ABC):
     """Reads the frames of one folder: images, the camera's matrix, sparse points, and truth and poses if there are any.
 
     A reader is made as `cls(folder, **options)` and keeps the folder under that name; further parameters of the
-    constructor are its options, each with a default. Making one reads no pixel. Readers are sent to worker processes,
+    constructor are its options, each with a default; one that names a file or folder is annotated `Path`, and what lies
+    there counts as a part of the frames. Making one reads no pixel. Readers are sent to worker processes,
     and what is cached of frames is found by its reader, so those that were made alike must be equal and have one hash,
     as a frozen dataclass does.
 

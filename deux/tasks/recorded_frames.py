@@ -136,7 +136,7 @@ def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, st
         A digest by the option's name.
     """
     values = [value for name, value in vars(reader).items() if not name.startswith("_")]
-    paths = [user_path(str(value)) for value in values if isinstance(value, Path | str) and str(value)]
+    paths = [user_path(value) for value in values if isinstance(value, Path)]
     return {option: file_digest(paths, [sections.outputs, run_folder()])}
 
 

@@ -69,12 +69,12 @@ class Kitti(RecordedVideo):
     """
 
     folder: Path
-    raw: str | None = None
+    raw: Path | None = None
     cameras: tuple[int, ...] = (2, 3)
     gap: int = 1
     validation: int = 0
     test: Selection = "val_selection_cropped"
-    static_frames: str | None = None
+    static_frames: Path | None = None
     min_speed: float = 0.5
     scale: float = 256.0
 
@@ -179,10 +179,10 @@ class Kitti(RecordedVideo):
     @cached_property
     def _static(self) -> set[tuple[str, str]]:
         """Sequence and name of each training frame in which the car stands."""
-        return set(self._listed_static() if self.static_frames is not None else self._slow())
+        return set(self._slow() if self.static_frames is None else self._listed_static(self.static_frames))
 
-    def _listed_static(self) -> Iterator[tuple[str, str]]:
-        path = Path(os.path.abspath(Path(str(self.static_frames)).expanduser()))
+    def _listed_static(self, listed: Path) -> Iterator[tuple[str, str]]:
+        path = Path(os.path.abspath(listed.expanduser()))
         for line in read_bytes(path).decode(errors="replace").splitlines():
             words = line.split()
             if not words:
@@ -214,7 +214,7 @@ class Kitti(RecordedVideo):
     def _raw_root(self) -> Path:
         """The folder of the raw recordings, with one folder for each date."""
         if self.raw is not None:
-            return Path(os.path.abspath(Path(self.raw).expanduser()))
+            return Path(os.path.abspath(self.raw.expanduser()))
         there = (self.folder / name for name in _RAW)
         return next((path for path in there if any(path.glob("*/calib_cam_to_cam.txt"))), self.folder / _RAW[0])
 

@@ -4,7 +4,9 @@ import csv
 import json
 import math
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from PIL import Image
 from deux.contracts import Action, Reader
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.tasks import recorded_frames
 from deux.tasks.recorded_frames import Needs, check_recorded, validation_of
 from deux.testing.box_world import Box, BoxWorld
 
@@ -137,6 +140,36 @@ def test_a_training_does_not_go_on_with_other_frames(tiny, video, tmp_path):
         f"{tmp_path}/run holds a run with other recorded frames: the files of training_data have changed since it was "
         "begun; choose another folder with hydra.run.dir=... or delete this one."
     )
+
+
+@dataclass(frozen=True)
+class Listed:
+    """What a reader keeps of its options."""
+
+    folder: Path
+    skipped: Path | None = None
+    images: str = "colour"
+
+
+def test_files_that_options_name_count_and_other_text_does_not(tmp_path, monkeypatch):
+    """A folder of the working directory may have the name that an option gives to a part of the recorded folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(recorded_frames, "run_folder", lambda: tmp_path / "run")
+    for name in ("frames", "colour"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "0.png").write_bytes(b"0")
+    skipped = tmp_path / "skipped.txt"
+    skipped.write_text("0")
+
+    def identity() -> dict[str, str]:
+        reader = Listed(tmp_path / "frames", Path("skipped.txt"))
+        return recorded_frames.given_files(reader, "training_data", SimpleNamespace(outputs=tmp_path / "outputs"))
+
+    first = identity()
+    (tmp_path / "colour/1.png").write_bytes(b"1")
+    assert identity() == first
+    skipped.write_text("0 1")
+    assert identity() != first
 
 
 def test_a_foundation_is_trained_on_generated_flats_and_that_is_said(tiny, video, tmp_path):

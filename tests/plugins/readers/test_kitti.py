@@ -110,7 +110,7 @@ def test_source_frames_without_depth_are_images_of_the_raw_recording(tmp_path: P
 def test_jpeg_images_in_a_folder_elsewhere(tmp_path: Path) -> None:
     frames = list(video(4))
     write_drive(tmp_path, drive_name(1), frames, raw="../elsewhere", suffix=".jpg")
-    reader = Kitti(tmp_path, raw=str(tmp_path.parent / "elsewhere"))
+    reader = Kitti(tmp_path, raw=tmp_path.parent / "elsewhere")
     found = with_sources(reader, (-1,))
     assert len(found) == 3
     decoded = cv2.imread(str(tmp_path.parent / f"elsewhere/{DATE}/{drive_name(1)}/image_02/data/0000000001.jpg"))
@@ -137,11 +137,11 @@ def test_the_published_list_of_static_frames(tmp_path: Path) -> None:
     write_oxts(tmp_path, drive_name(1), [0.0] * 4)
     listed = tmp_path / "static_frames.txt"
     listed.write_text(f"{DATE} {drive_name(1)} 0000000002\n{DATE} {drive_name(7)} 0000000001\n")
-    found = with_sources(Kitti(tmp_path, static_frames=str(listed)), (-1,))
+    found = with_sources(Kitti(tmp_path, static_frames=listed), (-1,))
     assert [target.name[-1] for target, _ in found] == ["1", "3"] * 2
     listed.write_text("0000000002\n")
     with pytest.raises(DeuxError, match=r"static_frames\.txt has the line '0000000002': date, drive and frame"):
-        with_sources(Kitti(tmp_path, static_frames=str(listed)), (-1,))
+        with_sources(Kitti(tmp_path, static_frames=listed), (-1,))
 
 
 def test_validation_is_the_official_one_or_training_drives(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_what_is_missing_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     write_drive(tmp_path, drive_name(1), list(video(4)), raw="elsewhere")
     with pytest.raises(DeuxError, match=r"has none of the images of its drives.*data\.raw names"):
         with_sources(Kitti(tmp_path), (-1,))
-    reader = Kitti(tmp_path, raw=str(tmp_path / "elsewhere"))
+    reader = Kitti(tmp_path, raw=tmp_path / "elsewhere")
     with pytest.raises(DeuxError, match=r"calib_cam_to_cam\.txt is missing"):
         reader.intrinsics(with_sources(reader, (-1,))[0].target)
     (tmp_path / "elsewhere" / DATE / "calib_cam_to_cam.txt").write_text(CLOCK)
@@ -216,7 +216,7 @@ def test_what_is_missing_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixtu
         reader.intrinsics(with_sources(reader, (-1,))[0].target)
     (tmp_path / "elsewhere" / DATE / drive_name(1) / "image_02/data/0000000003.png").unlink()
     with caplog.at_level(logging.WARNING):
-        assert len(with_sources(Kitti(tmp_path, raw=str(tmp_path / "elsewhere")), (-1,))) == 2
+        assert len(with_sources(Kitti(tmp_path, raw=tmp_path / "elsewhere"), (-1,))) == 2
     assert f"{tmp_path}: 3 of 4 frames: 1 without raw image" in [record.getMessage() for record in caplog.records]
     with pytest.raises(DeuxError, match=r"data\.cameras is \[0\]"):
         Kitti(tmp_path, cameras=(0,))

@@ -103,7 +103,7 @@ def survey_floor(
         DeuxError: the robot fits nowhere, or not at `start`; or the scene is too large.
     """
     frame = _frame(mesh, resolution, region or bounds, robot.radius)
-    heights, clearance = _standing_room(mesh, frame, robot, floor_height, other_floors)
+    heights, clearance, surfaces = _standing_room(mesh, frame, robot, floor_height, other_floors)
     # With half a cell at least, an obstacle without thickness parts the cells on its two sides.
     free = clearance > max(robot.radius, resolution / 2) + TOLERANCE
     if region is not None:
@@ -121,16 +121,18 @@ def survey_floor(
     chosen = int(sizes.argmax()) if start is None else _part_at(frame, parts, start)
     taken = parts == chosen
     # Surfaces that cannot be reached, such as table tops, are obstacles through and through.
-    regions, _ = ndimage.label(clearance > 0.0)
-    clearance[~np.isin(regions, np.unique(regions[taken]))] = 0.0
+    clearance[~np.isin(surfaces, np.unique(surfaces[taken]))] = 0.0
     space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
     return FloorSurvey(space, _unreached(parts, sizes * resolution**2, chosen, heights, robot.max_climb))
 
 
 def _standing_room(
     mesh: SceneMesh, frame: GridFrame, robot: Robot, floor_height: float, other_floors: Sequence[float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle.
+
+    Also the number, from 1, of the connected surface that each cell's centre is on: rows x columns, 0 where it is on none.
+    """
     below = max((y for y in other_floors if y < floor_height), default=floor_height - 2 * REACH)
     above = min((y for y in other_floors if y > floor_height), default=floor_height + 2 * REACH)
     resolution = frame.resolution / FINENESS
@@ -139,8 +141,11 @@ def _standing_room(
     # Beyond the grid there is no floor either.
     passable = np.pad(~surface.blocked, 1).astype(np.uint8)
     distance = cv2.distanceTransform(passable, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    # On the fine grid: an edge of one column, between a table top and the floor, may be at no cell's centre.
+    surfaces = cv2.connectedComponents(passable, connectivity=4)[1][1:-1, 1:-1]
     middle = slice(FINENESS // 2, None, FINENESS)
-    return surface.height[middle, middle], distance[middle, middle] * np.float32(resolution)
+    clearance = distance[middle, middle] * np.float32(resolution)
+    return surface.height[middle, middle], clearance, surfaces[middle, middle]
 
 
 def _where_it_lives(

@@ -188,6 +188,17 @@ def test_a_mezzanine_is_a_floor_where_it_is_large_enough(mesh_of, slab):
         assert heights(mesh_of(*hall, slab([0, 2.5, 0], [8, 2.7, depth]))) == expected
 
 
+@pytest.mark.parametrize("height", [6.0, 9.0, 15.0])
+def test_the_floor_of_a_hall_counts_however_high_its_ceiling_is(mesh_of, slab, height):
+    """A hall of 20 x 15 m with an office of 2.7 m in a corner, which is neither all of the building nor its floor."""
+    hall = [slab([0, -0.2, 0], [20, 0, 15]), slab([0, height, 0], [20, height + 0.2, 15])]
+    mesh = mesh_of(*hall, slab([0, 2.7, 0], [6, 2.8, 5]))
+    (floor,) = find_floors(mesh)
+    assert floor.height == pytest.approx(0.0, abs=1e-6)
+    assert floor.area == pytest.approx(300.0, rel=0.02)
+    assert free_space(mesh, 0.0, Robot()).area == pytest.approx(19.8 * 14.8, rel=0.02)
+
+
 def test_split_levels_half_a_storey_apart_are_floors_and_those_of_one_room_are_one(mesh_of, slab):
     for rise, expected in ((1.4, [0.0, 1.4]), (0.3, [0.0])):
         halves = [slab([0, -0.2, 0], [5, 0, 6]), slab([5, rise - 0.2, 0], [10, rise, 6])]

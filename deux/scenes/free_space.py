@@ -131,7 +131,7 @@ def _standing_room(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle.
 
-    Also the number, from 1, of the connected surface that each cell's centre is on: rows x columns, 0 where it is on none.
+    Also the number of the connected surface that each cell's centre is on: rows x columns, 0 where it is on none.
     """
     below = max((y for y in other_floors if y < floor_height), default=floor_height - 2 * REACH)
     above = min((y for y in other_floors if y > floor_height), default=floor_height + 2 * REACH)

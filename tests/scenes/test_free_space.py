@@ -132,8 +132,10 @@ def test_resolution_and_place_do_not_change_the_area(mesh_of, room):
 
 
 def test_no_room_at_all_is_an_error(mesh_of, room, slab):
-    with pytest.raises(DeuxError, match="no floor to stand on"):
+    with pytest.raises(DeuxError, match=r"no floor to stand on: .* no place is free .* that climbs 0\.2 m"):
         free_space(mesh_of(*room, slab([0, 0, 0], [4, 1, 3])), 0.0, ROBOT)
+    with pytest.raises(DeuxError, match=r"no place of the region \[1\.1, 1\.1, 1\.9, 1\.9\] is free"):
+        survey_floor(mesh_of(*room, slab([1, 0, 1], [2, 1, 2])), 0.0, ROBOT, region=(1.1, 1.1, 1.9, 1.9))
 
 
 def test_a_ramp_is_floor_and_the_surface_follows_it(mesh_of, slab, sheet):

@@ -1,6 +1,7 @@
 """Which floors of analytic buildings a `SceneArea` chooses."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +83,33 @@ def test_a_region_bounds_every_floor(tall_house):
         x, z = space.frame.centre(int(rows.max()), int(columns.max()))
         assert x < 3.0
         assert z < 4.0
+
+
+@pytest.mark.parametrize(
+    ("area", "message"),
+    [
+        (
+            {"start": (448_020.0, 5_411_001.0)},
+            r"the start x=448020\.00, z=5411001\.00 .* point is x=44800\d\.\d+, z=54110",
+        ),
+        (
+            {"region": (0.0, 0.0, 9.0, 9.0)},
+            r"region \[0\.0, 0\.0, 9\.0, 9\.0\] .* from x=448000\.00, z=5411000\.00 to x=448008",
+        ),
+        (
+            {"region": (448_003.0, 5_411_002.0, 448_004.0, 5_411_003.0)},
+            r"height 1120\.00 m no place of the region \[448003\.0, ",
+        ),
+    ],
+)
+def test_places_are_named_in_the_world_however_far_the_mesh_is_from_its_origin(scene_of, house, slab, area, message):
+    scene = scene_of(*house(), slab([2, 0, 1], [5, 1, 4]))
+    x, y, z = origin = (448_000.0, 1120.0, 5_411_000.0)
+    floors = tuple(replace(floor, height=floor.height + y) for floor in scene.floors)
+    scene = replace(scene, mesh=replace(scene.mesh, origin=origin), floors=floors)
+    assert chosen(scene, start=(x + 1.0, z + 1.0)).free_space(0).height_at(x + 1.0, z + 1.0) == pytest.approx(y)
+    with pytest.raises(DeuxError, match=message):
+        chosen(scene, **area).free_space(0)
 
 
 def test_a_floor_is_surveyed_once(tall_house):

@@ -53,10 +53,14 @@ class FloorSurvey:
     Args:
         space: the free floor.
         unreached: the large levels that are no part of it, the largest first.
+        apart: square metres of its height that are no part of it either, behind closed doors and narrow passages.
+        outside: square metres that the robot could get to, but that are left out since they are outside the building.
     """
 
     space: FreeSpace
     unreached: tuple[UnreachedLevel, ...]
+    apart: float = 0.0
+    outside: float = 0.0
 
 
 def free_space(
@@ -110,9 +114,10 @@ def survey_floor(
     free = clearance > max(robot.radius, resolution / 2) + TOLERANCE
     if region is not None:
         free &= _cells_in(frame, region)
-    elif free.any():
-        free &= _where_it_lives(caster or RayCaster(mesh), frame, heights, free, start)
-    parts = _parts_near(free, heights, floor_height)
+    inside = free
+    if region is None and free.any():
+        inside = free & _where_it_lives(caster or RayCaster(mesh), frame, heights, free, start)
+    parts = _parts_near(inside, heights, floor_height)
     if not parts.any():
         where = "" if region is None else f" of the region {_region_in_world(region, mesh)}"
         height = floor_height + mesh.origin[1]
@@ -127,7 +132,10 @@ def survey_floor(
     # Surfaces that cannot be reached, such as table tops, are obstacles through and through.
     clearance[~np.isin(surfaces, np.unique(surfaces[taken]))] = 0.0
     space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
-    return FloorSurvey(space, _unreached(parts, sizes * resolution**2, chosen, heights, robot.max_climb))
+    unreached, apart = _left_out(parts, sizes * resolution**2, chosen, heights, robot.max_climb)
+    around = ndimage.label(free)[0]
+    outside = np.isin(around, np.unique(around[taken])) & ~inside
+    return FloorSurvey(space, unreached, apart, float(np.count_nonzero(outside) * resolution**2))
 
 
 def _standing_room(
@@ -251,11 +259,16 @@ def _region_in_world(region: Box, mesh: SceneMesh) -> list[float]:
     return [round(side + shift, 3) for side, shift in zip(region, (x, z, x, z), strict=True)]
 
 
-def _unreached(
+def _left_out(
     parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray, climb: float
-) -> tuple[UnreachedLevel, ...]:
-    """The parts, numbered in rows x columns and with their areas in m2, that are large and more than a climb away."""
+) -> tuple[tuple[UnreachedLevel, ...], float]:
+    """What is large of the parts, numbered in rows x columns and with their areas in m2, that are not the chosen one.
+
+    Returns:
+        The levels that are more than a climb away, and the area in m2 of the others, which something else parts.
+    """
     ground = float(np.median(heights[parts == chosen]))
     large = [part for part in np.argsort(-areas, kind="stable") if areas[part] >= LEAST_LEVEL and part != chosen]
     levels = [UnreachedLevel(float(np.median(heights[parts == part])) - ground, float(areas[part])) for part in large]
-    return tuple(level for level in levels if abs(level.rise) > climb)
+    unreached = tuple(level for level in levels if abs(level.rise) > climb)
+    return unreached, sum(level.area for level in levels if level not in unreached)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the checks and return the exit code: 0, or 1 if something that was asked for is missing or wrong."""
     leave_out_working_folder()
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_intermixed_args(arguments)
     # Imported here because it brings torch, which `--help` must not wait for.
     from deux.doctor.checkup import Checkup
 

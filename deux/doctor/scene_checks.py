@@ -127,7 +127,7 @@ def _labels(scene: Scene) -> str:
     mesh = scene.mesh
     labelled = mesh.face_label >= 0
     if not labelled.any():
-        return "none: explorers that need labels cannot be used here"
+        return "none: no objects are counted, and rewards that need labels cannot be trained for here"
     used = len(np.unique(mesh.face_label[labelled]))
     objects = len(find_objects(mesh).labels)
     return f"{100 * labelled.mean():.0f} % of the triangles, {counted(used, 'kind')}, {counted(objects, 'object')}"
@@ -144,7 +144,7 @@ def _describe_floors(checkup: Checkup, simulator: Simulator) -> None:
                 checkup.fault(str(error))
         else:
             text += f", room for the robot on {space.free.sum() * space.frame.resolution**2:.1f} m2"
-        checkup.fact(f"floor {k}", text)
+        checkup.fact("floor", text)  # without a number, for scenes.floor counts all floors from the lowest
 
 
 def _timed(action: Callable[[], T]) -> tuple[T, float]:

@@ -1,5 +1,6 @@
 """Files that appear whole or not at all, and files that are read whole."""
 
+import codecs
 import errno
 import json
 import math
@@ -71,6 +72,15 @@ def read_bytes(path: Path) -> bytes:
         raise DeuxError(f"{path} cannot be read: {error.strerror}.") from error
     except ValueError as error:  # a zero byte in a name
         raise DeuxError(f"{path} cannot be read: there can be no file of that name.") from error
+
+
+def read_text_bytes(path: Path) -> bytes:
+    """Read a whole text file, without the byte order mark that some editors put before UTF-8.
+
+    Raises:
+        DeuxError: as `read_bytes`.
+    """
+    return read_bytes(path).removeprefix(codecs.BOM_UTF8)
 
 
 def _open_at_once(path: str, flags: int) -> int:

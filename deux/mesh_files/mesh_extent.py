@@ -12,7 +12,14 @@ LARGEST = 250.0
 
 _GAP = 50.0  # metres of nothing between a building and what is not part of it
 _STRAY = 0.1  # the largest part of all area that is taken for stray
-_UNITS = {"centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254, "feet": 0.3048, "kilometres": 1000.0}
+_UNITS = {
+    "metres": 1.0,
+    "centimetres": 0.01,
+    "millimetres": 0.001,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "kilometres": 1000.0,
+}
 _HEIGHTS = (1.8, 30.0)  # metres, of a building's inside
 _STOREY = 2.7  # metres
 
@@ -79,6 +86,7 @@ def unit_advice(bounds: np.ndarray, scale: float) -> str:
     likely = {
         name: abs(math.log(size[1] * unit / _STOREY))
         for name, unit in _UNITS.items()
+        if unit != scale  # that has just been found wrong
         if _HEIGHTS[0] <= size[1] * unit <= _HEIGHTS[1] and size[[0, 2]].min() * unit >= 1.0
         if size.max() * unit <= LARGEST
     }

@@ -15,7 +15,7 @@ import numpy as np
 from deux.compilation import compiled
 from deux.contracts import Material
 from deux.errors import DeuxError, shown
-from deux.io.atomic import read_bytes
+from deux.io.atomic import read_text_bytes
 from deux.mesh_files.mesh_parts import GREY, MeshPart
 from deux.mesh_files.obj_materials import ObjMaterial, material_libraries, read_material_library
 from deux.mesh_files.part_files import read_textures
@@ -48,7 +48,7 @@ def read_obj(path: Path, max_texture: int | None = None) -> list[MeshPart]:
     """
     statements = _Statements()
     try:
-        statements.read(_joined_lines(read_bytes(path)))
+        statements.read(_joined_lines(read_text_bytes(path)))
         positions = _columns(statements.positions, 3, 7)
         coordinates = _columns(statements.coordinates, 1, 3)
         if (beyond := np.abs(coordinates[:, :2]) > LARGEST_REPETITION).any():

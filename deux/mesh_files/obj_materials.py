@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.errors import DeuxError
-from deux.io.atomic import read_bytes
+from deux.io.atomic import read_text_bytes
 from deux.io.file_names import is_within
 from deux.mesh_files.part_files import find_part
 
@@ -63,7 +63,7 @@ def material_libraries(path: Path) -> list[Path]:
 @functools.cache
 def _library_names(path: Path, size: int, modified: int) -> list[str]:
     # Size and time are there for the cache: a file that changes is read again.
-    content = read_bytes(path).replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")
+    content = read_text_bytes(path).replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")
     lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", content, re.MULTILINE | re.IGNORECASE)
     return [os.fsdecode(line.strip()) for line in lines]
 
@@ -125,7 +125,7 @@ def _texture(value: str, library: Path, owner: Path) -> dict:
 
 def _statements(path: Path) -> list[list[str]]:
     """The lines of a library: the keyword in small letters and what follows it."""
-    lines = read_bytes(path).replace(b"\r", b"\n").replace(b"\\\n", b" ").split(b"\n")
+    lines = read_text_bytes(path).replace(b"\r", b"\n").replace(b"\\\n", b" ").split(b"\n")
     # Names are decoded as the file system's are, so that those in an older encoding are found.
     stripped = (os.fsdecode(line.strip()) for line in lines)
     words = [line.split(maxsplit=1) for line in stripped if line[:1] not in ("#", "")]

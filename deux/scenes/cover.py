@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-CEILING = 8.0  # metres above a floor within which its ceiling is
+CEILING = 20.0  # metres above a floor within which its ceiling is, in halls and churches too
 HOLE = 0.5  # metres; half the width of holes in a ceiling, as scans have them, that are inside all the same
 SKYLIGHT = 0.1  # greatest area of a larger hole, as a fraction of what is covered, if it has covered floor all round
 WING = 0.3  # least part of a building that stands by itself, as a fraction of the largest one

@@ -20,6 +20,8 @@ HEADROOM = 1.0  # metres of empty space above anything that can be a floor
 DOMINANT = 0.3  # a floor's least area, as a fraction of the largest level surface
 LEAST_AREA = 1.0  # square metres
 STOREY = 1.2  # least distance in metres between two floors: half a storey, as in split-level houses
+SLOPED = 0.5  # least area at each height between two levels, as a fraction of the lower one's, if they are one slope
+RISE = 2.4  # greatest rise of one sloping floor in metres: its ends are nearer to its middle than the ceiling over them
 ALIKE = 0.8  # floors of at least this fraction of the largest one's area are as large: the lowest is the main one
 GROUND = 4.0  # a scene that is this many times as large as its building is looked at once more, without its ground
 
@@ -36,6 +38,7 @@ def find_floors(mesh: SceneMesh, caster: RayCaster | None = None) -> tuple[Floor
 
     A floor is a height that has at least `DOMINANT` of the area of the largest such level, `STOREY` at least from the
     floor below; between two floors that are nearer to each other, as split levels of a room are, the lower one counts.
+    A floor that rises evenly by `RISE` at most is one floor at its middle height.
 
     Args:
         mesh: the scene.
@@ -52,7 +55,8 @@ def find_floors(mesh: SceneMesh, caster: RayCaster | None = None) -> tuple[Floor
     largest = float(_counts(heights).max(initial=0) * seen.area_each)
     if largest < LEAST_AREA:
         raise DeuxError("there is no floor to stand on: no level surface of 1 m2 has 1 m of empty space above it.")
-    floors = _levels(heights, seen.area_each, max(LEAST_AREA, DOMINANT * largest))
+    levels = _levels(heights, seen.area_each, max(LEAST_AREA, DOMINANT * largest))
+    floors = [floor for floor in levels if floor.area >= DOMINANT * max(other.area for other in levels)]
     main = next(floor for floor in floors if floor.area >= ALIKE * max(other.area for other in floors))
     return (main, *(floor for floor in floors if floor is not main))
 
@@ -195,9 +199,22 @@ def _levels(heights: np.ndarray, area_each: float, least_area: float) -> list[Fl
         peak = np.flatnonzero(near)[np.argmax(counts[near])]
         first = np.searchsorted(heights, heights[peak] - THICKNESS)
         level = heights[first : first + counts[peak]]
-        levels.append(Floor(float(np.median(level)), float(counts[peak] * area_each)))
-        heights = heights[heights >= levels[-1].height + STOREY]
+        height, top = float(np.median(level)), _slope_top(heights, counts, peak)
+        if top < height + STOREY:
+            levels.append(Floor(height, float(counts[peak] * area_each)))
+            heights = heights[heights >= height + STOREY]
+        else:
+            slope = heights[(heights >= lowest) & (heights <= top)]
+            levels.append(Floor(float(lowest + top) / 2, float(len(slope) * area_each)))
+            heights = heights[(heights > top) & (heights >= levels[-1].height + STOREY)]
     return levels
+
+
+def _slope_top(heights: np.ndarray, counts: np.ndarray, peak: int) -> float:
+    """The height, `RISE` higher at most, up to which level surface goes on evenly from one of the sorted heights."""
+    goes_on = (counts[peak + 1 :] >= SLOPED * counts[peak]) & (np.diff(heights[peak:]) <= 2 * THICKNESS)
+    last = peak + int(np.argmin(np.append(goes_on, False)))
+    return min(float(heights[last]), float(heights[peak]) + RISE)
 
 
 def _counts(heights: np.ndarray) -> np.ndarray:

@@ -53,10 +53,14 @@ class FloorSurvey:
     Args:
         space: the free floor.
         unreached: the large levels that are no part of it, the largest first.
+        apart: square metres of its height that are no part of it either, behind closed doors and narrow passages.
+        outside: square metres that the robot could get to, but that are left out since they are outside the building.
     """
 
     space: FreeSpace
     unreached: tuple[UnreachedLevel, ...]
+    apart: float = 0.0
+    outside: float = 0.0
 
 
 def free_space(
@@ -88,49 +92,59 @@ def survey_floor(
     cannot step to, a drop too, grows by its radius. It stays inside the building, as `inside_building` says, unless
     `region` is given or `start` lies outside.
 
+    All places count from the mesh's origin; sentences name them in the world.
+
     Args:
         mesh: the scene.
-        floor_height: world y of the floor, metres.
+        floor_height: y of the floor, metres.
         robot: its radius, height and greatest climb.
         resolution: edge of a cell in metres.
         caster: rays against `mesh`, where there is one already.
-        other_floors: world y of the scene's other floors, metres.
+        other_floors: y of the scene's other floors, metres.
         bounds: the part of the scene that is looked at; None for all of it.
         region: where the robot's centre stays; None for no bound.
-        start: world x and z of a point in the part that is taken; None for the largest one.
+        start: x and z of a point in the part that is taken; None for the largest one.
 
     Raises:
         DeuxError: the robot fits nowhere, or not at `start`; or the scene is too large.
     """
     frame = _frame(mesh, resolution, region or bounds, robot.radius)
-    heights, clearance = _standing_room(mesh, frame, robot, floor_height, other_floors)
+    heights, clearance, surfaces = _standing_room(mesh, frame, robot, floor_height, other_floors)
     # With half a cell at least, an obstacle without thickness parts the cells on its two sides.
     free = clearance > max(robot.radius, resolution / 2) + TOLERANCE
     if region is not None:
         free &= _cells_in(frame, region)
-    elif free.any():
-        free &= _where_it_lives(caster or RayCaster(mesh), frame, heights, free, start)
-    parts = _parts_near(free, heights, floor_height)
+    inside = free
+    if region is None and free.any():
+        inside = free & _where_it_lives(caster or RayCaster(mesh), frame, heights, free, start)
+    parts = _parts_near(inside, heights, floor_height)
     if not parts.any():
+        where = "" if region is None else f" of the region {_region_in_world(region, mesh)}"
+        height = floor_height + mesh.origin[1]
         raise DeuxError(
-            f"there is no floor to stand on: at height {floor_height:.2f} m no place is free for a robot of radius "
-            f"{robot.radius} m and height {robot.height} m."
+            f"there is no floor to stand on: at height {height:.2f} m no place{where} is free for a robot of "
+            f"radius {robot.radius} m and height {robot.height} m that climbs {robot.max_climb} m."
         )
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    chosen = int(sizes.argmax()) if start is None else _part_at(frame, parts, start)
+    chosen = int(sizes.argmax()) if start is None else _part_at(frame, parts, start, mesh)
     taken = parts == chosen
     # Surfaces that cannot be reached, such as table tops, are obstacles through and through.
-    regions, _ = ndimage.label(clearance > 0.0)
-    clearance[~np.isin(regions, np.unique(regions[taken]))] = 0.0
+    clearance[~np.isin(surfaces, np.unique(surfaces[taken]))] = 0.0
     space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
-    return FloorSurvey(space, _unreached(parts, sizes * resolution**2, chosen, heights, robot.max_climb))
+    unreached, apart = _left_out(parts, sizes * resolution**2, chosen, heights, robot.max_climb)
+    around = ndimage.label(free)[0]
+    outside = np.isin(around, np.unique(around[taken])) & ~inside
+    return FloorSurvey(space, unreached, apart, float(np.count_nonzero(outside) * resolution**2))
 
 
 def _standing_room(
     mesh: SceneMesh, frame: GridFrame, robot: Robot, floor_height: float, other_floors: Sequence[float]
-) -> tuple[np.ndarray, np.ndarray]:
-    """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle.
+
+    Also the number of the connected surface that each cell's centre is on: rows x columns, 0 where it is on none.
+    """
     below = max((y for y in other_floors if y < floor_height), default=floor_height - 2 * REACH)
     above = min((y for y in other_floors if y > floor_height), default=floor_height + 2 * REACH)
     resolution = frame.resolution / FINENESS
@@ -139,8 +153,11 @@ def _standing_room(
     # Beyond the grid there is no floor either.
     passable = np.pad(~surface.blocked, 1).astype(np.uint8)
     distance = cv2.distanceTransform(passable, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    # On the fine grid: an edge of one column, between a table top and the floor, may be at no cell's centre.
+    surfaces = cv2.connectedComponents(passable, connectivity=4)[1][1:-1, 1:-1]
     middle = slice(FINENESS // 2, None, FINENESS)
-    return surface.height[middle, middle], distance[middle, middle] * np.float32(resolution)
+    clearance = distance[middle, middle] * np.float32(resolution)
+    return surface.height[middle, middle], clearance, surfaces[middle, middle]
 
 
 def _where_it_lives(
@@ -176,8 +193,8 @@ def _frame(mesh: SceneMesh, resolution: float, region: Box | None, radius: float
         asked_low, asked_high = np.array(region[:2]) - margin, np.array(region[2:]) + margin
         if (asked_low >= high).any() or (asked_high <= low).any():
             raise DeuxError(
-                f"the region {list(region)} is not in the scene: that reaches from x={low[0]:.2f}, z={low[1]:.2f} to "
-                f"x={high[0]:.2f}, z={high[1]:.2f}."
+                f"the region {_region_in_world(region, mesh)} is not in the scene: that reaches from "
+                f"{_place_in_world(low, mesh)} to {_place_in_world(high, mesh)}."
             )
         low, high = np.where(asked_low > low, asked_low, low), np.minimum(asked_high, high)
     # A thousandth of a cell, left over by rounding, makes no new cell.
@@ -218,25 +235,40 @@ def _covered(caster: RayCaster, frame: GridFrame, heights: np.ndarray, free: np.
     return covered
 
 
-def _part_at(frame: GridFrame, parts: np.ndarray, start: tuple[float, float]) -> int:
-    """The number of the connected part (rows x columns, 0 = none) in which a world point lies."""
+def _part_at(frame: GridFrame, parts: np.ndarray, start: tuple[float, float], mesh: SceneMesh) -> int:
+    """The number of the connected part (rows x columns, 0 = none) in which a point lies."""
     rows, columns = frame.cells(*start)
     if frame.contains(rows, columns) and parts[rows, columns] > 0:
         return int(parts[rows, columns])
     x, z = _centres(frame)
     distance = np.where(parts > 0, np.hypot(x - start[0], z - start[1]), np.inf)
-    nearest_x, nearest_z = frame.centre(*divmod(int(distance.argmin()), frame.columns))
+    nearest = frame.centre(*divmod(int(distance.argmin()), frame.columns))
     raise DeuxError(
-        f"the start x={start[0]:.2f}, z={start[1]:.2f} is not on free floor: the nearest free point is "
-        f"x={nearest_x:.2f}, z={nearest_z:.2f}."
+        f"the start {_place_in_world(start, mesh)} is not on free floor: the nearest free point is "
+        f"{_place_in_world(nearest, mesh)}."
     )
 
 
-def _unreached(
+def _place_in_world(place: Sequence[float] | np.ndarray, mesh: SceneMesh) -> str:
+    """A text such as "x=1.00, z=-2.50" of a point that counts from the mesh's origin."""
+    return f"x={place[0] + mesh.origin[0]:.2f}, z={place[1] + mesh.origin[2]:.2f}"
+
+
+def _region_in_world(region: Box, mesh: SceneMesh) -> list[float]:
+    x, _, z = mesh.origin
+    return [round(side + shift, 3) for side, shift in zip(region, (x, z, x, z), strict=True)]
+
+
+def _left_out(
     parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray, climb: float
-) -> tuple[UnreachedLevel, ...]:
-    """The parts, numbered in rows x columns and with their areas in m2, that are large and more than a climb away."""
+) -> tuple[tuple[UnreachedLevel, ...], float]:
+    """What is large of the parts, numbered in rows x columns and with their areas in m2, that are not the chosen one.
+
+    Returns:
+        The levels that are more than a climb away, and the area in m2 of the others, which something else parts.
+    """
     ground = float(np.median(heights[parts == chosen]))
     large = [part for part in np.argsort(-areas, kind="stable") if areas[part] >= LEAST_LEVEL and part != chosen]
     levels = [UnreachedLevel(float(np.median(heights[parts == part])) - ground, float(areas[part])) for part in large]
-    return tuple(level for level in levels if abs(level.rise) > climb)
+    unreached = tuple(level for level in levels if abs(level.rise) > climb)
+    return unreached, sum(level.area for level in levels if level not in unreached)

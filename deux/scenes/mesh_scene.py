@@ -8,7 +8,7 @@ import numpy as np
 from deux.contracts import Floor, Scene, SceneMesh
 from deux.errors import DeuxError
 from deux.mesh_files.mesh_extent import describe_size, unit_advice
-from deux.scenes.floor import find_floors
+from deux.scenes.floor import HEADROOM, find_floors
 from deux.scenes.ray_caster import RayCaster
 
 log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ def mesh_scene(name: str, mesh: SceneMesh, identity: str, where: str, scale: flo
             sentence += f"; the mesh is {describe_size(mesh.bounds)} large, {unit_advice(mesh.bounds, scale)}"
         raise DeuxError(f"{where}: {sentence}.") from error
     ceiling = _ceiling(mesh, floors[0], caster)
-    if not LIKELY_CEILING[0] <= ceiling <= LIKELY_CEILING[1] and np.isfinite(ceiling):
+    if LIKELY_CEILING[1] < ceiling < np.inf:
         _warn_once(f"{where}: the ceiling is {ceiling:.2g} m above the floor: {unit_advice(mesh.bounds, scale)}.")
     elif _LEVEL < np.ptp(mesh.bounds[:, 1]) < LIKELY_CEILING[0]:
         _warn_once(f"{where} is {describe_size(mesh.bounds)} large: {unit_advice(mesh.bounds, scale)}.")
@@ -65,15 +65,18 @@ def has_colors(mesh: SceneMesh) -> bool:
 
 
 def _ceiling(mesh: SceneMesh, floor: Floor, caster: RayCaster) -> float:
-    """The median height in metres of what is above the floor, at places spread evenly over it; infinite outdoors."""
+    """The median height in metres of what is above the floor, at places spread evenly over it; infinite outdoors.
+
+    What is nearer than `HEADROOM` is furniture, or the inside of what stands on the floor.
+    """
     low, high = mesh.bounds
     origins = np.random.default_rng(0).uniform(low, high, (_SAMPLES, 3))
     origins[:, 1] = floor.height + _LEVEL
     up = np.broadcast_to([0.0, 1.0, 0.0], origins.shape)
     on_floor = caster.cast(origins, -up).distance <= 2 * _LEVEL
-    if not on_floor.any():
-        return np.inf
-    return float(np.median(caster.cast(origins, up).distance[on_floor])) + _LEVEL
+    above = caster.cast(origins, up).distance[on_floor] + _LEVEL
+    above = above[above > HEADROOM]
+    return float(np.median(above)) if len(above) else np.inf
 
 
 @functools.cache

@@ -21,7 +21,7 @@ from deux.io.json_files import read_json_object
 
 log = logging.getLogger(__name__)
 
-VERSION = 1
+VERSION = 2
 """To be raised with every change of the readers or of the floors, so that what was prepared before is made anew."""
 
 _ARRAYS = ("vertices", "faces", "uv", "face_material", "face_label", "vertex_colors")

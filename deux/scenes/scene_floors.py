@@ -10,6 +10,7 @@ from deux.scenes.floor import building_bounds
 from deux.scenes.free_space import Box, FloorSurvey, survey_floor
 from deux.scenes.ray_caster import RayCaster
 
+TOLD = 10.0  # square metres of floor that is left out of which the log tells, or a tenth of the room that is left
 LARGE = 2500.0  # square metres; of larger scenes only the building is mapped, if there is one
 
 log = logging.getLogger(__name__)
@@ -63,7 +64,23 @@ class SceneFloors:
                 f"{self._scene.name}: a level {abs(level.rise):.2f} m {'higher' if level.rise > 0 else 'lower'} of "
                 f"{level.area:.0f} m2 cannot be reached: robot.max_climb is {self._robot.max_climb}."
             )
+        self._say_left_out(found)
         return found.space
+
+    def _say_left_out(self, found: FloorSurvey) -> None:
+        """Log how much floor is left out though it is of the same height."""
+        room = found.space.area
+        told = f"{self._scene.name}: beside the {room:.0f} m2 where the robot lives"
+        if self._area.start is None and found.apart > min(TOLD, room / 10):
+            _say_once(
+                f"{told}, {found.apart:.0f} m2 cannot be reached, such as behind closed doors or passages too narrow "
+                f"for robot.radius={self._robot.radius}: scenes.start=[x, z] takes another part."
+            )
+        if found.outside > min(TOLD, room / 10):
+            _say_once(
+                f"{told}, {found.outside:.0f} m2 have no ceiling and are taken for outside: "
+                "scenes.region=[x_min, z_min, x_max, z_max] takes all that is within it."
+            )
 
     def _chosen(self) -> tuple[Floor, ...]:
         every, asked = self._scene.floors, self._area.floor

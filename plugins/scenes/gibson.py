@@ -110,7 +110,7 @@ def read_split_file(path: Path) -> dict[str, list[str]]:
         DeuxError: the file is missing or no such table.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             rows = list(csv.DictReader(file, skipinitialspace=True))
     except (OSError, UnicodeDecodeError) as error:
         raise DeuxError(f"scenes.split_file is {path}, which cannot be read: {error}.") from error

@@ -47,10 +47,15 @@ def test_the_first_scene_is_described_if_asked_for(room, capsys):
     assert facts["triangles"] == "12"
     assert facts["extent"].startswith("4.0 x 3.0 x 5.0 m")
     assert facts["labels"].startswith("none")
-    height, level, free = (float(number) for number in re.findall(r"(-?[\d.]+) m", facts["floor 0"]))
+    height, level, free = (float(number) for number in re.findall(r"(-?[\d.]+) m", facts["floor"]))
     assert height == 0.0
     assert level == pytest.approx(20.0, rel=0.02)
     assert free == pytest.approx(3.8 * 4.8, rel=0.05), "the robot's radius is taken off at each wall"
+
+
+def test_switches_and_options_may_be_in_any_order(room, capsys):
+    assert main(["scenes=files", "--load", f"scenes.train={room}", "robot.radius=0.2"]) == 0
+    assert "room for the robot on 16.6 m2" in lines(capsys)["floor"]
 
 
 def test_a_mistake_is_one_sentence_without_a_stack_trace(capsys):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from deux.errors import DeuxError
-from deux.io.atomic import write_atomically
+from deux.io.atomic import read_text_bytes, write_atomically
 
 
 def test_a_file_appears_whole_and_alone(tmp_path: Path) -> None:
@@ -58,3 +58,9 @@ def test_what_was_there_stays_where_a_write_fails(tmp_path: Path, monkeypatch: p
         write_atomically(path, b"new content")
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_byte_order_mark_is_no_part_of_a_text(tmp_path: Path) -> None:
+    for encoding in ("utf-8", "utf-8-sig"):
+        (tmp_path / "a.txt").write_text("größe\ufeff", encoding)
+        assert read_text_bytes(tmp_path / "a.txt") == "größe\ufeff".encode()

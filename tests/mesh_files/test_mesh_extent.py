@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from deux.errors import DeuxError
-from deux.mesh_files.mesh_extent import check_extent, near_faces
+from deux.mesh_files.mesh_extent import check_extent, near_faces, unit_advice
 
 PATH = Path("house.ply")
 
@@ -27,6 +27,11 @@ def test_a_building_in_another_unit_is_told_which(size, scale, advice):
     with pytest.raises(DeuxError, match=advice) as error:
         check_extent(PATH, bounds(*size) * scale, scale)
     assert str(error.value).startswith("house.ply is ")
+
+
+@pytest.mark.parametrize(("size", "scale"), [((6, 2.6, 8), 0.01), ((19, 3, 11), 0.001), ((6, 2.6, 8), 100.0)])
+def test_a_building_in_metres_is_told_so_where_another_unit_was_assumed(size, scale):
+    assert "it seems to be in metres, set scenes.scale=1 " in unit_advice(bounds(*size) * scale, scale)
 
 
 def test_a_large_building_in_metres_passes():

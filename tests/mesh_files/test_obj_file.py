@@ -150,6 +150,14 @@ def test_colours_after_the_positions(read, scale):
     assert part.material.color == (255, 255, 255)
 
 
+@pytest.mark.parametrize("first", ["mtllib m.mtl\n", ""])
+def test_the_mark_before_a_text_of_utf_8_hides_no_line(read, first):
+    """Editors put it there: the first vertex, the library or its first material would be lost without a word."""
+    (part,) = read("\ufeff" + first + SQUARE + "usemtl red\nf 1 2 3 4\n", m="\ufeffnewmtl red\nKd 1 0 0\n")
+    assert area([part]) == 16.0
+    assert part.material.color == ((255, 0, 0) if first else GREY)
+
+
 def test_groups_lines_and_points_change_nothing(read):
     text = SQUARE + "o house\ng walls\ns off\nl 1 2\np 1\nf 1/1 2/2 3/3\ng floor\nf 1/1 3/3 4/4\n"
     assert area(read(text)) == 16.0

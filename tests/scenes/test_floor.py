@@ -188,10 +188,37 @@ def test_a_mezzanine_is_a_floor_where_it_is_large_enough(mesh_of, slab):
         assert heights(mesh_of(*hall, slab([0, 2.5, 0], [8, 2.7, depth]))) == expected
 
 
+@pytest.mark.parametrize("height", [6.0, 9.0, 15.0])
+def test_the_floor_of_a_hall_counts_however_high_its_ceiling_is(mesh_of, slab, height):
+    """A hall of 20 x 15 m with an office of 2.7 m in a corner, which is neither all of the building nor its floor."""
+    hall = [slab([0, -0.2, 0], [20, 0, 15]), slab([0, height, 0], [20, height + 0.2, 15])]
+    mesh = mesh_of(*hall, slab([0, 2.7, 0], [6, 2.8, 5]))
+    (floor,) = find_floors(mesh)
+    assert floor.height == pytest.approx(0.0, abs=1e-6)
+    assert floor.area == pytest.approx(300.0, rel=0.02)
+    assert free_space(mesh, 0.0, Robot()).area == pytest.approx(19.8 * 14.8, rel=0.02)
+
+
 def test_split_levels_half_a_storey_apart_are_floors_and_those_of_one_room_are_one(mesh_of, slab):
     for rise, expected in ((1.4, [0.0, 1.4]), (0.3, [0.0])):
         halves = [slab([0, -0.2, 0], [5, 0, 6]), slab([5, rise - 0.2, 0], [10, rise, 6])]
         assert heights(mesh_of(*halves, slab([0, 4, 0], [10, 4.2, 6]))) == expected
+
+
+@pytest.mark.parametrize("rise", [0.5, 1.5, 2.3])
+def test_a_sloping_floor_is_one_floor_and_free_from_end_to_end(mesh_of, sheet, rise):
+    """A room of 6 x 12 m that rises along z, under a ceiling that rises with it."""
+    planes = [sheet([0, y, 0], [6, y, 0], [6, y + rise, 12], [0, y + rise, 12]) for y in (0.0, 2.6)]
+    (floor,) = find_floors(mesh_of(*planes))
+    assert floor.height == pytest.approx(rise / 2, abs=rise / 2 if rise < 1.2 else 0.1)
+    space = free_space(mesh_of(*planes), floor.height, Robot())
+    assert space.area == pytest.approx(5.8 * 11.8, rel=0.03)
+    assert np.nanmax(space.heights) - np.nanmin(space.heights) == pytest.approx(rise, rel=0.05)
+
+
+def test_a_slope_that_rises_by_more_than_a_floor_reaches_is_several(mesh_of, sheet):
+    planes = [sheet([0, y, 0], [6, y, 0], [6, y + 4.8, 30], [0, y + 4.8, 30]) for y in (0.0, 2.6)]
+    assert heights(mesh_of(*planes)) == pytest.approx([1.2, 3.6], abs=0.1)
 
 
 def test_the_inside_of_thick_walls_is_no_floor(mesh_of, slab, house):

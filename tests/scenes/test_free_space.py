@@ -83,6 +83,17 @@ def test_what_is_in_the_way_depends_on_its_height(mesh_of, room, slab, low, high
     assert free_at(space, 1.45, 1.5)
 
 
+@pytest.mark.parametrize("x", [1.5, 1.51, 1.52, 1.533, 1.54])
+def test_what_stands_on_the_floor_has_no_clearance_wherever_the_grid_lies(mesh_of, room, slab, x):
+    """A table of 1 x 1 m, whose top is level and cannot be reached, and a cupboard of 0.5 x 0.5 m."""
+    table, cupboard = slab([x, 0, 1], [x + 1, 0.8, 2]), slab([0.2, 0, 0.2], [0.7, 2, 0.7])
+    space = free_space(mesh_of(*room, table, cupboard), 0.0, ROBOT)
+    blocked = np.count_nonzero(space.clearance <= 0.0) * 0.05**2
+    assert blocked == pytest.approx(1.25, abs=0.15)
+    for place in ((x + 0.5, 1.5), (0.45, 0.45)):
+        assert space.clearance[space.frame.cell(*place)] == 0.0
+
+
 def test_a_hole_in_the_floor_is_not_free(mesh_of, sheet):
     left = sheet([0, 0, 0], [1.5, 0, 0], [1.5, 0, 3], [0, 0, 3])
     right = sheet([2.0, 0, 0], [4, 0, 0], [4, 0, 3], [2.0, 0, 3])
@@ -121,8 +132,10 @@ def test_resolution_and_place_do_not_change_the_area(mesh_of, room):
 
 
 def test_no_room_at_all_is_an_error(mesh_of, room, slab):
-    with pytest.raises(DeuxError, match="no floor to stand on"):
+    with pytest.raises(DeuxError, match=r"no floor to stand on: .* no place is free .* that climbs 0\.2 m"):
         free_space(mesh_of(*room, slab([0, 0, 0], [4, 1, 3])), 0.0, ROBOT)
+    with pytest.raises(DeuxError, match=r"no place of the region \[1\.1, 1\.1, 1\.9, 1\.9\] is free"):
+        survey_floor(mesh_of(*room, slab([1, 0, 1], [2, 1, 2])), 0.0, ROBOT, region=(1.1, 1.1, 1.9, 1.9))
 
 
 def test_a_ramp_is_floor_and_the_surface_follows_it(mesh_of, slab, sheet):

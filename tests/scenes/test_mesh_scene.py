@@ -70,6 +70,15 @@ def test_an_unlikely_size_is_said_with_the_option(room, caplog, factor, said):
         assert "scenes.scale=" in caplog.text
 
 
+def test_what_covers_most_of_the_floor_is_not_its_ceiling(room, mesh_of, slab, caplog):
+    stage = slab([0, 0, 0], [3, 0.45, 4])
+    scene = mesh_scene(
+        "stage", mesh_of(trimesh.creation.box(bounds=[[0, 0, 0], [5, 2.6, 4]]), stage), "test:7", "s.ply"
+    )
+    assert scene.floor_height == pytest.approx(0.0, abs=1e-6)
+    assert "ceiling" not in caplog.text
+
+
 def test_a_likely_ceiling_is_not_said(room, caplog):
     mesh_scene("likely", painted(room, Material("a", (1, 2, 3)), Material("b", (3, 2, 1))), "test:5", "likely.ply")
     assert caplog.text == ""

@@ -1,6 +1,8 @@
 """Which floors of analytic buildings a `SceneArea` chooses."""
 
 import logging
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,6 +86,33 @@ def test_a_region_bounds_every_floor(tall_house):
         assert z < 4.0
 
 
+@pytest.mark.parametrize(
+    ("area", "message"),
+    [
+        (
+            {"start": (448_020.0, 5_411_001.0)},
+            r"the start x=448020\.00, z=5411001\.00 .* point is x=44800\d\.\d+, z=54110",
+        ),
+        (
+            {"region": (0.0, 0.0, 9.0, 9.0)},
+            r"region \[0\.0, 0\.0, 9\.0, 9\.0\] .* from x=448000\.00, z=5411000\.00 to x=448008",
+        ),
+        (
+            {"region": (448_003.0, 5_411_002.0, 448_004.0, 5_411_003.0)},
+            r"height 1120\.00 m no place of the region \[448003\.0, ",
+        ),
+    ],
+)
+def test_places_are_named_in_the_world_however_far_the_mesh_is_from_its_origin(scene_of, house, slab, area, message):
+    scene = scene_of(*house(), slab([2, 0, 1], [5, 1, 4]))
+    x, y, z = origin = (448_000.0, 1120.0, 5_411_000.0)
+    floors = tuple(replace(floor, height=floor.height + y) for floor in scene.floors)
+    scene = replace(scene, mesh=replace(scene.mesh, origin=origin), floors=floors)
+    assert chosen(scene, start=(x + 1.0, z + 1.0)).free_space(0).height_at(x + 1.0, z + 1.0) == pytest.approx(y)
+    with pytest.raises(DeuxError, match=message):
+        chosen(scene, **area).free_space(0)
+
+
 def test_a_floor_is_surveyed_once(tall_house):
     floors = chosen(tall_house)
     assert floors.free_space(0) is floors.free_space(0)
@@ -97,6 +126,21 @@ def test_a_split_level_that_is_left_out_is_said(scene_of, house, slab, caplog, c
     said = [message for message in caplog.messages if "a level 0.30 m higher of 14 m2 cannot be reached" in message]
     assert len(said) == (climb == 0.2)
     assert all("robot.max_climb is 0.2" in message for message in said)
+
+
+def test_rooms_behind_closed_doors_and_floor_without_a_ceiling_are_said(scene_of, house, slab, caplog):
+    """A house of 7.4 x 5.4 m for the robot, parted at x = 5, with a terrace of 8 x 3 m before its open door."""
+    parted, terrace = slab([5.0, 0, 0.2], [5.1, 2.6, 5.8]), slab([0, -0.2, -3], [8, 0, 0])
+    with caplog.at_level(logging.WARNING):
+        scene = scene_of(*house(door=True), parted, terrace)
+        assert chosen(scene).free_space(0).area == pytest.approx(4.6 * 5.4, rel=0.05)
+        (closed, outside) = caplog.messages
+        assert "beside the 25 m2 where the robot lives, 14 m2 cannot be reached, such as behind closed doors" in closed
+        assert re.search(r", 2[23] m2 have no ceiling and are taken for outside: scenes\.region=", outside)
+        caplog.clear()
+        assert chosen(scene, region=(0, -3, 8, 6), start=(1.0, 1.0)).free_space(0).area > 45.0
+        assert chosen(scene_of(*house())).free_space(0).area == pytest.approx(7.4 * 5.4, rel=0.05)
+    assert caplog.messages == []
 
 
 def test_a_house_on_a_large_ground_is_mapped_alone(scene_of, house, slab):

@@ -47,6 +47,12 @@ def test_a_list_says_the_splits(root):
     assert source.inventory()["train"][1].missing
 
 
+def test_a_list_that_a_spreadsheet_has_written(root):
+    text = (root / "split.csv").read_text()
+    (root / "split.csv").write_text(text, encoding="utf-8-sig")
+    assert names(Gibson(str(root), train=1, split_file=str(root / "split.csv")).splits())[0] == ["Adrian"]
+
+
 def test_a_building_is_turned_upright_and_has_no_labels(root):
     (reference,) = Gibson(str(root), train=["Adrian"], validation=0, test=0).splits().train
     mesh = reference.load().mesh

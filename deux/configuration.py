@@ -223,6 +223,11 @@ def run_folder() -> Path:
     return Path(HydraConfig.get().runtime.output_dir)
 
 
+def job_overrides() -> list[str]:
+    """The overrides of the run that is under way, as they were written; of a sweep's job, its own values."""
+    return list(HydraConfig.get().overrides.task)
+
+
 def user_path(path: str | Path) -> Path:
     """A path as the user meant it: relative to the folder in which the command was started, ~ being the home folder.
 

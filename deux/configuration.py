@@ -291,13 +291,14 @@ def _hash(content: Any) -> str:
 def _sweep_id() -> str:
     overrides = (argument for argument in sys.argv[1:] if "=" in argument)
     means = {f"{name}.{option}" for name, found in MEANS.items() for option in found}
-    # Whatever launches its jobs, and by whatever means they do their work, it is the same sweep.
+    # Whatever launches its jobs, by whatever means they do their work and wherever their outputs are kept, it is the
+    # same sweep.
     return _hash(
         sorted(
             override
             for override in overrides
             if override.lstrip("+~").partition("=")[0] not in means
-            and not re.match(r"[+~]*hydra[./](?!sweeper\.params\.)", override)
+            and not re.match(r"[+~]*(paths\.|hydra[./](?!sweeper\.params\.))", override)
         )
     )
 

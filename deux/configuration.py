@@ -31,6 +31,7 @@ from hydra.utils import to_absolute_path
 from omegaconf import DictConfig, OmegaConf
 
 from deux.callbacks import ACTIVE_COLLECTION, callback_names
+from deux.command_record import record_folder
 from deux.composition_errors import check_names, composition_error, raised_in_composition
 from deux.errors import DeuxError, printable, shown
 from deux.registry import registry
@@ -317,6 +318,7 @@ def _task_list() -> str:
 
 # At import, not in register_configuration: launchers that start other processes import this module there and no more.
 OmegaConf.register_new_resolver("deux.run_id", _run_id, replace=True)
+OmegaConf.register_new_resolver("deux.record_folder", record_folder, replace=True)
 # Cached: Hydra hands the cache on to the sweep's jobs, so those in other processes name the same folder.
 OmegaConf.register_new_resolver("deux.sweep_id", _sweep_id, use_cache=True, replace=True)
 OmegaConf.register_new_resolver("deux.plugins", _names, replace=True)

@@ -19,7 +19,7 @@ from deux.callbacks import lightning_object
 from deux.contracts import DepthModel, Reader
 from deux.data.cache_choice import CacheChoice
 from deux.data.datamodule import TripletDataModule
-from deux.errors import DeuxError, shown
+from deux.errors import DeuxError
 from deux.inference.precision import default_precision, tf32_convolutions
 from deux.training.checkpointing import AtomicCheckpoints, ResumedFrom, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
@@ -117,11 +117,6 @@ def check_trainer(settings: TrainingSettings, trainer_arguments: Mapping[str, An
         raise DeuxError(
             f"trainer.{given[0]} holds objects, which no option can be, and would take the place of those by which a "
             "training keeps its checkpoints: callbacks=[early_stopping] chooses callbacks by name."
-        )
-    if not isinstance(trainer_arguments.get("logger"), bool | None):
-        raise DeuxError(
-            f"trainer.logger must be true or false, but is {shown(trainer_arguments['logger'])}: without it the logs "
-            "are CSV and TensorBoard's."
         )
     own = {"logger": False, "enable_checkpointing": False, **trainer_arguments}
     trainer = make_trainer({**_budget(settings, trainer_arguments), **own})

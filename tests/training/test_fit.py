@@ -129,7 +129,11 @@ def test_an_interval_that_is_longer_than_the_epoch_it_is_counted_in_is_told_in_o
         ({}, {"max_epoch": 3}, r"^trainer\.max_epoch is not an option"),
         ({}, {"callbacks": []}, r"^trainer\.callbacks holds objects, .*: callbacks=\[early_stopping\] chooses"),
         ({}, {"plugins": None}, r"^trainer\.plugins holds objects"),
-        ({}, {"logger": ["csv"]}, r"^trainer\.logger must be true or false, but is \['csv'\]"),
+        (
+            {},
+            {"logger": ["csv"]},
+            r"^trainer\.logger must be true or false or null, but is \['csv'\]: what else it takes",
+        ),
     ],
 )
 def test_what_makes_no_training_is_told_before_it(settings, arguments, sentence):

@@ -23,6 +23,7 @@ from omegaconf import DictConfig, OmegaConf
 from deux.composition_errors import check_names, composition_error, quoted_digits, raised_in_composition
 from deux.configuration import CONFIG_NAME, check_unused, config_folder, in_sweep, register_configuration
 from deux.errors import DeuxError, JobFailed, counted, printable
+from deux.interruption import Terminated, termination_raised
 from deux.machine_failures import PLACE_ERRORS, ended_by_sigterm, machine_failure
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugin_options, check_plugins
@@ -33,10 +34,6 @@ LAUNCHERS = ("joblib", "submitit", "ray")
 those that the system killed for their memory."""
 
 log = logging.getLogger("deux")
-
-
-class Terminated(KeyboardInterrupt):
-    """The process was asked by SIGTERM to end: what works on ends as it does at Ctrl-C."""
 
 
 class Jobs:
@@ -91,7 +88,7 @@ def main() -> int:
         register_configuration()
         sys.argv[1:] = sorted((quoted_digits(argument) for argument in sys.argv[1:]), key=_goes_behind)
         check_names(argument for argument in sys.argv[1:] if "=" in argument and not argument.startswith("-"))
-        with _quiet_log_writers(), _termination_raised(), _help_unchecked():
+        with _quiet_log_writers(), termination_raised(), _help_unchecked():
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
     except KeyboardInterrupt as interrupt:
         if _was_terminated(interrupt):
@@ -166,23 +163,6 @@ def _was_terminated(interrupt: BaseException | None) -> bool:
             return True
         interrupt = interrupt.__cause__ or interrupt.__context__
     return False
-
-
-@contextmanager
-def _termination_raised() -> Iterator[None]:
-    """Let SIGTERM end what happens inside as Ctrl-C does. Lightning and Ray keep this handler beside their own."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def end(*_: object) -> None:
-        raise Terminated
-
-    earlier = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, earlier)
 
 
 @contextmanager

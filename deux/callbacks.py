@@ -9,10 +9,12 @@ the weights' names (model_pruning), that set the learning rate themselves (stoch
 from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin
 
-from deux.errors import DeuxError, near_matches
-from deux.options import construct
+from deux.errors import DeuxError, near_matches, shown
+from deux.options import construct, converted, describe, options
 
 if TYPE_CHECKING:
     from lightning.pytorch import Callback
@@ -105,6 +107,7 @@ def lightning_object(
     Raises:
         DeuxError: an option is unknown or missing, or its value is refused.
     """
+    _check_values(target, settings, where)
     try:
         return construct(target, settings, where, given)
     except DeuxError:
@@ -113,3 +116,47 @@ def lightning_object(
         sentence = " ".join(str(error).split()).rstrip(".!")
         name = getattr(target, "__name__", str(target))
         raise DeuxError(f"the settings under {where} make no lightning.{name}: {sentence}.") from error
+
+
+def _check_values(target: Callable[..., Any], settings: Mapping[str, Any], where: str) -> None:
+    """Raise DeuxError where a value of the configuration is given for an object, which fails only when it is used."""
+    for name, option in options(target).items():
+        value = settings.get(name)
+        if value is None or not _is_plain(value):
+            continue
+        annotation = option.annotation
+        union = get_origin(annotation) in (Union, UnionType)
+        kinds = [kind for kind in (get_args(annotation) if union else (annotation,)) if _is_holdable(kind)]
+        if not any(_fits(value, kind) for kind in kinds):
+            words = " or ".join(map(describe, kinds)) or "left out"
+            raise DeuxError(
+                f"{where}.{name} must be {words}, but is {shown(value)}: what else it takes are objects, which no "
+                "option can be."
+            )
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a configuration can hold a value."""
+    if isinstance(value, Mapping):
+        return all(map(_is_plain, value.values()))
+    return (
+        all(map(_is_plain, value)) if isinstance(value, list | tuple) else isinstance(value, bool | int | float | str)
+    )
+
+
+def _is_holdable(annotation: Any) -> bool:
+    """Whether a configuration can hold values of a type."""
+    arguments = [argument for argument in get_args(annotation) if argument is not Ellipsis]
+    if get_origin(annotation) is Literal:
+        return True
+    if (get_origin(annotation) or annotation) in (list, tuple, dict, Sequence, Mapping):
+        return all(map(_is_holdable, arguments))
+    return annotation in (Any, bool, int, float, str, Path, type(None))
+
+
+def _fits(value: Any, annotation: Any) -> bool:
+    try:
+        converted(value, annotation, "")
+    except DeuxError:
+        return False
+    return True

@@ -31,6 +31,7 @@ from hydra.utils import to_absolute_path
 from omegaconf import DictConfig, OmegaConf
 
 from deux.callbacks import ACTIVE_COLLECTION, callback_names
+from deux.command_record import record_folder
 from deux.composition_errors import check_names, composition_error, raised_in_composition
 from deux.errors import DeuxError, printable, shown
 from deux.registry import registry
@@ -223,6 +224,11 @@ def run_folder() -> Path:
     return Path(HydraConfig.get().runtime.output_dir)
 
 
+def job_overrides() -> list[str]:
+    """The overrides of the run that is under way, as they were written; of a sweep's job, its own values."""
+    return list(HydraConfig.get().overrides.task)
+
+
 def user_path(path: str | Path) -> Path:
     """A path as the user meant it: relative to the folder in which the command was started, ~ being the home folder.
 
@@ -286,13 +292,14 @@ def _hash(content: Any) -> str:
 def _sweep_id() -> str:
     overrides = (argument for argument in sys.argv[1:] if "=" in argument)
     means = {f"{name}.{option}" for name, found in MEANS.items() for option in found}
-    # Whatever launches its jobs, and by whatever means they do their work, it is the same sweep.
+    # Whatever launches its jobs, by whatever means they do their work and wherever their outputs are kept, it is the
+    # same sweep.
     return _hash(
         sorted(
             override
             for override in overrides
             if override.lstrip("+~").partition("=")[0] not in means
-            and not re.match(r"[+~]*hydra[./](?!sweeper\.params\.)", override)
+            and not re.match(r"[+~]*(paths\.|hydra[./](?!sweeper\.params\.))", override)
         )
     )
 
@@ -311,6 +318,7 @@ def _task_list() -> str:
 
 # At import, not in register_configuration: launchers that start other processes import this module there and no more.
 OmegaConf.register_new_resolver("deux.run_id", _run_id, replace=True)
+OmegaConf.register_new_resolver("deux.record_folder", record_folder, replace=True)
 # Cached: Hydra hands the cache on to the sweep's jobs, so those in other processes name the same folder.
 OmegaConf.register_new_resolver("deux.sweep_id", _sweep_id, use_cache=True, replace=True)
 OmegaConf.register_new_resolver("deux.plugins", _names, replace=True)

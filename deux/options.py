@@ -287,7 +287,11 @@ def _expect(value: Any, matches: bool) -> Any:
 
 
 def _first_match(value: Any, alternatives: Sequence[Any], where: str) -> Any:
-    for alternative in alternatives:
+    """The value as the first of the types that it fits, its own before others.
+
+    Where both are taken, 1 and 1.0 may mean different things: to Lightning one batch, and all of them.
+    """
+    for alternative in sorted(alternatives, key=lambda one: one is not type(value)):
         try:
             return _converted(value, alternative, where)
         except _Mismatch:

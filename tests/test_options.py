@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
-from deux.options import REQUIRED, construct, describe, full_settings, options, without_defaults
+from deux.options import REQUIRED, construct, converted, describe, full_settings, options, without_defaults
 
 if TYPE_CHECKING:
     from somewhere import Unknown
@@ -52,6 +52,12 @@ def test_constructs_a_dataclass_of_the_framework_from_a_configuration_node() -> 
     camera = construct(Camera, node, "camera")
     assert camera == Camera(width=64, height=64, hfov=79.0)
     assert isinstance(camera.hfov, float)
+
+
+@pytest.mark.parametrize("annotation", [int | float, float | int, int | float | None])
+def test_of_two_types_a_number_keeps_its_own(annotation: Any) -> None:
+    for number in (1, 1.0, 2.5):
+        assert type(converted(number, annotation, "share")) is type(number)
 
 
 def test_simple_types_are_converted() -> None:

@@ -85,6 +85,7 @@ def test_a_sweep_has_one_folder_whatever_launches_its_jobs(monkeypatch):
     alone = folder("seed=0,1")
     assert folder("hydra/launcher=ray", "+hydra.launcher.ray.init.address=local", "seed=0,1") == alone
     assert folder("collect.processes=2", "data.cache=none", "training.num_workers=0", "seed=0,1") == alone
+    assert folder("seed=0,1", "paths.outputs=/moved/outputs") == alone
     assert folder("seed=0,2") != alone
     grids = [folder(f"hydra.sweeper.params.seed={seeds}") for seeds in ("'0,1'", "'0,2'")]
     assert grids[0] != grids[1]

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deux import __version__
+from deux.command_record import IDENTITY_FILE
 from deux.configuration import compose, sections_of, user_path
 from deux.contracts import DepthModel, Reader
 from deux.data.dataset_reader import DatasetReader
@@ -26,7 +27,6 @@ from deux.io.atomic import make_folder, write_atomically
 from deux.io.json_files import read_json_object
 from deux.metrics.point_conditions import PointCondition, errors_under
 from deux.report.model_card import CardErrors, ModelCard
-from deux.report.results import IDENTITY_FILE
 from deux.report.runs import read_overrides
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings

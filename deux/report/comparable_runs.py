@@ -259,7 +259,10 @@ class ComparableRuns:
 def group_comparable(
     found: FoundRuns, sweeps: Sequence[Sweep], presets: Mapping[str, FlatOptions] | None = None
 ) -> list[ComparableRuns]:
-    """All groups of comparable runs with a finished one among them, the largest first.
+    """All groups of comparable runs with a finished one among them, those of the most explorers first.
+
+    Of several with as many, those come first whose test frames are of a dataset from which models were taken to
+    another one: it is the paper's first.
 
     Args:
         found: the runs.
@@ -277,7 +280,14 @@ def group_comparable(
         for runs in groups.values()
         if any(run.results for run in runs)
     ]
-    return sorted(made, key=lambda group: (-len(group.explorers), -len(group.finished), group.training, group.testing))
+    taken_elsewhere = {group.own_testing for group in made if group.transferred}
+
+    def order(group: ComparableRuns) -> tuple[int, bool, int, int, FlatOptions, FlatOptions]:
+        at_home = group.testing not in taken_elsewhere
+        plain = len(group.testing)  # a second dataset is the first one's scenes with options of its own
+        return -len(group.explorers), at_home, -len(group.finished), plain, group.training, group.testing
+
+    return sorted(made, key=order)
 
 
 def _without_repetitions(runs: Sequence[Run], sweeps: Sequence[Sweep]) -> ComparableRuns:

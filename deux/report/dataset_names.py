@@ -16,7 +16,7 @@ class DatasetNames:
     """The datasets of some groups of runs, told apart by their test frames.
 
     Args:
-        groups: the largest first.
+        groups: in the order of `deux.report.comparable_runs.group_comparable`.
         first: the name of Table I's dataset; None for the one on which the most explorers were compared.
 
     Raises:

@@ -7,11 +7,12 @@ from typing import Any
 
 import yaml
 
+from deux.command_record import IDENTITY_FILE
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.json_files import checked_object, read_json
 from deux.metrics.scorecard import SCORECARD_FILE
-from deux.report.results import IDENTITY_FILE, RESULTS_FILE
+from deux.report.results import RESULTS_FILE
 from deux.report.runs import OVERRIDES_FILE, find_runs, read_identity, read_overrides
 from deux.report.sweeps import SWEEP_FILE, find_sweeps, sweep_file
 

@@ -15,9 +15,6 @@ from deux.metrics.tables import Cell, ResultTable, Row, error_columns
 RESULTS_FILE = "results.json"
 """A run's results, in its folder once it is finished."""
 
-IDENTITY_FILE = "run.json"
-"""The whole configuration of a run, in its folder from its beginning on."""
-
 
 @dataclass(frozen=True)
 class Results:

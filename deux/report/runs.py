@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from deux.command_record import IDENTITY_FILE, RECORD_FOLDER
 from deux.errors import DeuxError
 from deux.io.arrays import said
 from deux.io.folder_walk import walk
@@ -13,10 +14,10 @@ from deux.io.json_files import read_json
 from deux.io.yaml_files import read_yaml
 from deux.metrics.scorecard import SCORECARD_FILE, Scorecard
 from deux.report.conditions import Conditions, FlatOptions, conditions
-from deux.report.results import IDENTITY_FILE, RESULTS_FILE, Results
+from deux.report.results import RESULTS_FILE, Results
 
-_CONFIG_FILE = Path(".hydra", "config.yaml")
-OVERRIDES_FILE = Path(".hydra", "overrides.yaml")
+_CONFIG_FILE = Path(RECORD_FOLDER, "config.yaml")
+OVERRIDES_FILE = Path(RECORD_FOLDER, "overrides.yaml")
 """The overrides of a run's command, in its folder."""
 
 _REFERENCE = re.compile(r"\$\{(?P<option>[\w.]+)\}")

@@ -65,9 +65,10 @@ def validation_of(
         where = _where(offsets, choice)
         say(f"  no validation: none of the validation frames of {reader.folder} has source frames{where}")
         return []
-    if reader.ground_truth(found[0].target) is None:
-        say(f"  no validation: {reader.folder} has no ground truth of {found[0].target.sequence}")
-        return []
+    for sequence, target in {triplet.target.sequence: triplet.target for triplet in found}.items():
+        if reader.ground_truth(target) is None:
+            say(f"  no validation: {reader.folder} has no ground truth of {sequence}")
+            return []
     return [reader]
 
 

@@ -8,14 +8,19 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import OmegaConf
+
+from deux.command_record import IDENTITY_FILE, RECORD_FOLDER
+from deux.configuration import compose, job_overrides, run_folder
 from deux.deployment.model_files import MODEL_FILE
 from deux.errors import DeuxError
-from deux.io.atomic import make_folder, write_json
+from deux.io.atomic import make_folder, write_atomically, write_json
 from deux.io.json_files import read_json, read_record
 from deux.io.locking import locked_at_once
 from deux.policies.policy_files import POLICY_FILE
 from deux.policies.training_state import CHECKPOINT_FILE
-from deux.report.results import IDENTITY_FILE, RESULTS_FILE
+from deux.report.results import RESULTS_FILE
 from deux.training.ranks import leads
 
 _SECONDS_FILE = "seconds.json"
@@ -136,6 +141,8 @@ def _claim(path: Path, mine: Any, named: dict[str, dict[str, str]]) -> None:
     """
     record = path / IDENTITY_FILE
     if not (record.exists() and any((path / work).exists() for work in _WORK)):
+        if record.exists() and HydraConfig.initialized() and path == run_folder():
+            _record_command(path)  # Hydra has not, as this might have been another command's folder
         write_json(record, _with_named(mine, named))
         return
     theirs = read_json(record)
@@ -153,6 +160,14 @@ def _claim(path: Path, mine: Any, named: dict[str, dict[str, str]]) -> None:
             )
     if any(named[key].keys() - known[key].keys() for key in named):
         write_json(record, _with_named(mine, {key: known[key] | named[key] for key in named}))
+
+
+def _record_command(path: Path) -> None:
+    """Write what this command was into the folder, as Hydra does."""
+    overrides = job_overrides()
+    make_folder(path / RECORD_FOLDER)
+    for name, content in (("config.yaml", compose(overrides)), ("overrides.yaml", OmegaConf.create(overrides))):
+        write_atomically(path / RECORD_FOLDER / name, OmegaConf.to_yaml(content).encode())
 
 
 def _with_named(identity: Any, named: Mapping[str, dict[str, str]]) -> Any:

@@ -4,7 +4,7 @@ from typing import Any
 
 from omegaconf import DictConfig
 
-from deux.configuration import run_folder, sections_of
+from deux.configuration import job_overrides, run_folder, sections_of
 from deux.contracts import Reader
 from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
@@ -12,7 +12,7 @@ from deux.options import converted
 from deux.task_sections import Sections
 from deux.tasks.active_training import ActiveTraining
 from deux.tasks.collect import GuidedCollection
-from deux.tasks.command_lines import command_line
+from deux.tasks.command_lines import command_line, overrides_of
 from deux.tasks.console import quieten_libraries, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
@@ -20,6 +20,14 @@ from deux.tasks.model_training import Training
 from deux.tasks.named_weights import named_weights
 from deux.tasks.recorded_frames import check_recorded, given_files, read_given, validation_of
 from deux.tasks.run_folder import open_run_folder
+
+_CHOICES = ("experiment", "scale", "model", "explore", "seed", "paths")
+_OF_TEST_SCENES = (*_CHOICES, "scenes", "simulator", "camera", "robot", "sampling", "verification", "evaluation")
+"""What makes the test frames of a command: views of its scenes, drawn by its seed, at its size. A preset may set any of
+it, and may ask for a sweep over what the command has chosen."""
+
+_OF_RECORDED_TRUTH = ("camera.min_depth", "camera.max_depth")
+"""What the errors on recorded frames depend on beside these."""
 
 
 def run(cfg: DictConfig) -> None:
@@ -50,7 +58,8 @@ def run(cfg: DictConfig) -> None:
         with run.stage("train"):
             final.train(data, run, validation)
         frames = {} if given is None else _evaluation_frames(sections, given)
-        command = command_line({"task": "evaluate", **frames, "evaluation.checkpoint": run.path})
+        kept = overrides_of(job_overrides(), _OF_TEST_SCENES if given is None else _OF_RECORDED_TRUTH)
+        command = command_line({"task": "evaluate", **frames, "evaluation.checkpoint": run.path}, kept)
         say(f"Trained. To evaluate it: {command}")
 
 

@@ -82,7 +82,7 @@ def fit(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
             "callbacks": used,
-            **_budget(settings),
+            **_budget(settings, own),
             **own,
         }
     )
@@ -92,6 +92,7 @@ def fit(
         tf32_convolutions(settings.tf32),
         compiled(_compilable(module, pose, trainer.strategy.root_device), settings.compile),
         resumed.restoring(),
+        _fitting_intervals(),
     ):
         trainer.fit(module, datamodule=data, ckpt_path=resumed.point, weights_only=True)
     return model.eval()
@@ -112,7 +113,13 @@ def check_trainer(settings: TrainingSettings, trainer_arguments: Mapping[str, An
             "trainer.enable_checkpointing=false would leave a training that is killed nothing to go on from: leave it "
             "true; the newest checkpoints alone are kept."
         )
-    trainer = make_trainer({"logger": False, "enable_checkpointing": False, **_budget(settings), **trainer_arguments})
+    if given := sorted({"callbacks", "plugins"} & trainer_arguments.keys()):
+        raise DeuxError(
+            f"trainer.{given[0]} holds objects, which no option can be, and would take the place of those by which a "
+            "training keeps its checkpoints: callbacks=[early_stopping] chooses callbacks by name."
+        )
+    own = {"logger": False, "enable_checkpointing": False, **trainer_arguments}
+    trainer = make_trainer({**_budget(settings, trainer_arguments), **own})
     if settings.averaging:
         check_end(trainer, settings.averaging)
     return trainer
@@ -167,6 +174,20 @@ def _interruptible() -> Iterator[None]:
     except SystemExit as ended:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         raise KeyboardInterrupt from ended
+
+
+@contextmanager
+def _fitting_intervals() -> Iterator[None]:
+    """One sentence where validations within epochs are asked for that are further apart than an epoch is long."""
+    try:
+        yield
+    except ValueError as error:
+        if "`val_check_interval`" not in str(error):
+            raise
+        raise DeuxError(
+            "trainer.val_check_interval is more batches than an epoch has, and with trainer.check_val_every_n_epoch "
+            "they are counted within epochs: set trainer.check_val_every_n_epoch=null to count them through."
+        ) from error
 
 
 class EvenValidations(Callback):
@@ -247,17 +268,18 @@ def _validations(settings: TrainingSettings, own: Mapping[str, Any]) -> list[Cal
     return [EvenValidations(settings.steps, settings.validations)]
 
 
-def _budget(settings: TrainingSettings) -> dict[str, Any]:
-    """When training ends, and when it logs and validates."""
+def _budget(settings: TrainingSettings, own: Mapping[str, Any]) -> dict[str, Any]:
+    """When training ends, and when it logs and validates; the latter unless the trainer's own arguments say so.
+
+    Lightning counts the batches between validations within each epoch or through all of them, and takes no mixture.
+    """
     if settings.steps is None:
-        return {
-            "max_epochs": settings.epochs,
-            "log_every_n_steps": 10,
-            "check_val_every_n_epoch": max(1, settings.epochs // settings.validations),
-        }
-    return {
-        "max_steps": settings.steps,
-        "log_every_n_steps": max(1, min(10, settings.steps // 20)),
-        "val_check_interval": max(1, settings.steps // settings.validations),
-        "check_val_every_n_epoch": None,  # count batches across epochs
-    }
+        budget = {"max_epochs": settings.epochs, "log_every_n_steps": 10}
+        validations = {"check_val_every_n_epoch": max(1, settings.epochs // settings.validations)}
+        return budget | ({} if "val_check_interval" in own else validations)
+    budget = {"max_steps": settings.steps, "log_every_n_steps": max(1, min(10, settings.steps // 20))}
+    if own.get("check_val_every_n_epoch") is not None or isinstance(own.get("val_check_interval"), float):
+        return budget  # after epochs, or after parts of one
+    interval = max(1, settings.steps // settings.validations)
+    # None counts batches across epochs.
+    return {**budget, "val_check_interval": interval, "check_val_every_n_epoch": None}

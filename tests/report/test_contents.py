@@ -28,6 +28,28 @@ def test_runs_become_the_papers_three_tables(write_run, outputs, names, here, th
     ]
 
 
+@pytest.mark.parametrize("transferred", [True, False])
+def test_the_first_of_two_datasets_with_as_many_explorers(write_run, outputs, names, here, transferred):
+    """Table I narrowed to the explorers of Table II; sorted by their options, the other dataset would come first."""
+    other = {**here, "camera": {"width": 64, "height": 64, "hfov": 70.0}, "robot": {"camera_height": 0.4}}
+    own = {**here, "camera": {"width": 64, "height": 64, "hfov": 90.0}}
+    for explorer in ("random", "deux"):
+        write_run(explorer, "kbnet", 0, 20.0, place=own, folder="one")
+        write_run(explorer, "kbnet", 0, 25.0, place=other, folder="two")
+        if transferred:
+            write_run(explorer, "kbnet", 1, 25.0, place=other, folder="two")
+            write_run(explorer, "kbnet", 0, 30.0, place=other, trained_in=own, folder="three")
+    sections = read_contents(outputs, names, starred=["deux"]).sections
+    low = "apartments (camera.hfov=70, robot.camera_height=0.4)"
+    assert [section.title for section in sections] == [
+        "Table I: Depth completion on the apartments test set",
+        f"Table II: Depth completion on the {low} test set",
+        f"Table III: Zero-shot transfer: trained on apartments, tested on {low}",
+    ][: len(sections)]
+    rows = [row.labels[1] for row in sections[1].table.parts[1]]
+    assert rows == ["Random", "DEUX", *(["DEUX*"] if transferred else [])]
+
+
 def test_other_budgets_get_tables_of_their_own(write_run, outputs, names):
     for explorer in ("random", "deux"):
         write_run(explorer, "kbnet", 0, 20.0)

@@ -211,17 +211,24 @@ def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny
     assert f"task=evaluate {chosen}FOLDER_WITH_TEST_FRAMES evaluation.checkpoint=" in outcome.out
 
 
-@pytest.mark.parametrize("why", ["single", "blind"])
+@pytest.mark.parametrize("why", ["single", "blind", "partly blind"])
 def test_a_validation_split_that_cannot_be_used_is_said(tiny, video, tmp_path, why):
     folder = copy(video, tmp_path)
     if why == "single":
         (folder / "validation_image.txt").write_text("copy/data/office/image/0.jpg\ncopy/data/office/image/1.jpg")
     else:
-        shutil.rmtree(folder / "data/office/ground_truth")
+        blind = "office" if why == "blind" else "study"
+        if blind == "study":
+            record(folder, "validation", blind, CAMERA)
+        shutil.rmtree(folder / f"data/{blind}/ground_truth")
     options = [f"training_data={folder}", "training.sources=recent", f"hydra.run.dir={tmp_path}/run"]
     outcome = tiny(tmp_path, "task=train", *options)
     assert (outcome.code, outcome.err) == (0, "")
-    sentence = {"single": "none of the validation frames of", "blind": f"{folder} has no ground truth of office"}
+    sentence = {
+        "single": "none of the validation frames of",
+        "blind": f"{folder} has no ground truth of office",
+        "partly blind": f"{folder} has no ground truth of study",
+    }
     assert f"no validation: {sentence[why]}" in outcome.out
 
 

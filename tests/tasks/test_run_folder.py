@@ -1,6 +1,7 @@
 import json
 
 import pytest
+import yaml
 
 from deux.errors import DeuxError
 from deux.tasks.run_folder import open_run_folder, short_hash
@@ -114,3 +115,25 @@ def test_seconds_add_up_over_starts_and_survive_an_error(tmp_path, monkeypatch):
 def test_equal_content_has_an_equal_hash():
     assert short_hash({"a": 1, "b": [2]}) == short_hash({"b": [2], "a": 1})
     assert short_hash({"a": 1}) != short_hash({"a": 2})
+
+
+def test_a_refused_command_leaves_the_record_of_the_run_as_it_is(tiny, trained):
+    """Hydra writes its own before a task begins: what the report prints would be the refused command."""
+    folder = trained / "trained"
+    before = {path.name: path.read_bytes() for path in (folder / ".hydra").iterdir()}
+    outcome = tiny(trained, "task=train", "explore=random", "training.steps=9", f"hydra.run.dir={folder}")
+    assert "holds a run with other settings (training.steps: 2 there, 9 here)" in outcome.sentence
+    assert {path.name: path.read_bytes() for path in (folder / ".hydra").iterdir()} == before
+    assert b"explore=random" in before["overrides.yaml"]
+
+
+def test_a_folder_without_work_is_taken_over_with_the_record_of_who_takes_it(tiny, tmp_path):
+    (tmp_path / "run/.hydra").mkdir(parents=True)
+    (tmp_path / "run/run.json").write_text('{"task": "train"}')
+    (tmp_path / "run/.hydra/overrides.yaml").write_text("- seed=7\n")
+    outcome = tiny(tmp_path, "task=collect", "explore=random", f"hydra.run.dir={tmp_path}/run")
+    assert (outcome.code, outcome.err) == (0, "")
+    overrides = yaml.safe_load((tmp_path / "run/.hydra/overrides.yaml").read_text())
+    assert overrides[-2:] == ["task=collect", "explore=random"]
+    assert yaml.safe_load((tmp_path / "run/.hydra/config.yaml").read_text())["task"] == "collect"
+    assert json.loads((tmp_path / "run/run.json").read_text())["task"] == "collect"

@@ -134,6 +134,12 @@ def test_options_reach_the_callback():
             r"callbacks\.early_stopping\.patience must be a whole",
         ),
         ("learning_rate_monitor", {"logging_interval": "hour"}, r"callbacks\.learning_rate_monitor"),
+        (
+            "model_checkpoint",
+            {"train_time_interval": "00:10:00"},
+            r"callbacks\.model_checkpoint\.train_time_interval must be null, but is '00:10:00': what else it takes are",
+        ),
+        ("throughput_monitor", {"length_fn": "len"}, r"callbacks\.throughput_monitor\.length_fn must be null"),
     ],
 )
 def test_what_makes_no_callback(name, settings, sentence):

@@ -47,12 +47,21 @@ class Validations(Callback):
         self.after.append(trainer.global_step)
 
 
-@pytest.mark.filterwarnings(r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning")
-@pytest.mark.filterwarnings("ignore:Found 1 module.s. in eval mode")
-@pytest.mark.filterwarnings("ignore:You have overridden `on_after_batch_transfer`")
-@pytest.mark.filterwarnings("ignore:.*does not have many workers")
-@pytest.mark.filterwarnings("ignore:.*is smaller than the logging interval")
-@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+def quiet_training(test):
+    """Leave out what Lightning and torch say of a training this small."""
+    for ignored in (
+        r"ignore:.isinstance\(treespec, LeafSpec\):FutureWarning",
+        "ignore:Found 1 module.s. in eval mode",
+        "ignore:You have overridden `on_after_batch_transfer`",
+        "ignore:.*does not have many workers",
+        "ignore:.*is smaller than the logging interval",
+        "ignore:Checkpoint directory .* exists and is not empty",
+    ):
+        test = pytest.mark.filterwarnings(ignored)(test)
+    return test
+
+
+@quiet_training
 @pytest.mark.parametrize(
     ("batch_size", "accumulated", "after"),
     [(4, 1, [10, 20]), (4, 4, [10, 20]), (1, 4, [10, 20]), (2, 4, [10, 20])],
@@ -66,12 +75,65 @@ def test_validations_are_as_many_as_asked_whatever_a_step_takes(tmp_path, batch_
     assert seen.after == after
 
 
+@quiet_training
+@pytest.mark.parametrize(
+    ("trainer", "after"),
+    [
+        ({"check_val_every_n_epoch": 2}, [6, 12, 18]),
+        ({"val_check_interval": 1.0}, [3, 6, 9, 12, 15, 18]),
+        ({"val_check_interval": 0.67}, [2, 5, 8, 11, 14, 17, 20]),
+        ({"val_check_interval": 7}, [7, 14]),
+    ],
+)
+def test_the_trainers_own_options_say_when_validations_come(tmp_path, trainer, after):
+    """An epoch has three steps. What is not asked for must not contradict what is."""
+    seen = Validations()
+    validated_run.train(tmp_path, {"steps": 20}, {"every": 999}, trainer, callbacks=[seen], validate=True)
+    assert seen.after == after
+
+
+class ValidatedFrames(Callback):
+    """Counts the frames of each validation."""
+
+    def __init__(self):
+        self.counts = []
+
+    def on_validation_start(self, trainer, pl_module):
+        self.counts.append(0)
+
+    def on_validation_batch_end(self, trainer, pl_module, outputs, batch, batch_idx):
+        self.counts[-1] += len(batch.image)
+
+
+@quiet_training
+def test_a_validation_sees_all_frames(tmp_path):
+    """There are twelve, of which one batch would be five."""
+    seen = ValidatedFrames()
+    settings = {"steps": 4, "validations": 2, "batch_size": 5}
+    validated_run.train(tmp_path, settings, {"every": 999}, callbacks=[seen], validate=True)
+    assert seen.counts == [12, 12]
+
+
+@quiet_training
+def test_an_interval_that_is_longer_than_the_epoch_it_is_counted_in_is_told_in_one_sentence(tmp_path):
+    trainer = {"check_val_every_n_epoch": 1, "val_check_interval": 7}
+    with pytest.raises(DeuxError, match=r"^trainer\.val_check_interval is more batches than an epoch has"):
+        validated_run.train(tmp_path, {"steps": 20}, {"every": 999}, trainer, validate=True)
+
+
 @pytest.mark.parametrize(
     ("settings", "arguments", "sentence"),
     [
         ({}, {"enable_checkpointing": False}, r"^trainer\.enable_checkpointing=false would leave a training that is"),
         ({"steps": None, "averaging": 0.2}, {"max_epochs": -1}, r"^training\.averaging=0\.2 is the last part .* end"),
         ({}, {"max_epoch": 3}, r"^trainer\.max_epoch is not an option"),
+        ({}, {"callbacks": []}, r"^trainer\.callbacks holds objects, .*: callbacks=\[early_stopping\] chooses"),
+        ({}, {"plugins": None}, r"^trainer\.plugins holds objects"),
+        (
+            {},
+            {"logger": ["csv"]},
+            r"^trainer\.logger must be true or false or null, but is \['csv'\]: what else it takes",
+        ),
     ],
 )
 def test_what_makes_no_training_is_told_before_it(settings, arguments, sentence):

@@ -48,6 +48,7 @@ def test_the_settings_are_the_papers(preset):
     assert cfg.explore == compose(["explore=deux_paper"]).explore
     assert (cfg.collect.uncertainty, cfg.collect.correct_depth) == ("l1", False)
     assert cfg.trainer.gradient_clip_val is None
+    assert training.betas == (0.9, 0.999)
 
 
 @pytest.mark.parametrize(

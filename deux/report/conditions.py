@@ -35,6 +35,7 @@ MODEL = (
     "training.sources",
     "training.offsets",
     "training.averaging",
+    "training.betas",
     "training.supervised",
     "training.augmentation",
     "training.start",
@@ -101,6 +102,7 @@ AS_BEFORE = {
     "explore.max_incidence": "90",
     "training.augmentation.scale": "[1, 1]",
     "training.averaging": "0",
+    "training.betas": "[0.9, 0.999]",
     "training.compile": "false",
     "training.tf32": "false",
 }

@@ -72,7 +72,8 @@ def fit(
     seed_everything(seed, workers=True, verbose=False)
     terms = make_objective(model, objective, model.supervised or settings.supervised)
     data = _data_module(model, train, validation, settings, terms, pose, seed, cache)
-    module = DepthCompletion(model, terms, make_pose_source(pose, model), settings, metrics, _graphed(settings))
+    poses, graphed = make_pose_source(pose, model), _graphed(settings)
+    module = DepthCompletion(model, terms, poses, settings, metrics, graphed, settings.betas)
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}
     kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
     resumed = ResumedFrom(resume_point(checkpoints))

@@ -17,10 +17,13 @@ class FusedAdam(torch.optim.Adam):
     Args:
         parameters: the parameters to train.
         lr: the learning rate.
+        betas: decay of the running means of the gradient and of its square.
     """
 
-    def __init__(self, parameters: list[torch.nn.Parameter], lr: float) -> None:
-        super().__init__(parameters, lr=lr, fused=True)
+    def __init__(
+        self, parameters: list[torch.nn.Parameter], lr: float, betas: tuple[float, float] = (0.9, 0.999)
+    ) -> None:
+        super().__init__(parameters, lr=lr, betas=betas, fused=True)
 
     def _init_group(
         self,

@@ -43,6 +43,7 @@ class DepthCompletion(LightningModule):
             `compute` returns a dictionary of scalars.
         cuda_graphs: record networks and losses as a CUDA graph in the first step on a card, and replay it from then on;
             only where one process trains and gradients of several batches are not added up.
+        betas: Adam's, of the running means of the gradient and of its square.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class DepthCompletion(LightningModule):
         schedule: Schedule | None = None,
         metrics: Metric | None = None,
         cuda_graphs: bool = False,
+        betas: tuple[float, float] = (0.9, 0.999),
     ) -> None:
         super().__init__()
         self.model = model.to(memory_format=torch.channels_last)
@@ -61,6 +63,7 @@ class DepthCompletion(LightningModule):
         self.schedule = schedule or Schedule()
         self.metrics = metrics
         self.cuda_graphs = cuda_graphs
+        self.betas = betas
         self._graphed_step: GraphedStep | None = None
 
     def setup(self, stage: str) -> None:
@@ -125,7 +128,7 @@ class DepthCompletion(LightningModule):
         # A scaler leaves it to a fused optimiser to undo the scaling, which has to come before the clipping.
         fused = not (self.trainer.gradient_clip_val and _scaler(self.trainer.precision_plugin))
         adam = FusedAdam if fused else torch.optim.Adam
-        optimizer = adam(parameters, lr=self.schedule.learning_rate)
+        optimizer = adam(parameters, lr=self.schedule.learning_rate, betas=self.betas)
 
         # A function and not an object: LambdaLR would put an object's state into the checkpoint.
         def factor(step: int) -> float:

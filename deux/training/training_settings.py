@@ -17,6 +17,9 @@ class TrainingSettings(Schedule):
         batch_size: samples in a batch.
         epochs: passes over the frames; not used where `steps` is set.
         steps: optimiser steps; equal for all explorers in a comparison.
+        betas: Adam's, of the running means of the gradient and of its square. 0.999, the published one, remembers some
+            1,000 steps: where the gradient grows quickly, steps are too large for hundreds of them
+            (docs/decisions/0028-adam-memory.md).
         crop: height and width of the samples; None for whole frames.
         num_workers: processes that load data; None takes none where the frames are at hand, else one for each core but
             one, no more than eight.
@@ -48,6 +51,7 @@ class TrainingSettings(Schedule):
     batch_size: int = 8
     epochs: int = 25
     steps: int | None = None
+    betas: tuple[float, float] = (0.9, 0.999)
     crop: tuple[int, int] | None = None
     num_workers: int | None = None
     validations: int = 10
@@ -72,6 +76,8 @@ class TrainingSettings(Schedule):
         check_range("training.averaging", self.averaging, 0, 1)
         if self.steps is not None:
             check_range("training.steps", self.steps, 1)
+        if not all(0.0 <= beta < 1.0 for beta in self.betas):
+            raise DeuxError(f"training.betas is {list(self.betas)}: both must be at least 0 and below 1.")
         for size in self.crop or ():
             check_range("training.crop", size, 1)
         if not self.offsets or 0 in self.offsets:

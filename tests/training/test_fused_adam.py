@@ -8,14 +8,16 @@ from deux.training.fused_adam import FusedAdam
 LAYOUTS = [torch.contiguous_format, torch.channels_last]
 
 
+@pytest.mark.parametrize("betas", [(0.9, 0.999), (0.8, 0.95)])
 @pytest.mark.parametrize("gradient_layout", LAYOUTS)
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_steps_are_those_of_adam_one_parameter_after_the_other(layout, gradient_layout):
+def test_steps_are_those_of_adam_one_parameter_after_the_other(layout, gradient_layout, betas):
     generator = torch.Generator().manual_seed(0)
     start = [torch.randn(shape, generator=generator) for shape in ((8, 4, 3, 3), (8, 5, 1, 1), (8,))]
     ours = [torch.nn.Parameter(_laid_out(x, layout)) for x in start]
     theirs = [torch.nn.Parameter(x.double()) for x in start]
-    fused, plain = FusedAdam(ours, lr=0.01), torch.optim.Adam(theirs, lr=0.01, foreach=False)
+    fused = FusedAdam(ours, lr=0.01, betas=betas)
+    plain = torch.optim.Adam(theirs, lr=0.01, betas=betas, foreach=False)
     for _ in range(4):
         for our, their in zip(ours, theirs, strict=True):
             their.grad = torch.randn(their.shape, generator=generator).double()

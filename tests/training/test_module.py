@@ -236,3 +236,12 @@ def test_adam_is_fused_unless_a_scaler_and_clipping_meet(make_module, fit, clip,
     plugin = MixedPrecision("16-mixed" if scaled else "bf16-mixed", "cpu", scaler)
     trainer = fit(make_module(), perfect_sample(1, 16, 16).batch, 1, max_steps=1, plugins=[plugin], **clip)
     assert trainer.optimizers[0].defaults["fused"] is not (scaled and bool(clip))
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+def test_adam_averages_as_it_is_told(make_module, fit, scaled):
+    scaler = torch.amp.GradScaler("cpu", init_scale=1.0) if scaled else None
+    plugin = MixedPrecision("16-mixed" if scaled else "bf16-mixed", "cpu", scaler)
+    arguments = {"max_steps": 1, "plugins": [plugin], "gradient_clip_val": 1.0}
+    trainer = fit(make_module(betas=(0.8, 0.95)), perfect_sample(1, 16, 16).batch, 1, **arguments)
+    assert trainer.optimizers[0].param_groups[0]["betas"] == (0.8, 0.95)

@@ -10,7 +10,10 @@ def test_ways_to_compile(value):
     assert construct(TrainingSettings, {"compile": value}, "training").compile is value
 
 
-@pytest.mark.parametrize("settings", [{"compile": "fastest"}, {"tf32": "yes"}])
+WRONG = [{"compile": "fastest"}, {"tf32": "yes"}, {"betas": [0.9, 1.0]}, {"betas": [-0.1, 0.9]}, {"betas": [0.9]}]
+
+
+@pytest.mark.parametrize("settings", WRONG)
 def test_values_that_mean_nothing_are_refused(settings):
     with pytest.raises(DeuxError, match=rf"training\.{next(iter(settings))}"):
         construct(TrainingSettings, settings, "training")

@@ -10,11 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from types import UnionType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin
 
 from deux.errors import DeuxError, near_matches, shown
-from deux.options import construct, converted, describe, options
+from deux.options import alternatives, construct, converted, describe, options
 
 if TYPE_CHECKING:
     from lightning.pytorch import Callback
@@ -124,9 +123,7 @@ def _check_values(target: Callable[..., Any], settings: Mapping[str, Any], where
         value = settings.get(name)
         if value is None or not _is_plain(value):
             continue
-        annotation = option.annotation
-        union = get_origin(annotation) in (Union, UnionType)
-        kinds = [kind for kind in (get_args(annotation) if union else (annotation,)) if _is_holdable(kind)]
+        kinds = [kind for kind in alternatives(option.annotation) if _is_holdable(kind)]
         if not any(_fits(value, kind) for kind in kinds):
             words = " or ".join(map(describe, kinds)) or "left out"
             raise DeuxError(

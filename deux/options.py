@@ -253,7 +253,7 @@ def _option_value(value: Any, annotation: Any, where: str) -> Any:
 def _converted(value: Any, annotation: Any, where: str) -> Any:
     """The value as the declared type; types that no configuration can hold are let through as they are."""
     if _is_union(annotation):
-        return _first_match(value, get_args(annotation), where)
+        return _first_match(value, alternatives(annotation), where)
     if get_origin(annotation) is Literal:
         return _expect(value, any(value == c and type(value) is type(c) for c in get_args(annotation)))
     if annotation in (None, type(None)):
@@ -286,14 +286,14 @@ def _expect(value: Any, matches: bool) -> Any:
     return value
 
 
-def _first_match(value: Any, alternatives: Sequence[Any], where: str) -> Any:
+def _first_match(value: Any, kinds: Sequence[Any], where: str) -> Any:
     """The value as the first of the types that it fits, its own before others.
 
     Where both are taken, 1 and 1.0 may mean different things: to Lightning one batch, and all of them.
     """
-    for alternative in sorted(alternatives, key=lambda one: one is not type(value)):
+    for kind in sorted(kinds, key=lambda one: one is not type(value)):
         try:
-            return _converted(value, alternative, where)
+            return _converted(value, kind, where)
         except _Mismatch:
             continue
     raise _Mismatch
@@ -323,6 +323,11 @@ def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
 def _mapping(values: Mapping[Any, Any], annotation: Any, where: str) -> dict[str, Any]:
     element = (get_args(annotation) or (Any, Any))[1]
     return {str(key): _converted(value, element, f"{where}.{key}") for key, value in values.items()}
+
+
+def alternatives(annotation: Any) -> tuple[Any, ...]:
+    """The types of a union; of any other type itself."""
+    return get_args(annotation) if _is_union(annotation) else (annotation,)
 
 
 def _is_union(annotation: Any) -> bool:

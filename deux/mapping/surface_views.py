@@ -28,7 +28,6 @@ class SurfaceViews:
     """
 
     def __init__(self, camera: Camera, max_range: float = 5.0, resolution: float = 0.1) -> None:
-        self._resolution = resolution
         self._residuals = ResidualCells(camera, max_range, resolution, DISTANCES, {"views": np.int64})
 
     def record(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray) -> None:
@@ -54,9 +53,10 @@ class SurfaceViews:
         ends = rays.ends[shown]
         least, most = ends.min(axis=0), ends.max(axis=0)
         x, z = (least + most) / 2.0
-        self._residuals.grid.cover(float(x), float(z), float((most - least).max()) / 2.0 + self._resolution)
-        rows, columns = self._residuals.grid.frame.cells(ends[:, 0], ends[:, 1])
-        np.bitwise_or.at(self._residuals.grid["views"], (rows, columns), _views(rays)[shown])
+        cells = self._residuals.grid
+        cells.cover(float(x), float(z), float((most - least).max()) / 2.0 + cells.frame.resolution)
+        rows, columns = cells.frame.cells(ends[:, 0], ends[:, 1])
+        np.bitwise_or.at(cells["views"], (rows, columns), _views(rays)[shown])
 
     def uncertainty(self, rays: Rays) -> np.ndarray:
         """The uncertainty of what each ray shows, N x R float64; 0 for `NOTHING`.
@@ -96,8 +96,9 @@ class SurfaceViews:
     def _inside(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of each ray's end; -1 where it has none or lies outside the grid."""
         ends = np.where(np.isfinite(rays.ends), rays.ends, 0.0)
-        rows, columns = self._residuals.grid.frame.cells(ends[..., 0], ends[..., 1])
-        inside = self._residuals.grid.frame.contains(rows, columns) & (rays.kind != NOTHING)
+        frame = self._residuals.grid.frame
+        rows, columns = frame.cells(ends[..., 0], ends[..., 1])
+        inside = frame.contains(rows, columns) & (rays.kind != NOTHING)
         return np.where(inside, rows, -1), np.where(inside, columns, -1)
 
 

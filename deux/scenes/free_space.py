@@ -133,8 +133,7 @@ def survey_floor(
     clearance[~np.isin(surfaces, np.unique(surfaces[taken]))] = 0.0
     space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
     unreached, apart = _left_out(parts, sizes * resolution**2, chosen, heights, robot.max_climb)
-    around = ndimage.label(free)[0]
-    outside = np.isin(around, np.unique(around[taken])) & ~inside
+    outside = _connected(free, taken) & ~inside
     return FloorSurvey(space, unreached, apart, float(np.count_nonzero(outside) * resolution**2))
 
 
@@ -257,6 +256,12 @@ def _place_in_world(place: Sequence[float] | np.ndarray, mesh: SceneMesh) -> str
 def _region_in_world(region: Box, mesh: SceneMesh) -> list[float]:
     x, _, z = mesh.origin
     return [round(side + shift, 3) for side, shift in zip(region, (x, z, x, z), strict=True)]
+
+
+def _connected(cells: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """The parts of a mask that have cells in common with some of it."""
+    parts = ndimage.label(cells)[0]
+    return np.isin(parts, np.unique(parts[some]))
 
 
 def _left_out(

@@ -16,14 +16,11 @@ class FusedAdam(torch.optim.Adam):
 
     Args:
         parameters: the parameters to train.
-        lr: the learning rate.
-        betas: decay of the running means of the gradient and of its square.
+        options: Adam's, such as `lr` and `betas`.
     """
 
-    def __init__(
-        self, parameters: list[torch.nn.Parameter], lr: float, betas: tuple[float, float] = (0.9, 0.999)
-    ) -> None:
-        super().__init__(parameters, lr=lr, betas=betas, fused=True)
+    def __init__(self, parameters: list[torch.nn.Parameter], **options: Any) -> None:
+        super().__init__(parameters, fused=True, **options)
 
     def _init_group(
         self,

@@ -14,7 +14,7 @@ from yaml import YAMLError
 
 from deux.callbacks import callback_names
 from deux.errors import DeuxError, near_matches
-from deux.options import unresolved_reference
+from deux.plain_settings import unresolved_reference
 
 RENAMED = {
     "random_seed": "seed",

@@ -9,17 +9,14 @@ import dataclasses
 import inspect
 import re
 import types
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
-from omegaconf import OmegaConf
-from omegaconf.errors import InterpolationKeyError, MissingMandatoryValue, OmegaConfBaseException
-
 from deux.errors import DeuxError, near_matches, shown
+from deux.plain_settings import plain_options
 
 T = TypeVar("T")
 
@@ -135,55 +132,6 @@ def without_defaults(target: Callable[..., Any], settings: Mapping[str, Any]) ->
             return False
 
     return {name: value for name, value in settings.items() if not is_default(name, value)}
-
-
-def unresolved_reference(error: InterpolationKeyError, where: str = "an option") -> str:
-    """What is wrong with an option that refers to another one that is not there; `where`, if the error does not say."""
-    return (
-        f"{error.full_key or where} refers by ${{...}} to an option that is not there: where the text itself is "
-        "meant, write \\${...}."
-    )
-
-
-@contextmanager
-def references_resolved(where: str) -> Iterator[None]:
-    """Say in a sentence which reference of a configuration, by ${...}, cannot be followed inside.
-
-    Args:
-        where: the place in the configuration that is read, such as "camera".
-    """
-    try:
-        yield
-    except InterpolationKeyError as error:
-        raise DeuxError(unresolved_reference(error, where)) from error
-    except MissingMandatoryValue as error:
-        raise DeuxError(f"{error.full_key or where} has no value: give it one.") from error
-    except OmegaConfBaseException as error:
-        raise DeuxError(f"{where} cannot be resolved: {str(error).splitlines()[0]}.") from error
-    except RecursionError as error:
-        raise DeuxError(f"{where} refers by ${{...}} to itself, or is nested too deeply.") from error
-
-
-def plain(settings: Any, where: str) -> Any:
-    """Settings as plain dictionaries and lists, interpolations resolved, values that are still "???" left out."""
-    if OmegaConf.is_config(settings):
-        with references_resolved(where):
-            settings = OmegaConf.to_container(settings, resolve=True)
-    if isinstance(settings, Mapping):
-        return {str(key): plain(value, f"{where}.{key}") for key, value in settings.items() if value != "???"}
-    return settings
-
-
-def plain_options(settings: Any, where: str) -> dict[str, Any]:
-    """As `plain`, of a node that must hold options by name.
-
-    Raises:
-        DeuxError: it is a single value or a list.
-    """
-    found = plain(settings, where)
-    if not isinstance(found, Mapping):
-        raise DeuxError(f"{where} holds options by name, as in {where}.<option>=<value>, but is {shown(found)}.")
-    return dict(found)
 
 
 def describe(annotation: Any) -> str:

@@ -19,7 +19,8 @@ from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from deux.errors import DeuxError, near_matches, shown
-from deux.options import construct, full_settings, options, plain
+from deux.options import construct, full_settings, options
+from deux.plain_settings import plain
 
 OWN_PACKAGE = "deux"
 """The distribution that the framework and the plugins that ship with it come in."""

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple, TypeVar
 from omegaconf import DictConfig, OmegaConf
 
 from deux.errors import DeuxError, near_matches, shown
-from deux.options import construct, plain, plain_options, references_resolved
+from deux.options import construct
+from deux.plain_settings import plain, plain_options, references_resolved
 from deux.registry import KINDS, PluginChoice, registry
 
 T = TypeVar("T")

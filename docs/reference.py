@@ -15,7 +15,8 @@ import griffe
 from omegaconf import DictConfig
 
 from deux.configuration import compose
-from deux.options import REQUIRED, describe, options, plain
+from deux.options import REQUIRED, describe, options
+from deux.plain_settings import plain
 from deux.registry import KINDS, Kind, registry
 from deux.task_sections import TASKS
 

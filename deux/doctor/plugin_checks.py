@@ -8,7 +8,7 @@ from omegaconf import DictConfig
 import deux
 from deux.doctor.checkup import Checkup
 from deux.errors import DeuxError
-from deux.options import plain
+from deux.plain_settings import plain
 from deux.registry import KINDS, Plugin, registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS
 

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 from deux.configuration import compose
 from deux.contracts import DepthModel
 from deux.errors import DeuxError, check_range
-from deux.options import construct, plain
+from deux.options import construct
+from deux.plain_settings import plain
 from deux.registry import PluginChoice, registry
 from deux.task_sections import Sections
 from deux.tasks.checkpoints import (

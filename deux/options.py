@@ -214,6 +214,8 @@ class _Mismatch(Exception):
 def _signature(target: Callable[..., Any]) -> inspect.Signature:
     try:
         return inspect.signature(target, eval_str=True)
+    if dataclasses.is_dataclass(annotation):
+        return f"options by name ({', '.join(options(annotation))})"  # type: ignore[arg-type]
     except NameError:  # an annotation that exists for type checkers only
         return inspect.signature(target)
 
@@ -275,8 +277,10 @@ def _converted(value: Any, annotation: Any, where: str) -> Any:
         return _mapping(_expect(value, isinstance(value, Mapping)), annotation, where)
     if _is_sequence(annotation):
         return _sequence(_expect(value, isinstance(value, list | tuple)), annotation, where)
-    if dataclasses.is_dataclass(annotation) and isinstance(value, Mapping):
-        return construct(annotation, value, where)  # type: ignore[arg-type]
+    if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
+        if isinstance(value, annotation):
+            return value
+        return construct(annotation, _expect(value, isinstance(value, Mapping)), where)
     return value
 
 
@@ -315,9 +319,10 @@ def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
     kind = list if list in (annotation, get_origin(annotation)) else tuple
     if kind is tuple and get_origin(annotation) is tuple and Ellipsis not in arguments:
         _expect(values, len(values) == len(arguments))
-        return tuple(_converted(v, a, where) for v, a in zip(values, arguments, strict=True))
+        pairs = zip(values, arguments, strict=True)
+        return tuple(_converted(v, a, f"{where}[{i}]") for i, (v, a) in enumerate(pairs))
     element = arguments[0] if arguments else Any
-    return kind(_converted(value, element, where) for value in values)
+    return kind(_converted(value, element, f"{where}[{i}]") for i, value in enumerate(values))
 
 
 def _mapping(values: Mapping[Any, Any], annotation: Any, where: str) -> dict[str, Any]:

@@ -52,6 +52,16 @@ def options(target: Callable[..., Any], given: Collection[str] = ()) -> dict[str
     }
 
 
+def positional_only(target: Callable[..., Any]) -> list[str]:
+    """The parameters of `target` that have no name to give them by, which no option can be."""
+    return [p.name for p in _signature(target).parameters.values() if p.kind is p.POSITIONAL_ONLY]
+
+
+def takes(target: Callable[..., Any], name: str) -> bool:
+    """Whether `target` can be given something by that name, be it one of its parameters or of any others."""
+    return name in options(target) or _is_open_ended(target)
+
+
 def construct(
     target: Callable[..., T], settings: Mapping[str, Any], where: str, given: Mapping[str, Any] | None = None
 ) -> T:
@@ -204,6 +214,8 @@ def describe(annotation: Any) -> str:
         return f"a list (each {describe(arguments[0])})" if arguments else "a list"
     if _is_mapping(annotation):
         return f"names, each with {describe(arguments[1])}" if arguments else "names with values"
+    if dataclasses.is_dataclass(annotation):
+        return f"options by name ({', '.join(options(annotation))})"  # type: ignore[arg-type]
     return words[annotation] if annotation in words else str(getattr(annotation, "__name__", annotation))
 
 
@@ -214,17 +226,20 @@ class _Mismatch(Exception):
 def _signature(target: Callable[..., Any]) -> inspect.Signature:
     try:
         return inspect.signature(target, eval_str=True)
-    if dataclasses.is_dataclass(annotation):
-        return f"options by name ({', '.join(options(annotation))})"  # type: ignore[arg-type]
     except NameError:  # an annotation that exists for type checkers only
         return inspect.signature(target)
+
+
+def _is_open_ended(target: Callable[..., Any]) -> bool:
+    """Whether `target` takes any name, by a parameter such as **settings."""
+    return any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
 
 
 def _checked(
     target: Callable[..., Any], settings: Mapping[str, Any], where: str, given: Collection[str] = ()
 ) -> dict[str, Any]:
     known = options(target, given)
-    open_ended = any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
+    open_ended = _is_open_ended(target)
     name = getattr(target, "__name__", str(target))
     prefix = f"{where}." if where else ""
     result: dict[str, Any] = {}

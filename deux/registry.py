@@ -19,7 +19,7 @@ from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from deux.errors import DeuxError, near_matches, shown
-from deux.options import construct, full_settings, options, plain
+from deux.options import construct, full_settings, options, plain, positional_only, takes
 
 OWN_PACKAGE = "deux"
 """The distribution that the framework and the plugins that ship with it come in."""
@@ -202,7 +202,7 @@ class Registry:
         try:
             cls = plugin.load()
         except Exception as error:  # a foreign module may raise anything while it is imported
-            cause = " ".join(f"{type(error).__name__}: {error}".split())
+            cause = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
             raise DeuxError(f"the {noun} {name!r} of {plugin.origin} cannot be imported: {cause}.") from error
         self._check_contract(plugin, cls)
         return cls
@@ -319,6 +319,16 @@ def registry() -> Registry:
     """The registry of this process, made at the first call."""
     return Registry()
 
+        if nameless := positional_only(cls):
+            raise DeuxError(
+                f"{said} takes {nameless[0]!r} by its place alone, and options are given by name: remove the / behind "
+                "it from the constructor's parameters."
+            )
+        if unasked := [name for name in kind.given if not takes(cls, name)]:
+            raise DeuxError(
+                f"{said} does not take {unasked[0]!r}: the constructor of a {kind.noun} begins with "
+                f"{', '.join(('self', *kind.given))}, and its options follow."
+            )
 
 def _from_entry_point(kind: str, entry: EntryPoint) -> Plugin:
     package = entry.dist.name if entry.dist else "an unknown package"

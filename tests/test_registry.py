@@ -131,7 +131,7 @@ def test_one_name_of_two_packages_is_an_error_that_names_both_when_it_is_asked_f
     ("code", "cause"),
     [
         ("import no_such_module", "ModuleNotFoundError: No module named 'no_such_module'"),
-        ("raise RuntimeError('needs a\\nGPU')", "RuntimeError: needs a GPU"),
+        ("raise RuntimeError('needs a\\nGPU.')", "RuntimeError: needs a GPU."),
         ("", "AttributeError"),
         ("def broken(", "SyntaxError"),
     ],
@@ -146,6 +146,7 @@ def test_a_package_that_cannot_be_imported_fails_only_when_it_is_chosen(install:
     message = str(caught.value)
     assert message.startswith("the loss term 'broken' of broken-term 0.7 (broken_term:Term) cannot be imported: ")
     assert cause in message
+    assert not message.endswith("..")
     assert "\n" not in message
 
 
@@ -174,6 +175,34 @@ def test_what_does_not_fulfil_the_contract_is_refused(install: Any) -> None:
         Registry().get("losses", "stranger")
     with pytest.raises(DeuxError, match=r"'unfinished' of odd-term .* does not define __call__"):
         Registry().get("losses", "unfinished")
+
+
+def test_an_option_without_a_name_is_refused() -> None:
+    class ByPlace(Mean):
+        def __init__(self, gain: float = 1.0, /, offset: float = 0.0) -> None: ...
+
+    with pytest.raises(DeuxError, match="takes 'gain' by its place alone, and options are given by name: remove the /"):
+        Registry().register("losses", "by_place", ByPlace)
+
+
+def test_a_constructor_that_does_not_take_what_it_is_given_is_refused() -> None:
+    class Homeless(Reader):
+        def __init__(self, points: int = 3) -> None: ...
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    class Open(Homeless):
+        def __init__(self, **settings: Any) -> None: ...
+
+    class Colourless(registry().get("simulators", "mesh")):  # type: ignore[misc]
+        def __init__(self, scene: Any, camera: Any, robot: Any) -> None: ...
+
+    found = Registry()
+    with pytest.raises(DeuxError, match="does not take 'folder': the constructor of a reader begins with self, folder"):
+        found.register("readers", "homeless", Homeless)
+    with pytest.raises(DeuxError, match=r"does not take 'colors': .* begins with self, scene, camera, robot, colors,"):
+        found.register("simulators", "colourless", Colourless)
+    assert found.register("readers", "open", Open)
 
 
 def test_plugins_can_be_registered_by_hand() -> None:

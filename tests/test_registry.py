@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from deux.contracts import Batch, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions, Reward
+from deux.contracts import Batch, DepthModel, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions, Reward
 from deux.errors import DeuxError
 from deux.registry import KINDS, Registry, registry
 
@@ -251,6 +251,32 @@ def test_what_a_plugin_declares_is_a_frozenset(kind: str, attribute: str, value:
     found.register(kind, "mine", type("Mine", (contract,), {attribute: value}))
     with pytest.raises(DeuxError, match=rf"'mine' of registered by hand .* has {attribute} = .*: .*{sentence}"):
         found.create(kind, "mine", {})
+
+
+def test_an_attribute_of_the_contract_that_is_missing_is_told_when_the_plugin_is_made() -> None:
+    class Unbounded(DepthModel):
+        min_depth = 0.1
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    class Homeless(Reader):
+        def __init__(self, folder: Path) -> None: ...
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    class Lazy(Homeless):
+        @property
+        def folder(self) -> Path:  # type: ignore[override]
+            raise AssertionError("asked for")
+
+    found = Registry()
+    for kind, cls in (("depth_models", Unbounded), ("readers", Homeless), ("readers", Lazy)):
+        found.register(kind, cls.__name__, cls)
+    with pytest.raises(DeuxError, match=r"^the depth model 'Unbounded' of .* has no max_depth: its class or its const"):
+        found.create("depth_models", "Unbounded", {})
+    with pytest.raises(DeuxError, match=r"^the reader 'Homeless' of .* has no folder"):
+        found.create("readers", "Homeless", {}, Path())
+    assert found.create("readers", "Lazy", {}, Path())
 
 
 def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() -> None:

@@ -284,12 +284,13 @@ def _frames(reader: Reader, triplet: Triplet, arrays: Iterable[tuple[FrameKey, A
         else:
             frames.maps[key.kind] = array
     size = tuple(frames.images[0].shape[-2:])
-    for array in (*frames.images, *frames.maps.values()):
+    named = [*(("a source frame", image) for image in frames.images[1:]), *frames.maps.items()]
+    for name, array in named:
         height, width = array.shape[-2:]
         if (height, width) != size:
             raise DeuxError(
-                f"{_named(reader, triplet)} has something of {height} x {width} pixels where its image has "
-                f"{size[0]} x {size[1]}."
+                f"{_named(reader, triplet)} has {name.replace('_', ' ')} of {height} x {width} pixels where its image "
+                f"has {size[0]} x {size[1]}."
             )
     return frames
 

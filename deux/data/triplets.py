@@ -19,6 +19,7 @@ from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.transforms import augment
 from deux.errors import DeuxError, counted
 from deux.geometry.poses import projecting_alike, source_from_target
+from deux.inference.prediction import prepare_sample
 from deux.io.layout import SourceChoice
 
 SourceFrames = Literal["needed", "unread"]
@@ -311,7 +312,7 @@ def _batch(sample: Mapping[str, np.ndarray], prepare: Prepare | None) -> Batch:
         images = images / np.float32(255.0)
     sparse = sample["sparse_depth"]
     shown = sample.get("input_sparse_depth", sparse)
-    prepared = prepare(np.ascontiguousarray(shown)) if prepare is not None else {}
+    prepared = prepare_sample(prepare, np.ascontiguousarray(shown)) if prepare is not None else {}
     return Batch(
         image=torch.from_numpy(images[0]),
         sources=torch.from_numpy(images[1:]),

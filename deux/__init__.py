@@ -28,3 +28,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'deux' has no attribute {name!r}")
     module, attribute = LAZY[name]
     return getattr(import_module(module), attribute)
+
+
+def __dir__() -> list[str]:
+    """What is offered to users, for completion in notebooks; what this file imports for itself is left out."""
+    return sorted(__all__)

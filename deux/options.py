@@ -49,6 +49,16 @@ def options(target: Callable[..., Any], given: Collection[str] = ()) -> dict[str
     }
 
 
+def positional_only(target: Callable[..., Any]) -> list[str]:
+    """The parameters of `target` that have no name to give them by, which no option can be."""
+    return [p.name for p in _signature(target).parameters.values() if p.kind is p.POSITIONAL_ONLY]
+
+
+def takes(target: Callable[..., Any], name: str) -> bool:
+    """Whether `target` can be given something by that name, be it one of its parameters or of any others."""
+    return name in options(target) or _is_open_ended(target)
+
+
 def construct(
     target: Callable[..., T], settings: Mapping[str, Any], where: str, given: Mapping[str, Any] | None = None
 ) -> T:
@@ -152,6 +162,8 @@ def describe(annotation: Any) -> str:
         return f"a list (each {describe(arguments[0])})" if arguments else "a list"
     if _is_mapping(annotation):
         return f"names, each with {describe(arguments[1])}" if arguments else "names with values"
+    if dataclasses.is_dataclass(annotation):
+        return f"options by name ({', '.join(options(annotation))})"  # type: ignore[arg-type]
     return words[annotation] if annotation in words else str(getattr(annotation, "__name__", annotation))
 
 
@@ -166,11 +178,16 @@ def _signature(target: Callable[..., Any]) -> inspect.Signature:
         return inspect.signature(target)
 
 
+def _is_open_ended(target: Callable[..., Any]) -> bool:
+    """Whether `target` takes any name, by a parameter such as **settings."""
+    return any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
+
+
 def _checked(
     target: Callable[..., Any], settings: Mapping[str, Any], where: str, given: Collection[str] = ()
 ) -> dict[str, Any]:
     known = options(target, given)
-    open_ended = any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
+    open_ended = _is_open_ended(target)
     name = getattr(target, "__name__", str(target))
     prefix = f"{where}." if where else ""
     result: dict[str, Any] = {}
@@ -223,8 +240,10 @@ def _converted(value: Any, annotation: Any, where: str) -> Any:
         return _mapping(_expect(value, isinstance(value, Mapping)), annotation, where)
     if _is_sequence(annotation):
         return _sequence(_expect(value, isinstance(value, list | tuple)), annotation, where)
-    if dataclasses.is_dataclass(annotation) and isinstance(value, Mapping):
-        return construct(annotation, value, where)  # type: ignore[arg-type]
+    if dataclasses.is_dataclass(annotation) and isinstance(annotation, type):
+        if isinstance(value, annotation):
+            return value
+        return construct(annotation, _expect(value, isinstance(value, Mapping)), where)
     return value
 
 
@@ -263,9 +282,10 @@ def _sequence(values: Sequence[Any], annotation: Any, where: str) -> Any:
     kind = list if list in (annotation, get_origin(annotation)) else tuple
     if kind is tuple and get_origin(annotation) is tuple and Ellipsis not in arguments:
         _expect(values, len(values) == len(arguments))
-        return tuple(_converted(v, a, where) for v, a in zip(values, arguments, strict=True))
+        pairs = zip(values, arguments, strict=True)
+        return tuple(_converted(v, a, f"{where}[{i}]") for i, (v, a) in enumerate(pairs))
     element = arguments[0] if arguments else Any
-    return kind(_converted(value, element, where) for value in values)
+    return kind(_converted(value, element, f"{where}[{i}]") for i, value in enumerate(values))
 
 
 def _mapping(values: Mapping[Any, Any], annotation: Any, where: str) -> dict[str, Any]:

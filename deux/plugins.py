@@ -7,13 +7,16 @@ import inspect
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
+from enum import Enum
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
 from deux.errors import DeuxError, near_matches
-from deux.options import REQUIRED, describe, options
+from deux.options import REQUIRED, Option, describe, options
 from deux.registry import GROUPS, KINDS, Plugin, registry
 from deux.search_path import leave_out_working_folder
 
@@ -100,11 +103,23 @@ def _explanation(plugin: Plugin) -> str:
     where = kind.settings.format(name=plugin.name)
     known = options(cls, kind.given)
     for option in known.values():
-        default = "required" if option.default is REQUIRED else f"default {option.default!r}"
-        lines.append(f"  {where}.{option.name}: {describe(option.annotation)}, {default}")
+        lines.append(f"  {where}.{option.name}: {describe(option.annotation)}, {_default(option)}")
     if not known:
         lines.append("It has no options.")
     return "\n".join(lines)
+
+
+def _default(option: Option) -> str:
+    return "required" if option.default is REQUIRED else f"default {_written(option.default)}"
+
+
+def _written(value: Any) -> str:
+    """A default as a command line takes it: an enum's member by its name, a dataclass by its options, None as null."""
+    if isinstance(value, Enum):
+        return value.name
+    if is_dataclass(value) and not isinstance(value, type):
+        return f"{{{', '.join(f'{one.name}: {_written(getattr(value, one.name))}' for one in fields(value))}}}"
+    return "null" if value is None else repr(value)
 
 
 if __name__ == "__main__":

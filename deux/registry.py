@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import functools
 import importlib
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from deux.errors import DeuxError, near_matches, shown
-from deux.options import construct, full_settings, options
+from deux.options import construct, full_settings, options, positional_only, takes
 from deux.plain_settings import plain
 
 OWN_PACKAGE = "deux"
@@ -39,6 +40,7 @@ class Kind:
         reserved: options of the framework among the plugin's in the configuration, beside "name", which is one in those
             of every kind; no plugin has their names.
         declared: attributes of a plugin that hold frozensets, and of what: a class in `deux.contracts`, or "str".
+        attributes: what else a plugin that was made has, which its class or its constructor sets.
     """
 
     name: str
@@ -48,6 +50,7 @@ class Kind:
     given: tuple[str, ...] = ()
     reserved: tuple[str, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
+    attributes: tuple[str, ...] = ()
 
     @property
     def group(self) -> str:
@@ -59,7 +62,7 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind("explorers", "explorer", "Explorer", "explore", declared=(("needs", "Need"),)),
-        Kind("depth_models", "depth model", "DepthModel", "model"),
+        Kind("depth_models", "depth model", "DepthModel", "model", attributes=("min_depth", "max_depth")),
         Kind("rewards", "reward", "Reward", "explorer_training.reward_options", declared=(("needs", "Need"),)),
         Kind(
             "losses",
@@ -70,9 +73,16 @@ KINDS = {
             declared=(("needs", "LossNeed"), ("extras", "str")),
         ),
         Kind("uncertainties", "measure of uncertainty", "Uncertainty", "collect.uncertainty_options"),
-        Kind("simulators", "simulator", "Simulator", "simulator", given=("scene", "camera", "robot", "colors")),
+        Kind(
+            "simulators",
+            "simulator",
+            "Simulator",
+            "simulator",
+            given=("scene", "camera", "robot", "colors"),
+            attributes=("scene", "camera", "robot", "label_names", "floors"),
+        ),
         Kind("scenes", "source of scenes", "SceneSource", "scenes"),
-        Kind("readers", "reader", "Reader", "data", given=("folder",), reserved=("cache",)),
+        Kind("readers", "reader", "Reader", "data", given=("folder",), reserved=("cache",), attributes=("folder",)),
     )
 }
 
@@ -203,7 +213,7 @@ class Registry:
         try:
             cls = plugin.load()
         except Exception as error:  # a foreign module may raise anything while it is imported
-            cause = " ".join(f"{type(error).__name__}: {error}".split())
+            cause = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
             raise DeuxError(f"the {noun} {name!r} of {plugin.origin} cannot be imported: {cause}.") from error
         self._check_contract(plugin, cls)
         return cls
@@ -218,8 +228,8 @@ class Registry:
             given: values of the parameters that the kind's `given` names, in that order.
 
         Raises:
-            DeuxError: as `get` and `deux.options.construct`; or the plugin declares its needs as something else than a
-                frozenset of them.
+            DeuxError: as `get` and `deux.options.construct`; or the plugin lacks an attribute of the contract, or
+                declares its needs as something else than a frozenset of them.
         """
         cls = self.get(kind, name)
         chosen = {key: value for key, value in settings.items() if key != "name"}
@@ -286,6 +296,9 @@ class Registry:
     @staticmethod
     def _check_declared(plugin: Plugin, made: Any) -> None:
         kind = KINDS[plugin.kind]
+        said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
+        if missing := [name for name in kind.attributes if not _has(made, name)]:
+            raise DeuxError(f"{said} has no {' and no '.join(missing)}: its class or its constructor sets them.")
         for attribute, member in kind.declared:
             cls: Any = str if member == "str" else getattr(importlib.import_module("deux.contracts"), member)
             found = getattr(made, attribute)
@@ -293,8 +306,8 @@ class Registry:
                 wanted = "text" if cls is str else f"deux.contracts.{member}"
                 example = '"prior"' if cls is str else f"{member}.{next(iter(cls)).name}"
                 raise DeuxError(
-                    f"the {kind.noun} {plugin.name!r} of {plugin.origin} has {attribute} = {shown(found)}: it must be "
-                    f"a frozenset of {wanted}, as in {attribute} = frozenset({{{example}}})."
+                    f"{said} has {attribute} = {shown(found)}: it must be a frozenset of {wanted}, as in {attribute} = "
+                    f"frozenset({{{example}}})."
                 )
 
     @staticmethod
@@ -307,6 +320,16 @@ class Registry:
             raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
         if missing := getattr(cls, "__abstractmethods__", None):
             raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
+        if nameless := positional_only(cls):
+            raise DeuxError(
+                f"{said} takes {nameless[0]!r} by its place alone, and options are given by name: remove the / behind "
+                "it from the constructor's parameters."
+            )
+        if unasked := [name for name in kind.given if not takes(cls, name)]:
+            raise DeuxError(
+                f"{said} does not take {unasked[0]!r}: the constructor of a {kind.noun} begins with "
+                f"{', '.join(('self', *kind.given))}, and its options follow."
+            )
         if taken := sorted(options(cls, kind.given).keys() & {"name", *kind.reserved}):
             where = kind.settings.format(name=plugin.name)
             raise DeuxError(
@@ -319,6 +342,12 @@ class Registry:
 def registry() -> Registry:
     """The registry of this process, made at the first call."""
     return Registry()
+
+
+def _has(made: Any, attribute: str) -> bool:
+    """Whether an object has an attribute; a property, which may take long, is not asked."""
+    missing = object()
+    return inspect.getattr_static(made, attribute, missing) is not missing or hasattr(made, attribute)
 
 
 def _from_entry_point(kind: str, entry: EntryPoint) -> Plugin:

@@ -34,6 +34,8 @@ class Everything:
     names: list[str] = field(default_factory=list)
     folder: Path = Path(".")
     lens: Lens = Lens()
+    spare: Lens | None = None
+    lenses: tuple[Lens, ...] = ()
 
 
 class Undeclared:
@@ -96,6 +98,10 @@ def test_simple_types_are_converted() -> None:
             {"count": 1, "size": [1, 2, 3]},
             "box.size must be a list of 2 values (a whole number, a whole number)",
         ),
+        ({"count": 1, "lens": 3}, "box.lens must be options by name (focal_length), but is 3."),
+        ({"count": 1, "spare": 3}, "box.spare must be options by name (focal_length) or null, but is 3."),
+        ({"count": 1, "lenses": [{}, 3]}, "box.lenses must be a list (each options by name (focal_length))"),
+        ({"count": 1, "lenses": [{}, {"focal_length": "x"}]}, "box.lenses[1].focal_length must be a number, but is"),
         ({"count": 1, "weights": "12"}, "box.weights must be a list (each a number), but is '12'."),
         ({"count": 1, "folder": 2}, "box.folder must be a path, but is 2."),
         (

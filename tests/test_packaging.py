@@ -18,6 +18,8 @@ import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+import deux
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
@@ -243,3 +245,7 @@ def test_the_citation_names_the_paper_and_this_version() -> None:
     paper = citation["preferred-citation"]
     assert [author["family-names"] for author in paper["authors"]] == ["Chancán", "Wong", "Abraham"]
     assert paper["title"] in " ".join((ROOT / "README.md").read_text().split())
+
+
+def test_completion_offers_what_the_package_offers_to_users() -> None:
+    assert dir(deux) == ["__version__", "available", "from_pretrained", "load", "load_published", "predict"]

@@ -3,11 +3,15 @@
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 
 import pytest
+from torch import Tensor
 
 from deux import plugins
+from deux.contracts import LossInputs, LossTerm
 from deux.registry import Plugin, Registry
 
 
@@ -47,6 +51,34 @@ def test_one_plugin_is_explained_with_the_options_of_its_constructor(
     text = capsys.readouterr().out
     assert text.startswith("depth model kbnet, from deux 0.1.0 (deux_plugins.depth_models.kbnet:KBNet)\n")
     assert "\n  model.max_depth: a number, default " in text
+
+
+class Side(Enum):
+    LEFT = "left"
+
+
+@dataclass(frozen=True)
+class Stride:
+    length: float = 0.5
+    side: Side = Side.LEFT
+
+
+class Options(LossTerm):
+    def __init__(self, side: Side = Side.LEFT, stride: Stride = Stride(), limit: float | None = None) -> None: ...
+
+    def __call__(self, inputs: LossInputs) -> Tensor:
+        return inputs.prediction.depth.mean()
+
+
+def test_defaults_are_written_as_a_command_line_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Registry()
+    found.register("losses", "with_options", Options)
+    monkeypatch.setattr(plugins, "registry", lambda: found)
+    assert plugins.explain("with_options").splitlines()[-3:] == [
+        "  objective.with_options.side: LEFT, default LEFT",
+        "  objective.with_options.stride: options by name (length, side), default {length: 0.5, side: LEFT}",
+        "  objective.with_options.limit: a number or null, default null",
+    ]
 
 
 def test_an_unknown_name_is_answered_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:

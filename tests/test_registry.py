@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from deux.contracts import Batch, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions, Reward
+from deux.contracts import Batch, DepthModel, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions, Reward
 from deux.errors import DeuxError
 from deux.registry import KINDS, Registry, registry
 
@@ -131,7 +131,7 @@ def test_one_name_of_two_packages_is_an_error_that_names_both_when_it_is_asked_f
     ("code", "cause"),
     [
         ("import no_such_module", "ModuleNotFoundError: No module named 'no_such_module'"),
-        ("raise RuntimeError('needs a\\nGPU')", "RuntimeError: needs a GPU"),
+        ("raise RuntimeError('needs a\\nGPU.')", "RuntimeError: needs a GPU."),
         ("", "AttributeError"),
         ("def broken(", "SyntaxError"),
     ],
@@ -146,6 +146,7 @@ def test_a_package_that_cannot_be_imported_fails_only_when_it_is_chosen(install:
     message = str(caught.value)
     assert message.startswith("the loss term 'broken' of broken-term 0.7 (broken_term:Term) cannot be imported: ")
     assert cause in message
+    assert not message.endswith("..")
     assert "\n" not in message
 
 
@@ -174,6 +175,34 @@ def test_what_does_not_fulfil_the_contract_is_refused(install: Any) -> None:
         Registry().get("losses", "stranger")
     with pytest.raises(DeuxError, match=r"'unfinished' of odd-term .* does not define __call__"):
         Registry().get("losses", "unfinished")
+
+
+def test_an_option_without_a_name_is_refused() -> None:
+    class ByPlace(Mean):
+        def __init__(self, gain: float = 1.0, /, offset: float = 0.0) -> None: ...
+
+    with pytest.raises(DeuxError, match="takes 'gain' by its place alone, and options are given by name: remove the /"):
+        Registry().register("losses", "by_place", ByPlace)
+
+
+def test_a_constructor_that_does_not_take_what_it_is_given_is_refused() -> None:
+    class Homeless(Reader):
+        def __init__(self, points: int = 3) -> None: ...
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    class Open(Homeless):
+        def __init__(self, **settings: Any) -> None: ...
+
+    class Colourless(registry().get("simulators", "mesh")):  # type: ignore[misc]
+        def __init__(self, scene: Any, camera: Any, robot: Any) -> None: ...
+
+    found = Registry()
+    with pytest.raises(DeuxError, match="does not take 'folder': the constructor of a reader begins with self, folder"):
+        found.register("readers", "homeless", Homeless)
+    with pytest.raises(DeuxError, match=r"does not take 'colors': .* begins with self, scene, camera, robot, colors,"):
+        found.register("simulators", "colourless", Colourless)
+    assert found.register("readers", "open", Open)
 
 
 def test_plugins_can_be_registered_by_hand() -> None:
@@ -222,6 +251,32 @@ def test_what_a_plugin_declares_is_a_frozenset(kind: str, attribute: str, value:
     found.register(kind, "mine", type("Mine", (contract,), {attribute: value}))
     with pytest.raises(DeuxError, match=rf"'mine' of registered by hand .* has {attribute} = .*: .*{sentence}"):
         found.create(kind, "mine", {})
+
+
+def test_an_attribute_of_the_contract_that_is_missing_is_told_when_the_plugin_is_made() -> None:
+    class Unbounded(DepthModel):
+        min_depth = 0.1
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    class Homeless(Reader):
+        def __init__(self, folder: Path) -> None: ...
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    class Lazy(Homeless):
+        @property
+        def folder(self) -> Path:  # type: ignore[override]
+            raise AssertionError("asked for")
+
+    found = Registry()
+    for kind, cls in (("depth_models", Unbounded), ("readers", Homeless), ("readers", Lazy)):
+        found.register(kind, cls.__name__, cls)
+    with pytest.raises(DeuxError, match=r"^the depth model 'Unbounded' of .* has no max_depth: its class or its const"):
+        found.create("depth_models", "Unbounded", {})
+    with pytest.raises(DeuxError, match=r"^the reader 'Homeless' of .* has no folder"):
+        found.create("readers", "Homeless", {}, Path())
+    assert found.create("readers", "Lazy", {}, Path())
 
 
 def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() -> None:

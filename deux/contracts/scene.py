@@ -188,7 +188,8 @@ class SceneReference(ABC):
         Raises:
             DeuxError: it cannot be read, or there is no mesh of it.
         """
-        raise DeuxError(f"the scene {self.name} cannot be loaded as a mesh: choose a simulator that reads its file.")
+        means = "makes it by itself" if self.file is None else "reads its file"
+        raise DeuxError(f"the scene {self.name} cannot be loaded as a mesh: choose a simulator that {means}.")
 
 
 @dataclass(frozen=True)

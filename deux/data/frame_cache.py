@@ -15,6 +15,7 @@ import numpy as np
 from torch import Tensor
 
 from deux.contracts import FrameReference, Reader
+from deux.errors import DeuxError, kind_of
 from deux.io.images import DEPTH_SCALE, quantise_depth
 
 Kind = Literal["image", "sparse_depth", "ground_truth"]
@@ -45,11 +46,24 @@ def read_frame_array(key: FrameKey) -> np.ndarray | None:
 
     Returns:
         An image as 3 x H x W uint8, depth as H x W float32 metres; None for ground truth that is not there.
+
+    Raises:
+        DeuxError: as the reader's methods; or what the reader gives is of another shape or type.
     """
-    if key.kind == "image":
-        return np.ascontiguousarray(key.reader.image(key.frame).transpose(2, 0, 1))
-    found: np.ndarray | None = getattr(key.reader, key.kind)(key.frame)
-    return found
+    found: object = getattr(key.reader, key.kind)(key.frame)
+    if found is None and key.kind == "ground_truth":
+        return None
+    is_image = key.kind == "image"
+    if isinstance(found, np.ndarray) and found.dtype == (np.uint8 if is_image else np.float32):
+        if is_image and found.ndim == 3 and found.shape[2] == 3:
+            return np.ascontiguousarray(found.transpose(2, 0, 1))
+        if not is_image and found.ndim == 2:
+            return found
+    wanted = "H x W x 3, uint8" if is_image else "H x W, float32, in metres"
+    raise DeuxError(
+        f"the `{key.kind}` of {type(key.reader).__name__} gives {kind_of(found)} for frame {key.frame.name} of "
+        f"{key.frame.sequence} in {key.reader.folder}: it must be an array of {wanted}."
+    )
 
 
 def compact(array: np.ndarray) -> np.ndarray:

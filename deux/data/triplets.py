@@ -19,6 +19,7 @@ from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.transforms import augment
 from deux.errors import DeuxError, counted
 from deux.geometry.poses import projecting_alike, source_from_target
+from deux.inference.prediction import prepare_sample
 from deux.io.layout import SourceChoice
 
 SourceFrames = Literal["needed", "unread"]
@@ -284,12 +285,13 @@ def _frames(reader: Reader, triplet: Triplet, arrays: Iterable[tuple[FrameKey, A
         else:
             frames.maps[key.kind] = array
     size = tuple(frames.images[0].shape[-2:])
-    for array in (*frames.images, *frames.maps.values()):
+    named = [*(("a source frame", image) for image in frames.images[1:]), *frames.maps.items()]
+    for name, array in named:
         height, width = array.shape[-2:]
         if (height, width) != size:
             raise DeuxError(
-                f"{_named(reader, triplet)} has something of {height} x {width} pixels where its image has "
-                f"{size[0]} x {size[1]}."
+                f"{_named(reader, triplet)} has {name.replace('_', ' ')} of {height} x {width} pixels where its image "
+                f"has {size[0]} x {size[1]}."
             )
     return frames
 
@@ -310,7 +312,7 @@ def _batch(sample: Mapping[str, np.ndarray], prepare: Prepare | None) -> Batch:
         images = images / np.float32(255.0)
     sparse = sample["sparse_depth"]
     shown = sample.get("input_sparse_depth", sparse)
-    prepared = prepare(np.ascontiguousarray(shown)) if prepare is not None else {}
+    prepared = prepare_sample(prepare, np.ascontiguousarray(shown)) if prepare is not None else {}
     return Batch(
         image=torch.from_numpy(images[0]),
         sources=torch.from_numpy(images[1:]),

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from itertools import zip_longest
 from os import PathLike
 from typing import Any, NamedTuple, TypeAlias, overload
@@ -125,7 +126,7 @@ def _stacked(frames: Sequence[_Inputs]) -> _Inputs:
 
 def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
     """N x H x W float32 metres."""
-    with torch.autocast(device_of(model).type, enabled=False):
+    with torch.autocast(device_of(model).type, enabled=False), _precision_told(model):
         depth = model.predict(
             torch.from_numpy(frames.image).permute(0, 3, 1, 2).contiguous(),
             torch.from_numpy(frames.sparse_depth)[:, None],
@@ -189,6 +190,21 @@ def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, b
             batch = []
     if batch:
         yield from _predict(_stacked(batch), model)
+
+
+@contextmanager
+def _precision_told(model: DepthModel) -> Iterator[None]:
+    """Say of a model whose weights are not float32, and which does not convert its inputs, why it fails inside."""
+    try:
+        yield
+    except RuntimeError as error:
+        for weight in model.parameters():
+            if weight.is_floating_point() and weight.dtype != torch.float32:
+                kind = str(weight.dtype).removeprefix("torch.")
+                raise DeuxError(
+                    f"the model's weights are {kind}, and its inputs are float32: model.float() converts them."
+                ) from error
+        raise
 
 
 def _loaded(model: str | PathLike[str]) -> DepthModel:

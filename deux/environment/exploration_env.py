@@ -1,5 +1,6 @@
 """The simulator as a Gymnasium environment, for policies that learn to explore."""
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
@@ -8,11 +9,24 @@ import numpy as np
 from gymnasium import spaces
 
 from deux.configuration import compose
-from deux.contracts import COLOR, DEPTH, Channel, Channels, Episode, Need, Reward, Robot, SceneReference, SceneSource
+from deux.contracts import (
+    COLOR,
+    DEPTH,
+    Channel,
+    Channels,
+    Episode,
+    Experience,
+    Need,
+    Reward,
+    Robot,
+    Scene,
+    SceneReference,
+    SceneSource,
+)
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
 from deux.environment.scene_pool import ScenePool
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, near_matches, shown
 from deux.geometry.camera import Camera
 from deux.registry import registry
 from deux.simulator.simulation import Simulation
@@ -45,8 +59,11 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         robot: its body and motion.
         crops: the size of the crops.
         pool: scenes that are loaded already, to share with other environments of the process; it has the camera and
-            the robot.
+            the robot, which are then not given.
         render_mode: "rgb_array" makes `render` return what the robot's camera sees.
+
+    Raises:
+        DeuxError: an argument is something else than it is meant to be, or the reward needs what is not given to it.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -64,15 +81,13 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         pool: ScenePool | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if isinstance(scenes, int):
-            scenes = _default_scenes(scenes)
-        if unknown := set(extras) - {"depth", "rgb"}:
-            raise DeuxError(f"extras has {sorted(unknown)[0]!r} in it: it can hold depth and rgb.")
-        if not scenes:
-            raise DeuxError("the environment has no scene to explore: at least one is needed.")
+        scenes = _references(scenes)
+        if unknown := {extras} if isinstance(extras, str) else set(extras) - {"depth", "rgb"}:
+            raise DeuxError(f"extras has {sorted(unknown)[0]!r} in it: it is a list that can hold depth and rgb.")
         check_range("steps", steps, 1)
+        _check_robot(camera, robot, pool)
         self.render_mode = render_mode
-        self.reward = registry().create("rewards", reward, reward_options or {}) if isinstance(reward, str) else reward
+        self.reward = _made_reward(reward, reward_options)
         self._labels = Need.LABELS in self.reward.needs
         self._scenes = scenes
         self._extras = frozenset(extras)
@@ -99,14 +114,17 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             options: "scene", the number of the scene; "steps", the length of this episode.
 
         Raises:
-            DeuxError: there is no such scene, or it has not what the reward needs.
+            DeuxError: there is no such option or scene, or it has not what the reward needs.
         """
         super().reset(seed=seed)
         options = options or {}
+        for unknown in options.keys() - {"scene", "steps"}:
+            raise DeuxError(f"reset has no option {unknown!r}: {near_matches(unknown, ('scene', 'steps'))}")
         index = int(options.get("scene", self.np_random.integers(len(self._scenes))))
         if not 0 <= index < len(self._scenes):
             raise DeuxError(f"there is no scene {index}: the environment has {len(self._scenes)}, from 0.")
         self._length = int(options.get("steps", self._steps))
+        check_range("steps", self._length, 1)
         self.simulator = self._pool.simulator(self._scenes[index])
         floors = len(self.simulator.floors)
         floor = int(self.np_random.integers(floors)) if floors > 1 else 0
@@ -122,7 +140,14 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return observation, self._info(collided=False)
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Carry out one of `MOVES`."""
+        """Carry out one of `MOVES`.
+
+        Raises:
+            DeuxError: there is no such action, or the reward is no finite number.
+        """
+        if not self.action_space.contains(action):
+            moves = ", ".join(f"{number} for {move.name}" for number, move in enumerate(MOVES))
+            raise DeuxError(f"the action is {shown(action)}: it must be a whole number, {moves}.")
         move = MOVES[int(action)]
         self.memory.acted(move)
         collided = self.simulator.step(move)
@@ -147,12 +172,24 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         frame = self.simulator.observe(self._channels)
         experience = self.memory.experience(frame, collided)
         view = dict(experience.view)
-        reward = float(self.reward(experience))
+        reward = self._judged(experience)
         if "depth" in self._extras:
             view["depth"] = (frame.depth * (255.0 / self._camera.max_depth)).astype(np.uint8)[None]
         if "rgb" in self._extras:
             view["rgb"] = np.ascontiguousarray(np.moveaxis(frame.rgb, 2, 0))
         return view, reward
+
+    def _judged(self, experience: Experience) -> float:
+        """What the reward says, which a policy learns from unseen: what is no number would spoil it for good."""
+        value: Any = self.reward(experience)
+        if getattr(value, "shape", ()) == () and not isinstance(value, str) and hasattr(value, "__float__"):
+            number = float(value)
+            if math.isfinite(number):
+                return number
+        raise DeuxError(
+            f"the reward {type(self.reward).__name__} gives {shown(value)} at step {self._step}: it must be a finite "
+            "number."
+        )
 
     def _info(self, collided: bool) -> dict[str, Any]:
         return {"area_seen": self.memory.area, "collided": collided, "scene": self.simulator.scene.name}
@@ -167,6 +204,55 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if "rgb" in self._extras:
             found["rgb"] = spaces.Box(0, 255, (3, camera.height, camera.width), np.uint8)
         return spaces.Dict(found)  # type: ignore[return-value]
+
+
+def _references(scenes: Any) -> Sequence[SceneReference]:
+    """The scenes that an environment is given, or the default source's, if it is given their number."""
+    if hasattr(scenes, "__index__") and not isinstance(scenes, bool):
+        scenes = _default_scenes(int(scenes))
+    known = isinstance(scenes, Sequence) and all(isinstance(scene, SceneReference | Scene) for scene in scenes)
+    if not known or isinstance(scenes, str):
+        raise DeuxError(
+            f"scenes is {shown(scenes)}: it must be a number of scenes, or a list of references to scenes, such as the "
+            "splits().train of a source."
+        )
+    if not scenes:
+        raise DeuxError("the environment has no scene to explore: at least one is needed.")
+    return scenes
+
+
+def _check_robot(camera: Any, robot: Any, pool: ScenePool | None) -> None:
+    for name, value, cls in (("camera", camera, Camera), ("robot", robot, Robot)):
+        if value is None:
+            continue
+        if pool is not None:
+            raise DeuxError(f"the pool has a {name} already: make the pool's Simulation with the {name} that is meant.")
+        if not isinstance(value, cls):
+            raise DeuxError(f"{name} is {shown(value)}: it must be a {cls.__module__}.{cls.__name__}.")
+
+
+def _made_reward(reward: Any, options: Mapping[str, Any] | None) -> Reward:
+    """The reward by name, or as it was made, whose needs the environment can meet."""
+    if isinstance(reward, str):
+        made: Reward = registry().create("rewards", reward, options or {})
+    elif isinstance(reward, Reward):
+        made = reward
+        if options:
+            raise DeuxError(
+                f"reward_options are of a reward that is named, and {type(reward).__name__} is made already: give them "
+                "to its constructor."
+            )
+    else:
+        raise DeuxError(
+            f"reward is {shown(reward)}: it must be the name of a reward, or an object of a subclass of "
+            "deux.contracts.Reward, and not the class itself."
+        )
+    for need in sorted(made.needs - {Need.SENSOR_DEPTH, Need.LABELS}):
+        raise DeuxError(
+            f"the reward {type(made).__name__} needs {need}, which the environment does not give: a reward sees the "
+            "sensor's depth, and labels if it declares Need.LABELS."
+        )
+    return made
 
 
 def _default_scenes(count: int) -> Sequence[SceneReference]:

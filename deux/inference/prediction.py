@@ -1,7 +1,7 @@
 """Depth from one batch of camera data: what `deux.contracts.DepthModel.predict` does."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, ClassVar, Protocol
 
@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, kind_of, sizes
 from deux.geometry.camera import FOCAL_LENGTHS, is_focal_length
 from deux.geometry.sparse_outliers import remove_outliers
 from deux.memory_budget import check_memory
@@ -113,30 +113,63 @@ def complete(
 
     Returns:
         N x 1 x H x W float32 metres.
+
+    Raises:
+        DeuxError: the model gives something else than depth of the images' size.
     """
     validity = remove_outliers(sparse_depth)
     height, width = image.shape[2:]
     pad_to = (-width % model.size_multiple, -height % model.size_multiple)
+    padded = _pad(image, pad_to)
     prediction = model(
-        _pad(image, pad_to),
+        padded,
         _pad(sparse_depth, pad_to),
         _pad(validity, pad_to),
         intrinsics,
         **{name: _pad(value, pad_to) for name, value in prepared.items()},
     )
-    depth: Tensor = prediction.depth[:, :, :height, :width].float()
-    return depth
+    return _depth_of(model, prediction, padded)[:, :, :height, :width].float()
 
 
 def prepared_inputs(model: CompletionNetwork, sparse_depth: Tensor) -> dict[str, Tensor]:
     """What `DepthModel.prepare` makes of each sample of N x 1 x H x W metres, batched, on the same device."""
     if not model.prepares:
         return {}
-    samples = [model.prepare(depth) for depth in sparse_depth[:, 0].cpu().numpy()]
+    samples = [prepare_sample(model.prepare, depth) for depth in sparse_depth[:, 0].cpu().numpy()]
     return {
         name: torch.stack([torch.from_numpy(sample[name]) for sample in samples]).to(sparse_depth.device)
         for name in samples[0]
     }
+
+
+def prepare_sample(prepare: Callable[[np.ndarray], Any], sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
+    """What a model's `prepare` makes of one sample of H x W metres, each C x H x W float32.
+
+    Raises:
+        DeuxError: it gives something else.
+    """
+    name = getattr(prepare, "__qualname__", "prepare")
+    wanted = "C x H x W, float32, by name: {} where there is nothing to prepare"
+    prepared = prepare(sparse_depth)
+    if not isinstance(prepared, Mapping):
+        raise DeuxError(f"{name} gives {kind_of(prepared)}: it must give arrays of {wanted}.")
+    for key, array in prepared.items():
+        fits = isinstance(array, np.ndarray) and array.dtype == np.float32 and array.ndim == 3
+        if not fits or array.shape[1:] != sparse_depth.shape:
+            raise DeuxError(f"{name} gives {kind_of(array)} as {key!r}: it must give arrays of {wanted}.")
+    return dict(prepared)
+
+
+def _depth_of(model: CompletionNetwork, prediction: Any, image: Tensor) -> Tensor:
+    """The depth in what a model gives for N x 3 x H x W images, whose shape and type alone are looked at."""
+    depth, wanted = getattr(prediction, "depth", None), (image.shape[0], 1, *image.shape[2:])
+    if isinstance(depth, Tensor) and depth.shape == wanted and depth.is_floating_point():
+        return depth
+    given = kind_of(prediction) if depth is None else f"a prediction whose depth is {kind_of(depth)}"
+    raise DeuxError(
+        f"the `forward` of {type(model).__name__} gives {given}: it must be a deux.contracts.Prediction with a depth "
+        f"of N x 1 x H x W, float32, here {sizes(wanted)}."
+    )
 
 
 def _check(image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> None:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from deux.errors import DeuxError, sizes
 from deux.geometry.grid import FreeSpace
 
 PREFERRED_CLEARANCE = 0.3  # metres: from here the camera does not begin with its nose at a wall
@@ -21,7 +22,13 @@ def random_starts(free_space: FreeSpace, count: int, rng: np.random.Generator) -
 
     Returns:
         (x, z, yaw): world metres, anywhere in a free cell, and radians in [-pi, pi).
+
+    Raises:
+        DeuxError: no cell is free.
     """
+    if not free_space.free.any():
+        size = sizes(free_space.free.shape)
+        raise DeuxError(f"the free space of {size} cells has no free one: the robot fits nowhere on this floor.")
     median = float(np.median(free_space.clearance[free_space.free]))
     roomy = free_space.free & (free_space.clearance >= min(PREFERRED_CLEARANCE, median))
     cells = np.argwhere(roomy)[rng.integers(roomy.sum(), size=count)]

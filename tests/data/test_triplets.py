@@ -302,7 +302,9 @@ def test_a_truncated_file_is_named(folder: Path) -> None:
 
 def test_a_map_of_another_size_is_named(folder: Path) -> None:
     write_depth(file_of(folder, "sparse_depth", first_triplet(folder).target), np.ones((10, 10)))
-    with pytest.raises(DeuxError, match=r"Frame 000002 of hall-00 in .* something of 10 x 10 pixels where .* 40 x 48"):
+    with pytest.raises(
+        DeuxError, match=r"Frame 000002 of hall-00 in .* sparse depth of 10 x 10 pixels where .* 40 x 48"
+    ):
         load(folder)[0]
 
 

@@ -124,6 +124,16 @@ def test_half_precision_around_it_changes_nothing(model):
         deux.predict(**frame(), model=Doubling())
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+def test_weights_of_another_precision_are_told(dtype):
+    kind = str(dtype).removeprefix("torch.")
+    model = registry().create("depth_models", "kbnet", {}).to(dtype)
+    image, sparse_depth = np.zeros((32, 32, 3), np.uint8), np.full((32, 32), 2.0, np.float32)
+    intrinsics = np.array([[20.0, 0.0, 15.5], [0.0, 20.0, 15.5], [0.0, 0.0, 1.0]])
+    with pytest.raises(DeuxError, match=rf"weights are {kind}, and its inputs are float32: model\.float\(\)"):
+        deux.predict(image, sparse_depth, intrinsics, model=model)
+
+
 def test_a_path_is_a_model(model, tmp_path):
     save_model(tmp_path / "model.safetensors", model, "kbnet", SMALL)
     expected = deux.predict(**frame(), model=model)

@@ -78,6 +78,13 @@ def test_nothing_there(tmp_path):
         load_model(tmp_path)
 
 
+def test_a_checkpoint_of_a_training_is_no_model(tmp_path):
+    file = tmp_path / "last.ckpt"
+    file.write_bytes(b"PK\x03\x04")
+    with pytest.raises(DeuxError, match=r"last\.ckpt is a checkpoint, from which a training goes on: name its run"):
+        load_model(file)
+
+
 def test_a_file_cut_short(tmp_path):
     file = tmp_path / MODEL_FILE
     save_model(file, Scaled(), "scaled", {})

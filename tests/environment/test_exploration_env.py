@@ -14,6 +14,7 @@ from deux.environment.egocentric import Crops
 from deux.environment.exploration_env import ExplorationEnv
 from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError
+from deux.geometry.camera import Camera
 from deux.simulator.mesh_simulator import MeshSimulator
 
 ACTIONS = np.random.default_rng(0).choice(3, size=25, p=[0.6, 0.2, 0.2])
@@ -270,14 +271,56 @@ def test_rewards_are_chosen_by_name_with_their_options(make):
 
 
 def test_mistakes_are_told_in_one_sentence(make, flats, configured):
-    with pytest.raises(DeuxError, match="extras has 'colour' in it: it can hold depth and rgb"):
+    with pytest.raises(DeuxError, match="extras has 'colour' in it: it is a list that can hold depth and rgb"):
         make(extras=("colour",))
+    with pytest.raises(DeuxError, match="extras has 'rgb' in it: it is a list"):
+        make(extras="rgb")
     with pytest.raises(DeuxError, match="no scene"):
         ExplorationEnv([], pool=flats[0])
     with pytest.raises(DeuxError, match="no scene"):
         ExplorationEnv(0)
     with pytest.raises(DeuxError, match="steps is 0"):
         make(steps=0)
+    for scenes in ("houses", True, ["flat"], object()):
+        with pytest.raises(DeuxError, match="it must be a number of scenes, or a list of references"):
+            ExplorationEnv(scenes)
+    with pytest.raises(DeuxError, match=r"camera is \{'width': 64\}: it must be a deux\.geometry\.camera\.Camera"):
+        ExplorationEnv(flats[1], camera={"width": 64})
+    with pytest.raises(DeuxError, match="the pool has a camera already"):
+        make(camera=Camera(64, 64))
+    environment = make()
+    for options, sentence in (({"scen": 0}, "no option 'scen': did you mean scene"), ({"steps": 0}, "steps is 0")):
+        with pytest.raises(DeuxError, match=sentence):
+            environment.reset(options=options)
+
+
+@pytest.mark.parametrize("action", [3, -1, "forward", 0.5, None])
+def test_an_action_that_there_is_not_is_refused(make, action):
+    environment = make()
+    environment.reset(seed=0)
+    with pytest.raises(DeuxError, match="it must be a whole number, 0 for FORWARD, 1 for LEFT, 2 for RIGHT"):
+        environment.step(action)
+
+
+def test_a_reward_that_cannot_be_used_is_refused(make):
+    with pytest.raises(DeuxError, match=r"must be the name of a reward, or an object .* not the class itself"):
+        make(reward=Witness)
+    with pytest.raises(DeuxError, match="and Witness is made already: give them to its constructor"):
+        make(reward=Witness(), reward_options={"cell": 1.0})
+    with pytest.raises(DeuxError, match="the reward Witness needs predicted_depth, which the environment does not"):
+        make(reward=Witness(frozenset({Need.PREDICTED_DEPTH})))
+
+
+@pytest.mark.parametrize("value", [None, float("nan"), float("inf"), np.zeros(3), "1"])
+def test_a_reward_that_is_no_finite_number_is_told_and_not_learned_from(make, value):
+    class Odd(Witness):
+        def __call__(self, experience):
+            return value if experience.observation.step else 0.0
+
+    environment = make(reward=Odd())
+    environment.reset(seed=0)
+    with pytest.raises(DeuxError, match=r"the reward Odd gives .* at step 1: it must be a finite number"):
+        environment.step(0)
 
 
 def test_scenes_without_labels_say_that_they_cannot(flat, references, configured):

@@ -5,7 +5,7 @@ from torch.overrides import TorchFunctionMode
 
 from deux.contracts import DepthModel, Prediction
 from deux.errors import DeuxError
-from deux.inference.prediction import predict
+from deux.inference.prediction import predict, prepare_sample
 from deux.testing.depth_models import camera_data
 
 
@@ -105,3 +105,44 @@ def test_values_are_read_once_and_points_copied_only_for_models_that_prepare(kin
     assert reads.count(torch.Tensor.tolist) == 1
     assert reads.count(torch.Tensor.numpy) == copies
     assert not {torch.Tensor.item, torch.Tensor.__bool__, torch.Tensor.__float__} & {*reads}
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [
+        (lambda depth: depth, "Tensor of 2 x 1 x 32 x 32, float32: it must be a deux"),
+        (lambda depth: None, "None: it must be"),
+        (
+            lambda depth: Prediction(depth[:, 0]),
+            "a prediction whose depth is Tensor of 2 x 32 x 32, float32: .* here 2 x 1 ",
+        ),
+        (lambda depth: Prediction(depth[..., :-1]), "a prediction whose depth is Tensor of 2 x 1 x 32 x 31, float32"),
+        (lambda depth: Prediction(depth.long()), "a prediction whose depth is Tensor of 2 x 1 x 32 x 32, int64"),
+    ],
+)
+def test_an_output_that_is_no_depth_of_the_images_size_is_told(output, message):
+    class Odd(Recorder):
+        def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
+            return output(sparse_depth)
+
+    with pytest.raises(DeuxError, match=f"^the `forward` of Odd gives {message}"):
+        predict(Odd(), **camera_data((20, 20)))
+
+
+@pytest.mark.parametrize(
+    ("prepared", "message"),
+    [
+        (np.ones((4, 5), np.float32), "gives ndarray of 4 x 5, float32: it must give arrays of C x H x W"),
+        ({"a": np.ones((4, 5), np.float32)}, "gives ndarray of 4 x 5, float32 as 'a'"),
+        ({"a": np.ones((1, 4, 5))}, "gives ndarray of 1 x 4 x 5, float64 as 'a'"),
+        ({"a": np.ones((1, 5, 4), np.float32)}, "gives ndarray of 1 x 5 x 4, float32 as 'a'"),
+        ({"a": torch.ones(1, 4, 5)}, "gives Tensor of 1 x 4 x 5, float32 as 'a'"),
+    ],
+)
+def test_inputs_that_are_prepared_in_another_shape_or_type_are_told(prepared, message):
+    class Odd(Recorder):
+        def prepare(self, sparse_depth):
+            return prepared
+
+    with pytest.raises(DeuxError, match=rf"Odd\.prepare {message}"):
+        prepare_sample(Odd().prepare, np.zeros((4, 5), np.float32))

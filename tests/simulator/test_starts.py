@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.simulator.starts import random_starts
 
@@ -29,3 +30,10 @@ def test_starts_are_free_roomy_and_spread(space: FreeSpace) -> None:
 def test_the_generator_decides() -> None:
     first, second, other = (random_starts(room(20, 20), 5, np.random.default_rng(seed)) for seed in (3, 3, 4))
     assert first == second != other
+
+
+def test_a_floor_without_a_free_cell_is_told() -> None:
+    space = room(2, 2)
+    assert not space.free.any()
+    with pytest.raises(DeuxError, match="the free space of 4 x 4 cells has no free one: the robot fits nowhere"):
+        random_starts(space, 1, np.random.default_rng(0))

@@ -20,7 +20,11 @@ class BrokenTerm(LossTerm):
         batch = inputs.batch
         if self.fault == "changes its inputs":
             batch.sparse_depth.clamp_(max=1.0)
-        depth = inputs.prediction.depth if self.fault == "stays in bfloat16" else inputs.prediction.depth.float()
+        depth = inputs.prediction.depth
+        if self.fault == "computes in bfloat16":
+            depth = depth.bfloat16()
+        if self.fault == "judges the rounding":
+            return (depth - depth.bfloat16().float()).abs().mean()
         difference = (depth - batch.sparse_depth.to(depth.dtype)).abs() * batch.validity.to(depth.dtype)
         if self.fault == "reads values" and difference.sum().item() == 0.0:
             return (inputs.prediction.depth * 0.0).sum()
@@ -63,12 +67,28 @@ def test_a_sound_term_passes(test):
         ("reads values", "test_keeps_a_card_busy"),
         ("sums over the batch", "test_is_a_mean_over_the_batch"),
         ("changes its inputs", "test_leaves_its_inputs_alone"),
-        ("stays in bfloat16", "test_bfloat16_inputs_give_float32"),
+        ("computes in bfloat16", "test_is_a_finite_float32_scalar"),
+        ("judges the rounding", "test_rounded_predictions_hardly_change_it"),
     ],
 )
 def test_a_broken_term_fails(fault, test):
     with pytest.raises(AssertionError):
         run(fault, test)
+
+
+def test_a_term_that_takes_the_prediction_for_float32_passes():
+    """The contract says that it is, and the objective converts it."""
+
+    class Trusting(LossTerm):
+        def __call__(self, inputs: LossInputs) -> torch.Tensor:
+            points = inputs.batch.sparse_depth
+            error = torch.nn.functional.huber_loss(inputs.prediction.depth, points, reduction="none")
+            return (error * inputs.batch.validity).sum() / inputs.batch.validity.sum().clamp(min=1)
+
+    for test in TESTS:
+        suite = LossTermSuite()
+        suite.make_term = Trusting
+        getattr(suite, test)()
 
 
 def test_a_term_gets_only_what_it_declares():

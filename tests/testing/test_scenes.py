@@ -140,3 +140,25 @@ def test_a_path_in_an_identity_is_found(tmp_path):
     suite.make_source = Source
     with pytest.raises(AssertionError, match="holds its path"):
         suite.test_identities_tell_no_place()
+
+
+def test_scenes_that_a_simulator_of_their_own_makes_pass():
+    for test in TESTS:
+        if test != "test_a_scene_is_the_same_each_time":  # which skips itself
+            suite = SceneSourceSuite()
+            suite.needs_simulator = True
+            suite.make_source = lambda: Squares("cannot be loaded")
+            getattr(suite, test)()
+
+
+def test_a_scene_without_a_mesh_says_which_simulator_it_needs():
+    @dataclass(frozen=True)
+    class Meshless(SceneReference):
+        kept: Path | None = None
+        identity = "meshless"
+        file = property(lambda self: self.kept)
+
+    with pytest.raises(DeuxError, match="a simulator that makes it by itself"):
+        Meshless("a").load()
+    with pytest.raises(DeuxError, match="a simulator that reads its file"):
+        Meshless("a", Path("a.glb")).load()

@@ -17,7 +17,8 @@ from rich.table import Table
 
 from deux.errors import DeuxError, near_matches
 from deux.options import REQUIRED, Option, describe, options
-from deux.registry import GROUPS, KINDS, Plugin, registry
+from deux.plugin_kinds import GROUPS, KINDS, Plugin
+from deux.registry import registry
 from deux.search_path import leave_out_working_folder
 
 

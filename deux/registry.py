@@ -12,109 +12,19 @@ is broken harms nobody who does not ask for it.
 from __future__ import annotations
 
 import functools
-import importlib
-import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from deux.errors import DeuxError, near_matches, shown
-from deux.options import construct, full_settings, options, positional_only, takes
+from deux.contract_checks import check_class, check_made
+from deux.errors import DeuxError, near_matches
+from deux.options import construct, full_settings
 from deux.plain_settings import plain
+from deux.plugin_kinds import GROUPS, KINDS, Plugin
 
 OWN_PACKAGE = "deux"
 """The distribution that the framework and the plugins that ship with it come in."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One kind of plugin.
-
-    Args:
-        name: the registry's name of the kind; its entry-point group is "deux.<name>".
-        noun: how messages call one plugin of the kind.
-        contract: the class in `deux.contracts` that a plugin derives from.
-        settings: where the options of the plugin called {name} stand in the configuration.
-        given: the constructor's parameters that the framework fills in; the others are options.
-        reserved: options of the framework among the plugin's in the configuration, beside "name", which is one in those
-            of every kind; no plugin has their names.
-        declared: attributes of a plugin that hold frozensets, and of what: a class in `deux.contracts`, or "str".
-        attributes: what else a plugin that was made has, which its class or its constructor sets.
-    """
-
-    name: str
-    noun: str
-    contract: str
-    settings: str
-    given: tuple[str, ...] = ()
-    reserved: tuple[str, ...] = ()
-    declared: tuple[tuple[str, str], ...] = ()
-    attributes: tuple[str, ...] = ()
-
-    @property
-    def group(self) -> str:
-        """The entry-point group."""
-        return f"deux.{self.name}"
-
-
-KINDS = {
-    kind.name: kind
-    for kind in (
-        Kind("explorers", "explorer", "Explorer", "explore", declared=(("needs", "Need"),)),
-        Kind("depth_models", "depth model", "DepthModel", "model", attributes=("min_depth", "max_depth")),
-        Kind("rewards", "reward", "Reward", "explorer_training.reward_options", declared=(("needs", "Need"),)),
-        Kind(
-            "losses",
-            "loss term",
-            "LossTerm",
-            "objective.{name}",
-            reserved=("weight",),
-            declared=(("needs", "LossNeed"), ("extras", "str")),
-        ),
-        Kind("uncertainties", "measure of uncertainty", "Uncertainty", "collect.uncertainty_options"),
-        Kind(
-            "simulators",
-            "simulator",
-            "Simulator",
-            "simulator",
-            given=("scene", "camera", "robot", "colors"),
-            attributes=("scene", "camera", "robot", "label_names", "floors"),
-        ),
-        Kind("scenes", "source of scenes", "SceneSource", "scenes"),
-        Kind("readers", "reader", "Reader", "data", given=("folder",), reserved=("cache",), attributes=("folder",)),
-    )
-}
-
-
-GROUPS = (*(kind.group for kind in KINDS.values()), "deux.conf", "deux.weights")
-"""The entry-point groups of deux; the last two hold configuration files and trained models."""
-
-
-@dataclass(frozen=True)
-class Plugin:
-    """A plugin and the package that brought it. Nothing is imported until `load` is called.
-
-    Args:
-        name: the name under which it is chosen.
-        kind: a key of `KINDS`.
-        package: name of the distribution.
-        version: version of the distribution.
-        target: "module:attribute".
-        load: imports and returns the target.
-    """
-
-    name: str
-    kind: str
-    package: str
-    version: str
-    target: str
-    load: Callable[[], Any] = field(repr=False, compare=False)
-
-    @property
-    def origin(self) -> str:
-        """Package, version and target, for messages."""
-        return f"{self.package} {self.version} ({self.target})"
 
 
 @dataclass(frozen=True)
@@ -215,7 +125,7 @@ class Registry:
         except Exception as error:  # a foreign module may raise anything while it is imported
             cause = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
             raise DeuxError(f"the {noun} {name!r} of {plugin.origin} cannot be imported: {cause}.") from error
-        self._check_contract(plugin, cls)
+        check_class(plugin, cls)
         return cls
 
     def create(self, kind: str, name: str, settings: Mapping[str, Any], *given: Any) -> Any:
@@ -235,7 +145,7 @@ class Registry:
         chosen = {key: value for key, value in settings.items() if key != "name"}
         filled = dict(zip(KINDS[kind].given, given, strict=True))
         made = construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
-        self._check_declared(self.find(kind, name), made)
+        check_made(self.find(kind, name), made)
         return made
 
     def choose(self, kind: str, chosen: Any, where: str = "") -> PluginChoice:
@@ -270,7 +180,7 @@ class Registry:
             raise DeuxError(f"the {KINDS[kind].noun} {name!r} is there already, from {taken[0].origin}.")
         target = f"{cls.__module__}:{cls.__qualname__}"
         plugin = Plugin(name, kind, "registered by hand", "-", target, lambda: cls)
-        self._check_contract(plugin, cls)
+        check_class(plugin, cls)
         self._table(kind).append(plugin)
         return plugin
 
@@ -293,61 +203,11 @@ class Registry:
             self._plugins[kind] = [_from_entry_point(kind, e) for e in self.entry_points(KINDS[kind].group)]
         return self._plugins[kind]
 
-    @staticmethod
-    def _check_declared(plugin: Plugin, made: Any) -> None:
-        kind = KINDS[plugin.kind]
-        said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
-        if missing := [name for name in kind.attributes if not _has(made, name)]:
-            raise DeuxError(f"{said} has no {' and no '.join(missing)}: its class or its constructor sets them.")
-        for attribute, member in kind.declared:
-            cls: Any = str if member == "str" else getattr(importlib.import_module("deux.contracts"), member)
-            found = getattr(made, attribute)
-            if not isinstance(found, frozenset) or not all(isinstance(one, cls) for one in found):
-                wanted = "text" if cls is str else f"deux.contracts.{member}"
-                example = '"prior"' if cls is str else f"{member}.{next(iter(cls)).name}"
-                raise DeuxError(
-                    f"{said} has {attribute} = {shown(found)}: it must be a frozenset of {wanted}, as in {attribute} = "
-                    f"frozenset({{{example}}})."
-                )
-
-    @staticmethod
-    def _check_contract(plugin: Plugin, cls: Any) -> None:
-        kind = KINDS[plugin.kind]
-        # Imported here because the contracts bring torch, which `--help` and composition must not wait for.
-        contract = getattr(importlib.import_module("deux.contracts"), kind.contract)
-        said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
-        if not (isinstance(cls, type) and issubclass(cls, contract)):
-            raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
-        if missing := getattr(cls, "__abstractmethods__", None):
-            raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
-        if nameless := positional_only(cls):
-            raise DeuxError(
-                f"{said} takes {nameless[0]!r} by its place alone, and options are given by name: remove the / behind "
-                "it from the constructor's parameters."
-            )
-        if unasked := [name for name in kind.given if not takes(cls, name)]:
-            raise DeuxError(
-                f"{said} does not take {unasked[0]!r}: the constructor of a {kind.noun} begins with "
-                f"{', '.join(('self', *kind.given))}, and its options follow."
-            )
-        if taken := sorted(options(cls, kind.given).keys() & {"name", *kind.reserved}):
-            where = kind.settings.format(name=plugin.name)
-            raise DeuxError(
-                f"{said} has an option called {taken[0]!r}, and {where}.{taken[0]} is an option of deux's own: give "
-                "the plugin's another name."
-            )
-
 
 @functools.cache
 def registry() -> Registry:
     """The registry of this process, made at the first call."""
     return Registry()
-
-
-def _has(made: Any, attribute: str) -> bool:
-    """Whether an object has an attribute; a property, which may take long, is not asked."""
-    missing = object()
-    return inspect.getattr_static(made, attribute, missing) is not missing or hasattr(made, attribute)
 
 
 def _from_entry_point(kind: str, entry: EntryPoint) -> Plugin:

@@ -15,7 +15,8 @@ from omegaconf import DictConfig, OmegaConf
 from deux.errors import DeuxError, near_matches, shown
 from deux.options import construct
 from deux.plain_settings import plain, plain_options, references_resolved
-from deux.registry import KINDS, PluginChoice, registry
+from deux.plugin_kinds import KINDS
+from deux.registry import PluginChoice, registry
 
 T = TypeVar("T")
 

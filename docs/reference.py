@@ -17,7 +17,8 @@ from omegaconf import DictConfig
 from deux.configuration import compose
 from deux.options import REQUIRED, describe, options
 from deux.plain_settings import plain
-from deux.registry import KINDS, Kind, registry
+from deux.plugin_kinds import KINDS, Kind
+from deux.registry import registry
 from deux.task_sections import TASKS
 
 PAGE = Path(__file__).parent / "reference" / "configuration.md"

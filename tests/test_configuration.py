@@ -26,7 +26,8 @@ from deux.contracts import Action, Episode, Explorer, Observation, Robot
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.options import REQUIRED, construct, options
-from deux.registry import KINDS, Plugin, registry
+from deux.plugin_kinds import KINDS, Plugin
+from deux.registry import registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS
 from deux.tasks.compare_explorers import CompareSettings
 from deux.tasks.datasets import Datasets

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from deux.configuration import compose
-from deux.registry import KINDS, registry
+from deux.plugin_kinds import KINDS
+from deux.registry import registry
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "docs" / "examples" / "deux-example"
 PLUGINS = {

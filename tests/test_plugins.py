@@ -12,7 +12,8 @@ from torch import Tensor
 
 from deux import plugins
 from deux.contracts import LossInputs, LossTerm
-from deux.registry import Plugin, Registry
+from deux.plugin_kinds import Plugin
+from deux.registry import Registry
 
 
 @pytest.fixture

@@ -10,7 +10,8 @@ import torch
 
 from deux.contracts import Batch, DepthModel, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions, Reward
 from deux.errors import DeuxError
-from deux.registry import KINDS, Registry, registry
+from deux.plugin_kinds import KINDS
+from deux.registry import Registry, registry
 
 TERM = """
 from deux.contracts import LossTerm

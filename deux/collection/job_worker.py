@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 from deux.collection.jobs import Job, JobRunner
 from deux.errors import DeuxError
 from deux.inference.threads import limit_threads
-from deux.registry import KINDS, registry
+from deux.plugin_kinds import KINDS
+from deux.registry import registry
 
 _SECONDS = 0.5
 """Between two parts of a job's results."""

@@ -9,7 +9,8 @@ import deux
 from deux.doctor.checkup import Checkup
 from deux.errors import DeuxError
 from deux.plain_settings import plain
-from deux.registry import KINDS, Plugin, registry
+from deux.plugin_kinds import KINDS, Plugin
+from deux.registry import registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS
 
 

@@ -21,21 +21,23 @@ class _Reading:
     Args:
         step: number of optimiser steps that were done.
         learning_rate: of that step.
-        values: the loss and the mean depth in metres, on the host once `arrived`.
+        terms: names of the loss terms.
+        values: the loss, the mean depth in metres and the terms, on the host once `arrived`.
         arrived: the end of the copy; None where there is none to wait for.
     """
 
     step: int
     learning_rate: float
+    terms: tuple[str, ...]
     values: Tensor
     arrived: torch.cuda.Event | None
 
-    def numbers(self) -> tuple[float, float]:
-        """Loss and mean depth."""
+    def numbers(self) -> tuple[float, float, dict[str, float]]:
+        """Loss, mean depth and the loss terms by name."""
         if self.arrived is not None:
             self.arrived.synchronize()
-        loss, depth = self.values.tolist()
-        return loss, depth
+        loss, depth, *terms = self.values.tolist()
+        return loss, depth, dict(zip(self.terms, terms, strict=True))
 
 
 class HealthCheck(Callback):
@@ -49,7 +51,8 @@ class HealthCheck(Callback):
     together look at the mean of all of them, so that all of them stop at the same step.
 
     Args:
-        every: number of optimiser steps from one check to the next.
+        every: number of optimiser steps from one check to the next. There is one of the first step, too: of all later
+            ones, weights that a broken loss has reached are what is seen.
         patience: number of checks in a row with stuck predictions after which to warn.
         margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
 
@@ -70,7 +73,8 @@ class HealthCheck(Callback):
     ) -> None:
         """Begin a check of what `DepthCompletion.training_step` returned, if the optimiser has made a step with it."""
         stepped = (batch_idx + 1) % trainer.accumulate_grad_batches == 0 or trainer.is_last_batch
-        if stepped and trainer.global_step % self.every == 0 and isinstance(pl_module, DepthCompletion):
+        due = trainer.global_step == 1 or trainer.global_step % self.every == 0
+        if stepped and due and isinstance(pl_module, DepthCompletion):
             self._finish_check(pl_module)
             self._reading = _read(trainer, outputs)
 
@@ -101,13 +105,20 @@ class HealthCheck(Callback):
         if (reading := self._reading) is None:
             return
         self._reading = None
-        (loss, depth), model = reading.numbers(), module.model
+        (loss, depth, terms), model = reading.numbers(), module.model
         when = f"at step {reading.step}, learning rate {reading.learning_rate:g}"
         if not (math.isfinite(loss) and math.isfinite(depth)):
-            raise DeuxError(
-                f"the training loss is {loss} and the mean depth {depth} {when}: lower training.learning_rate, or look "
-                "for frames with broken values."
-            )
+            broken = [name for name, value in terms.items() if not math.isfinite(value)]
+            blamed = math.isfinite(depth) and len(broken) < len(terms)
+            only = f" ({' and '.join(broken)} alone)" if blamed else ""
+            advice = "lower training.learning_rate, or look for frames with broken values."
+            if reading.step == 1:
+                advice = (
+                    "no weight had changed by then, so look at what computes it, and for frames with broken values."
+                )
+            raise DeuxError(f"the training loss is {loss}{only} and the mean depth {depth} {when}: {advice}")
+        if reading.step % self.every != 0:
+            return
         near = depth <= model.min_depth * (1 + self.margin)
         far = depth >= model.max_depth * (1 - self.margin)
         self.stuck_checks = self.stuck_checks + 1 if near or far else 0
@@ -121,16 +132,17 @@ class HealthCheck(Callback):
 
 
 def _read(trainer: Trainer, outputs: Mapping[str, Any]) -> _Reading:
-    """Begin to copy the loss and the mean depth of a step to the host."""
+    """Begin to copy the loss, the mean depth and the loss terms of a step to the host."""
     # Lightning has divided the loss by the number of batches whose gradients are accumulated.
     loss = outputs["loss"].detach() * trainer.accumulate_grad_batches
-    values = _mean_of_processes(torch.stack([loss, outputs["mean_depth"]]))
+    terms = outputs["terms"]
+    values = _mean_of_processes(torch.stack([loss, outputs["mean_depth"], *terms.values()]))
     copied = values.to("cpu", non_blocking=True)  # into pinned memory, where that is needed
     arrived = None
     if values.is_cuda:
         arrived = torch.cuda.Event()
         arrived.record()
-    return _Reading(trainer.global_step, trainer.optimizers[0].param_groups[0]["lr"], copied, arrived)
+    return _Reading(trainer.global_step, trainer.optimizers[0].param_groups[0]["lr"], tuple(terms), copied, arrived)
 
 
 def _mean_of_processes(values: Tensor) -> Tensor:

@@ -99,14 +99,15 @@ class DepthCompletion(LightningModule):
         """Take the outliers out of the validity, once, for the network and the losses alike."""
         return replace(batch, validity=batch.validity * remove_outliers(batch.sparse_depth))
 
-    def training_step(self, batch: Batch, batch_idx: int) -> dict[str, Tensor]:
-        """One step; also returns the mean predicted depth, for `deux.training.health`."""
+    def training_step(self, batch: Batch, batch_idx: int) -> dict[str, Any]:
+        """One step; also returns the loss terms and the mean predicted depth, for `deux.training.health`."""
         values = (self._graphed_step or self._step_values)(batch)
         self._log("train", values.logged, batch)
         # Filled in on the device: Lightning would copy the number there, and wait until it is there.
         rate = torch.full((), self.trainer.optimizers[0].param_groups[0]["lr"], device=batch.image.device)
         self.log("train/learning_rate", rate)
-        return {"loss": values.total, "mean_depth": values.mean_depth}
+        terms = {name: values.logged[name] for name in self.objective.terms}
+        return {"loss": values.total, "terms": terms, "mean_depth": values.mean_depth}
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
         """Log the losses of held-out frames and count them in the metrics."""

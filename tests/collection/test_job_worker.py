@@ -12,7 +12,8 @@ from deux.collection.job_worker import JobWorker, package_versions
 from deux.collection.jobs import Job
 from deux.collection.perception import Perception
 from deux.errors import DeuxError
-from deux.registry import Plugin, Registry
+from deux.plugin_kinds import Plugin
+from deux.registry import Registry
 from deux_plugins.uncertainties.photometric import L1Residual
 
 RUN = EpisodeRunner(slow_simulator, guided_explorer, Perception(GuessingModel(), uncertainty=L1Residual()))

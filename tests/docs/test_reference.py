@@ -9,7 +9,8 @@ from omegaconf import OmegaConf
 
 from deux.configuration import OPEN_NODES, compose
 from deux.options import options
-from deux.registry import KINDS, registry
+from deux.plugin_kinds import KINDS
+from deux.registry import registry
 
 ROOT = Path(__file__).resolve().parents[2]
 PLUGIN_NODES = {"explore", "model", "simulator", "scenes", "data", "objective"}

@@ -8,7 +8,8 @@ from deux.configuration import compose
 from deux.contracts import Reader, Reward
 from deux.doctor.checkup import Checkup
 from deux.doctor.plugin_checks import check_chosen_plugins, check_plugins, lacking
-from deux.registry import KINDS, Plugin, registry
+from deux.plugin_kinds import KINDS, Plugin
+from deux.registry import registry
 
 
 @pytest.fixture

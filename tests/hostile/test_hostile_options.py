@@ -8,7 +8,8 @@ import pytest
 from hostile import VALUES, Campaign
 
 from deux.options import options
-from deux.registry import KINDS, registry
+from deux.plugin_kinds import KINDS
+from deux.registry import registry
 
 LARGE = (-0.5, 10**7, 10**20, float("-inf"), " ", "12", "a\udcff", [1, 2])
 TINY = {

@@ -32,7 +32,8 @@ from deux.contracts import Robot
 from deux.deployment.model_files import save_model
 from deux.errors import printable
 from deux.options import options
-from deux.registry import KINDS, registry
+from deux.plugin_kinds import KINDS
+from deux.registry import registry
 from deux.task_sections import PLUGIN_SECTIONS, TASKS
 from deux.tasks.datasets import Datasets
 from deux.tasks.seed_model import SeedModel

@@ -6,6 +6,7 @@ import pytest
 import torch
 from lightning.pytorch import Callback
 
+from deux.contracts import LossTerm
 from deux.errors import DeuxError
 from deux.testing.losses import perfect_sample
 from deux.training.health import HealthCheck, _mean_of_processes
@@ -53,8 +54,35 @@ def test_an_ordinary_run_is_left_in_peace(train):
 def test_a_loss_that_is_not_finite_stops_the_run(train):
     batch = perfect_sample().batch
     batch.image[0, 0, 0, 0] = torch.nan
-    with pytest.raises(DeuxError, match=r"training loss is nan .* at step 1, learning rate 0\.0001"):
+    with pytest.raises(DeuxError, match=r"training loss is nan .* at step 1, learning rate 0\.0001: no weight had"):
         train(batch=batch)
+
+
+class Broken(LossTerm):
+    """Not a number, whatever is predicted."""
+
+    def __call__(self, inputs):
+        return inputs.prediction.depth.mean() * torch.nan
+
+
+@pytest.mark.parametrize("steps", [1, 2, 30])
+def test_a_loss_term_that_is_not_finite_is_named(small_model, fit, steps):
+    model = small_model(3.0)
+    objective = make_objective(model)
+    objective.terms["broken"], objective.weights["broken"] = Broken(), 1.0
+    module = DepthCompletion(model, objective)
+    blamed = (
+        r"the training loss is nan \(broken alone\) and the mean depth \d\.\d+ at step 1, .*: no weight had changed"
+    )
+    with pytest.raises(DeuxError, match=blamed):
+        fit(module, perfect_sample().batch, copies=steps, max_epochs=1, callbacks=[HealthCheck()])
+
+
+def test_a_rate_that_is_too_high_is_told_of_a_later_step(train):
+    with pytest.raises(
+        DeuxError, match=r"training loss is nan and .* at step [2-9], .*: lower training\.learning_rate"
+    ):
+        train(learning_rate=1e38, gradient_clip_val=None)
 
 
 def test_weights_that_are_not_finite_stop_the_run_where_the_loss_stays_finite(small_model, fit):
@@ -84,7 +112,7 @@ def test_a_check_is_looked_at_by_the_next_one_or_at_the_end_of_the_epoch(small_m
     check = Judged()
     module = DepthCompletion(model, make_objective(model))
     fit(module, perfect_sample(1, 16, 16).batch, copies=10, max_epochs=1, callbacks=[check])
-    assert check.looked == [(3, 6), (6, 9), (9, 10)]
+    assert check.looked == [(1, 3), (3, 6), (6, 9), (9, 10)]
 
 
 class Save(Callback):
@@ -98,14 +126,26 @@ class Save(Callback):
             trainer.save_checkpoint(self.path)
 
 
+class Spoil(Callback):
+    """Makes a weight not finite after a step."""
+
+    def __init__(self, step):
+        self.step = step
+
+    def on_train_batch_end(self, trainer, pl_module, outputs, batch, batch_idx):
+        if trainer.global_step == self.step:
+            with torch.no_grad():
+                next(pl_module.parameters()).fill_(torch.nan)
+
+
 @pytest.mark.parametrize(
-    ("every", "message"), [(2, "training loss is nan"), (100, "tensors of weights are not finite")]
+    ("every", "spoilt", "message"),
+    [(2, 1, "training loss is nan .* at step 2, .*: lower"), (100, 2, "of weights (is|are) not finite at step 2")],
 )
-def test_nothing_broken_is_written(small_model, fit, tmp_path, every, message):
-    batch = perfect_sample(1, 16, 16).batch
-    batch.image[0, 0, 0, 0] = torch.nan
+def test_nothing_broken_is_written(small_model, fit, tmp_path, every, spoilt, message):
     model = small_model()
-    callbacks = [HealthCheck(every), Save(tmp_path / "state.ckpt", step=2)]
+    callbacks = [Spoil(spoilt), HealthCheck(every), Save(tmp_path / "state.ckpt", step=2)]
+    batch = perfect_sample(1, 16, 16).batch
     with pytest.raises(DeuxError, match=message):
         fit(DepthCompletion(model, make_objective(model)), batch, copies=10, max_epochs=1, callbacks=callbacks)
     assert not any(tmp_path.iterdir())

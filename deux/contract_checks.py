@@ -1,0 +1,71 @@
+"""Whether a plugin fulfils the contract of its kind, said of its class before and of itself after it is made."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+from typing import Any
+
+from deux.errors import DeuxError, shown
+from deux.options import options, positional_only, takes
+from deux.plugin_kinds import KINDS, Plugin
+
+
+def check_class(plugin: Plugin, cls: Any) -> None:
+    """Check what an entry point leads to: a class of its kind's contract whose constructor takes options by name.
+
+    Raises:
+        DeuxError: says what it is instead, or which parameter or method is wrong.
+    """
+    kind = KINDS[plugin.kind]
+    # Imported here because the contracts bring torch, which `--help` and composition must not wait for.
+    contract = getattr(importlib.import_module("deux.contracts"), kind.contract)
+    said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
+    if not (isinstance(cls, type) and issubclass(cls, contract)):
+        raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
+    if missing := getattr(cls, "__abstractmethods__", None):
+        raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
+    if nameless := positional_only(cls):
+        raise DeuxError(
+            f"{said} takes {nameless[0]!r} by its place alone, and options are given by name: remove the / behind "
+            "it from the constructor's parameters."
+        )
+    if unasked := [name for name in kind.given if not takes(cls, name)]:
+        raise DeuxError(
+            f"{said} does not take {unasked[0]!r}: the constructor of a {kind.noun} begins with "
+            f"{', '.join(('self', *kind.given))}, and its options follow."
+        )
+    if taken := sorted(options(cls, kind.given).keys() & {"name", *kind.reserved}):
+        where = kind.settings.format(name=plugin.name)
+        raise DeuxError(
+            f"{said} has an option called {taken[0]!r}, and {where}.{taken[0]} is an option of deux's own: give "
+            "the plugin's another name."
+        )
+
+
+def check_made(plugin: Plugin, made: Any) -> None:
+    """Check a plugin that was made: it has the attributes of its contract, and those of sets are frozensets of them.
+
+    Raises:
+        DeuxError: says which attribute is missing, or what it must hold.
+    """
+    kind = KINDS[plugin.kind]
+    said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
+    if missing := [name for name in kind.attributes if not _has(made, name)]:
+        raise DeuxError(f"{said} has no {' and no '.join(missing)}: its class or its constructor sets them.")
+    for attribute, member in kind.declared:
+        cls: Any = str if member == "str" else getattr(importlib.import_module("deux.contracts"), member)
+        found = getattr(made, attribute)
+        if not isinstance(found, frozenset) or not all(isinstance(one, cls) for one in found):
+            wanted = "text" if cls is str else f"deux.contracts.{member}"
+            example = '"prior"' if cls is str else f"{member}.{next(iter(cls)).name}"
+            raise DeuxError(
+                f"{said} has {attribute} = {shown(found)}: it must be a frozenset of {wanted}, as in {attribute} = "
+                f"frozenset({{{example}}})."
+            )
+
+
+def _has(made: Any, attribute: str) -> bool:
+    """Whether an object has an attribute; a property, which may take long, is not asked."""
+    missing = object()
+    return inspect.getattr_static(made, attribute, missing) is not missing or hasattr(made, attribute)

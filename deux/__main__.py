@@ -25,6 +25,7 @@ from deux.configuration import CONFIG_NAME, check_unused, config_folder, in_swee
 from deux.errors import DeuxError, JobFailed, counted, printable
 from deux.interruption import Terminated, termination_raised
 from deux.machine_failures import PLACE_ERRORS, ended_by_sigterm, machine_failure
+from deux.plugin_failures import raised_in
 from deux.search_path import leave_out_working_folder
 from deux.task_sections import check_plugin_options, check_plugins
 from deux.thread_waiting import let_waiting_threads_sleep
@@ -230,7 +231,9 @@ def _report(error: Exception) -> str:
         sentence = f"{overrides}{mistake}"
     else:
         traceback.print_exception(error)
-        sentence = f"{overrides}stopped by {type(error).__name__}, which is a fault of the program or of a plugin."
+        place = raised_in(error)
+        fault = f"a fault of the package {place}" if place else "a fault of the program or of a plugin"
+        sentence = f"{overrides}stopped by {type(error).__name__}, which is {fault}."
     _complain(sentence)
     return sentence
 

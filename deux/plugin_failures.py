@@ -1,0 +1,27 @@
+"""Which installed package an unexpected error comes from, so that who wrote it can be asked."""
+
+from __future__ import annotations
+
+import traceback
+
+from deux.plugin_kinds import KINDS
+from deux.registry import OWN_PACKAGE, registry
+
+
+def raised_in(error: BaseException) -> str | None:
+    """The package that brings plugins, is not deux's own and was called last before an error; None without one.
+
+    Args:
+        error: as it was caught, with its stack trace.
+
+    Returns:
+        The package with its version, and the file and line of it that the stack trace has last.
+    """
+    plugins = (plugin for kind in KINDS for plugin in registry().plugins(kind) if plugin.package != OWN_PACKAGE)
+    packages = {plugin.target.partition(":")[0].partition(".")[0]: plugin for plugin in plugins}
+    found = None
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        module = frame.f_globals.get("__name__") or ""
+        if plugin := packages.get(module.partition(".")[0]):
+            found = f"{plugin.package} {plugin.version}, in {frame.f_code.co_filename}, line {line}"
+    return found

@@ -1,0 +1,119 @@
+"""Whether a plugin fulfils the contract of its kind, as the registry checks it."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from deux.contracts import Batch, DepthModel, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions
+from deux.errors import DeuxError
+from deux.registry import Registry, registry
+
+
+class Mean(LossTerm):
+    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> torch.Tensor:
+        return prediction.depth.mean()
+
+
+def test_an_option_without_a_name_is_refused() -> None:
+    class ByPlace(Mean):
+        def __init__(self, gain: float = 1.0, /, offset: float = 0.0) -> None: ...
+
+    with pytest.raises(DeuxError, match="takes 'gain' by its place alone, and options are given by name: remove the /"):
+        Registry().register("losses", "by_place", ByPlace)
+
+
+def test_a_constructor_that_does_not_take_what_it_is_given_is_refused() -> None:
+    class Homeless(Reader):
+        def __init__(self, points: int = 3) -> None: ...
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    class Open(Homeless):
+        def __init__(self, **settings: Any) -> None: ...
+
+    class Colourless(registry().get("simulators", "mesh")):  # type: ignore[misc]
+        def __init__(self, scene: Any, camera: Any, robot: Any) -> None: ...
+
+    found = Registry()
+    with pytest.raises(DeuxError, match="does not take 'folder': the constructor of a reader begins with self, folder"):
+        found.register("readers", "homeless", Homeless)
+    with pytest.raises(DeuxError, match=r"does not take 'colors': .* begins with self, scene, camera, robot, colors,"):
+        found.register("simulators", "colourless", Colourless)
+    assert found.register("readers", "open", Open)
+
+
+def test_a_reader_with_an_option_of_the_frameworks_own_is_refused() -> None:
+    class Cached(Reader):
+        def __init__(self, folder: Path, cache: int = 3) -> None:
+            self.folder = folder
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    with pytest.raises(DeuxError, match=r"has an option called 'cache', and data\.cache is an option of deux's own: "):
+        Registry().register("readers", "cached", Cached)
+
+
+NEEDS = r"it must be a frozenset of deux\.contracts\.Need, as in needs = frozenset\(\{Need\.SENSOR_DEPTH\}\)\.$"
+DECLARED = [
+    ("explorers", "needs", {Need.LABELS}, NEEDS),
+    ("explorers", "needs", Need.LABELS, NEEDS),
+    ("explorers", "needs", "labels", NEEDS),
+    ("explorers", "needs", frozenset({"labels"}), NEEDS),
+    ("losses", "needs", frozenset({"reconstruction"}), r"a frozenset of deux\.contracts\.LossNeed, as in needs = "),
+    ("losses", "extras", "prior", r"it must be a frozenset of text, as in extras = frozenset\(\{\"prior\"\}\)\.$"),
+]
+
+
+@pytest.mark.parametrize(("kind", "attribute", "value", "sentence"), DECLARED)
+def test_what_a_plugin_declares_is_a_frozenset(kind: str, attribute: str, value: Any, sentence: str) -> None:
+    class Resting(Explorer):
+        reset = act = None  # type: ignore[assignment]
+
+    contract = {"explorers": Resting, "losses": Mean}[kind]
+    found = Registry()
+    found.register(kind, "mine", type("Mine", (contract,), {attribute: value}))
+    with pytest.raises(DeuxError, match=rf"'mine' of registered by hand .* has {attribute} = .*: .*{sentence}"):
+        found.create(kind, "mine", {})
+
+
+def test_an_attribute_of_the_contract_that_is_missing_is_told_when_the_plugin_is_made() -> None:
+    class Unbounded(DepthModel):
+        min_depth = 0.1
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    class Homeless(Reader):
+        def __init__(self, folder: Path) -> None: ...
+
+        triplets = image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+    class Lazy(Homeless):
+        @property
+        def folder(self) -> Path:  # type: ignore[override]
+            raise AssertionError("asked for")
+
+    found = Registry()
+    for kind, cls in (("depth_models", Unbounded), ("readers", Homeless), ("readers", Lazy)):
+        found.register(kind, cls.__name__, cls)
+    with pytest.raises(DeuxError, match=r"^the depth model 'Unbounded' of .* has no max_depth: its class or its const"):
+        found.create("depth_models", "Unbounded", {})
+    with pytest.raises(DeuxError, match=r"^the reader 'Homeless' of .* has no folder"):
+        found.create("readers", "Homeless", {}, Path())
+    assert found.create("readers", "Lazy", {}, Path())
+
+
+def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() -> None:
+    class Named(Mean):
+        def __init__(self, name: str = "bob") -> None:
+            self.name = name
+
+    class Weighted(Mean):
+        def __init__(self, weight: float = 2.0) -> None:
+            self.weight = weight
+
+    for cls, option in ((Named, "name"), (Weighted, "weight")):
+        own = rf"has an option called '{option}', and objective\.mine\.{option} is an option of deux's own: give the"
+        with pytest.raises(DeuxError, match=own):
+            Registry().register("losses", "mine", cls)

@@ -20,7 +20,7 @@ def check_class(plugin: Plugin, cls: Any) -> None:
     kind = KINDS[plugin.kind]
     # Imported here because the contracts bring torch, which `--help` and composition must not wait for.
     contract = getattr(importlib.import_module("deux.contracts"), kind.contract)
-    said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
+    said = plugin.called
     if not (isinstance(cls, type) and issubclass(cls, contract)):
         raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
     if missing := getattr(cls, "__abstractmethods__", None):
@@ -50,7 +50,7 @@ def check_made(plugin: Plugin, made: Any) -> None:
         DeuxError: says which attribute is missing, or what it must hold.
     """
     kind = KINDS[plugin.kind]
-    said = f"the {kind.noun} {plugin.name!r} of {plugin.origin}"
+    said = plugin.called
     if missing := [name for name in kind.attributes if not _has(made, name)]:
         raise DeuxError(f"{said} has no {' and no '.join(missing)}: its class or its constructor sets them.")
     for attribute, member in kind.declared:

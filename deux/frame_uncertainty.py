@@ -3,8 +3,9 @@
 import torch
 from torch import Tensor
 
+from deux.broken_contracts import broken_contract
 from deux.contracts import DepthPredictor, Uncertainty, View
-from deux.errors import DeuxError, kind_of, sizes
+from deux.errors import kind_of, sizes
 from deux.geometry.reprojection import reproject
 
 
@@ -58,10 +59,7 @@ def pixel_uncertainty(measure: Uncertainty, view: View) -> Tensor:
     wanted = (count, height, width)
     if isinstance(found, Tensor) and found.shape == wanted and found.is_floating_point():
         return found
-    raise DeuxError(
-        f"the measure of uncertainty {type(measure).__name__} gives {kind_of(found)}: it must be a Tensor of "
-        f"N x H x W, float32, here {sizes(wanted)}."
-    )
+    raise broken_contract(measure, kind_of(found), f"a Tensor of N x H x W, float32, here {sizes(wanted)}")
 
 
 def frame_uncertainty(uncertainty: Tensor) -> Tensor:

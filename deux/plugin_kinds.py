@@ -95,3 +95,8 @@ class Plugin:
     def origin(self) -> str:
         """Package, version and target, for messages."""
         return f"{self.package} {self.version} ({self.target})"
+
+    @property
+    def called(self) -> str:
+        """How messages call it: kind, name and origin."""
+        return f"the {KINDS[self.kind].noun} {self.name!r} of {self.origin}"

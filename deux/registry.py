@@ -66,6 +66,7 @@ class Registry:
 
     def __init__(self) -> None:
         self._plugins: dict[str, list[Plugin]] = {}
+        self._classes: dict[type, Plugin] = {}
 
     @functools.cached_property
     def _installed(self) -> Any:
@@ -126,7 +127,17 @@ class Registry:
             cause = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
             raise DeuxError(f"the {noun} {name!r} of {plugin.origin} cannot be imported: {cause}.") from error
         check_class(plugin, cls)
+        self._classes[cls] = plugin
         return cls
+
+    def called(self, made: object) -> str:
+        """How messages call a plugin that was made: as `Plugin.called`, or by its class where it was made by hand."""
+        bases = type(made).__mro__
+        if plugin := next((self._classes[cls] for cls in bases if cls in self._classes), None):
+            return plugin.called
+        contracts = {cls.__name__ for cls in bases if cls.__module__.startswith("deux.contracts.")}
+        noun = next((f"the {kind.noun} " for kind in KINDS.values() if kind.contract in contracts), "")
+        return f"{noun}{type(made).__name__}"
 
     def create(self, kind: str, name: str, settings: Mapping[str, Any], *given: Any) -> Any:
         """Make the plugin of that name from its options; an entry "name" among them is left out.

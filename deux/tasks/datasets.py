@@ -20,7 +20,7 @@ from deux.geometry.camera import Camera
 from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths
 from deux.registry import PluginChoice, registry
-from deux.scenes.splits import check_apart, check_not_empty
+from deux.scenes.splits import check_apart, check_not_empty, splits_of
 from deux.simulator.simulation import Simulation
 from deux.task_sections import Sections
 from deux.tasks.console import progress, say
@@ -44,7 +44,7 @@ def read_scenes(sections: Sections, needed: Sequence[str]) -> SceneSplits:
     """
     chosen = sections.plugin("scenes")
     source: SceneSource = chosen.create()
-    splits = source.splits()
+    splits = splits_of(source)
     check_not_empty(splits, needed)
     if not chosen.settings.get("allow_overlap", False):
         check_apart(splits)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from deux.contract_checks import check_class, check_made
+from deux.contract_checks import check_class, check_made, module_begun
 from deux.errors import DeuxError, near_matches
 from deux.options import construct, full_settings
 from deux.plain_settings import plain
@@ -150,13 +150,16 @@ class Registry:
 
         Raises:
             DeuxError: as `get` and `deux.options.construct`; or the plugin lacks an attribute of the contract, or
-                declares its needs as something else than a frozenset of them.
+                declares its needs as something else than a frozenset of them; or it is a torch module whose
+                constructor does not begin with that of its base class.
         """
         cls = self.get(kind, name)
         chosen = {key: value for key, value in settings.items() if key != "name"}
         filled = dict(zip(KINDS[kind].given, given, strict=True))
-        made = construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
-        check_made(self.find(kind, name), made)
+        plugin = self.find(kind, name)
+        with module_begun(plugin):
+            made = construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
+        check_made(plugin, made)
         return made
 
     def choose(self, kind: str, chosen: Any, where: str = "") -> PluginChoice:

@@ -117,3 +117,68 @@ def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() 
         own = rf"has an option called '{option}', and objective\.mine\.{option} is an option of deux's own: give the"
         with pytest.raises(DeuxError, match=own):
             Registry().register("losses", "mine", cls)
+
+
+@pytest.mark.parametrize(
+    ("least", "most"),
+    [(10.0, 0.1), (1.0, 1.0), (-1.0, 10.0), (0.1, float("inf")), (float("nan"), 1.0), ("0.1", 10.0), (None, None)],
+)
+def test_a_depth_range_that_is_empty_or_no_range_is_refused(least: Any, most: Any) -> None:
+    class Ranged(DepthModel):
+        min_depth, max_depth = 0.0, 80
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    class Odd(Ranged):
+        min_depth, max_depth = least, most
+
+    found = Registry()
+    found.register("depth_models", "ranged", Ranged)
+    found.register("depth_models", "odd", Odd)
+    assert found.create("depth_models", "ranged", {})
+    with pytest.raises(DeuxError, match=r"^the depth model 'odd' of .* has min_depth = .* and max_depth = .*: they"):
+        found.create("depth_models", "odd", {})
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda model: setattr(model, "layer", torch.nn.Conv2d(5, 1, 1)),
+        lambda model: setattr(model, "scale", torch.nn.Parameter(torch.ones(()))),
+        lambda model: model.register_buffer("scale", torch.ones(())),
+        lambda model: list(model.parameters()),
+        lambda model: model.requires_grad_(False),
+        lambda model: model.eval(),
+        lambda model: model.register_forward_hook(print),
+        lambda model: None,
+    ],
+)
+def test_a_model_that_is_used_before_it_is_begun_is_told(use: Any) -> None:
+    class Early(DepthModel):
+        min_depth, max_depth = 0.1, 10.0
+
+        def __init__(self) -> None:
+            use(self)
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    found = Registry()
+    found.register("depth_models", "early", Early)
+    with pytest.raises(DeuxError, match=r"^the depth model 'early' of .* not begun.* must .* super\(\)\.__init__\(\)"):
+        found.create("depth_models", "early", {})
+
+
+def test_other_mistakes_of_a_constructor_are_its_own() -> None:
+    class Mistaken(DepthModel):
+        min_depth, max_depth = 0.1, 10.0
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.layer = self.missing
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    found = Registry()
+    found.register("depth_models", "mistaken", Mistaken)
+    with pytest.raises(AttributeError, match="missing"):
+        found.create("depth_models", "mistaken", {})

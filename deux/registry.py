@@ -132,10 +132,9 @@ class Registry:
 
     def called(self, made: object) -> str:
         """How messages call a plugin that was made: as `Plugin.called`, or by its class where it was made by hand."""
-        bases = type(made).__mro__
-        if plugin := next((self._classes[cls] for cls in bases if cls in self._classes), None):
+        if plugin := self._classes.get(type(made)):
             return plugin.called
-        contracts = {cls.__name__ for cls in bases if cls.__module__.startswith("deux.contracts.")}
+        contracts = {cls.__name__ for cls in type(made).__mro__ if cls.__module__.startswith("deux.contracts.")}
         noun = next((f"the {kind.noun} " for kind in KINDS.values() if kind.contract in contracts), "")
         return f"{noun}{type(made).__name__}"
 

@@ -11,6 +11,7 @@ import numpy as np
 from deux.collection.perception import MODEL_NEEDS, SOURCES, HostPercept, Percept, Perception, on_host
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Frame, Need, Observation, Simulator
 from deux.errors import DeuxError, shown
+from deux.frame_uncertainty import check_not_negative
 from deux.io.images import quantise_depth
 from deux.registry import registry
 from deux.simulator.starts import random_starts
@@ -152,7 +153,7 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
         The next step of each walk that is not over, until all are.
 
     Raises:
-        DeuxError: an explorer needs more than `perception` gives.
+        DeuxError: an explorer needs more than `perception` gives, or a measure of uncertainty gives values below 0.
     """
     for walk in walks:
         check_perception(walk.explorer, perception)
@@ -165,6 +166,9 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
             found = perception([walk.frames for walk in active], active[0].simulator.camera.intrinsics)
             needs = frozenset[Need]().union(*(walk.explorer.needs for walk in active))
             percepts, seen = found, on_host(found, needs)
+            for one in seen:
+                if perception.uncertainty is not None and one.residual is not None:
+                    check_not_negative(perception.uncertainty, one.residual)
         yield [walk.act(*given) for walk, given in zip(active, zip(percepts, seen, strict=True), strict=True)]
 
 

@@ -211,3 +211,13 @@ def test_frames_that_are_not_one_for_each_pose_are_told_of_the_simulator(monkeyp
         steps_of(Wanderer())
     with pytest.raises(DeuxError, match=f"{sentence} for each pose, here 3"):
         collect_viewpoints([plan_viewpoints(Path("nowhere"), ToyScene(), 0, 1)], ToySimulator)
+
+
+def test_an_uncertainty_below_0_is_told_of_the_measure():
+    class Signed(L1Residual):
+        def __call__(self, view):
+            return super().__call__(view) - 1.0
+
+    sentence = "^the measure of uncertainty Signed gives values below 0: it must be 0 or more for each pixel"
+    with pytest.raises(DeuxError, match=sentence):
+        steps_of(guided_explorer(), perception=Perception(GuessingModel(), uncertainty=Signed()))

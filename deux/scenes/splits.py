@@ -54,6 +54,19 @@ def splits_of(source: SceneSource) -> SceneSplits:
     return found
 
 
+def identity_of(scene: SceneReference) -> str:
+    """The identity of a scene, which is part of datasets' names.
+
+    Raises:
+        DeuxError: it is no text.
+    """
+    found: object = scene.identity
+    if isinstance(found, str):
+        return found
+    called = f"the scene {scene.name} ({type(scene).__name__} of {type(scene).__module__})"
+    raise broken_contract(called, kind_of(found), "text that says what made the scene", "identity")
+
+
 def check_disjoint(
     splits: Mapping[str, Sequence[Any]],
     noun: str,
@@ -105,7 +118,7 @@ def check_apart(splits: SceneSplits) -> None:
 
 
 def _content(scene: SceneReference) -> Hashable:
-    return (scene.identity if scene.file is None else scene.file.resolve(), scene.area)
+    return (identity_of(scene) if scene.file is None else scene.file.resolve(), scene.area)
 
 
 def each_once(

@@ -33,6 +33,7 @@ def check_class(plugin: Plugin, cls: Any) -> None:
         raise DeuxError(f"{said} is not a subclass of deux.contracts.{kind.contract}.")
     if missing := getattr(cls, "__abstractmethods__", None):
         raise DeuxError(f"{said} does not define {', '.join(sorted(missing))}.")
+    _check_methods(said, cls, contract)
     if nameless := positional_only(cls):
         raise DeuxError(
             f"{said} takes {nameless[0]!r} by its place alone, and options are given by name: remove the / behind "
@@ -49,6 +50,28 @@ def check_class(plugin: Plugin, cls: Any) -> None:
             f"{said} has an option called {taken[0]!r}, and {where}.{taken[0]} is an option of deux's own: give "
             "the plugin's another name."
         )
+
+
+def _check_methods(said: str, cls: type, contract: type) -> None:
+    """Raise DeuxError if a method of the contract cannot be called with the arguments that the contract gives it.
+
+    These are the ones that have a place; what `**prepared` stands for is known only when a model prepares it.
+    """
+    for name, declared in vars(contract).items():
+        own = inspect.getattr_static(cls, name)
+        if (name.startswith("_") and name != "__call__") or not (
+            inspect.isfunction(declared) and inspect.isfunction(own)
+        ):
+            continue
+        parameters = inspect.signature(declared).parameters.values()
+        placed = [one.name for one in parameters if one.kind is one.POSITIONAL_OR_KEYWORD]
+        try:
+            inspect.signature(own).bind(*placed)
+        except TypeError:
+            raise DeuxError(
+                f"{said} defines {name}({', '.join(inspect.signature(own).parameters)}), and it is called as "
+                f"{name}({', '.join(placed)}): give it these parameters."
+            ) from None
 
 
 @contextmanager

@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 import torch
 
-from deux.contracts import Batch, DepthModel, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions
+from deux.contracts import DepthModel, Explorer, LossInputs, LossTerm, Need, Reader
 from deux.errors import DeuxError
 from deux.registry import Registry, registry
 
 
 class Mean(LossTerm):
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> torch.Tensor:
-        return prediction.depth.mean()
+    def __call__(self, inputs: LossInputs) -> torch.Tensor:
+        return inputs.prediction.depth.mean()
 
 
 def test_an_option_without_a_name_is_refused() -> None:
@@ -182,3 +182,28 @@ def test_other_mistakes_of_a_constructor_are_its_own() -> None:
     found.register("depth_models", "mistaken", Mistaken)
     with pytest.raises(AttributeError, match="missing"):
         found.create("depth_models", "mistaken", {})
+
+
+def test_a_method_with_other_parameters_than_the_contracts_is_refused() -> None:
+    class Older(LossTerm):
+        def __call__(self, batch: Any, prediction: Any, reconstructions: Any) -> torch.Tensor: ...  # type: ignore[override]
+
+    class Posed(DepthModel):
+        def forward(self, *inputs: Any, **prepared: Any) -> Any: ...
+
+        def pose_network(self, size: int) -> Any: ...  # type: ignore[override]
+
+    class Roomy(Explorer):
+        def reset(self, *anything: Any) -> None: ...
+
+        def act(self, observation: Any, greedy: bool = False) -> Any: ...
+
+    found = Registry()
+    called = (
+        r"^the loss term 'a' of .* defines __call__\(self, batch, prediction, reconstructions\), and it is called as "
+    )
+    with pytest.raises(DeuxError, match=called + r"__call__\(self, inputs\): give it these parameters\."):
+        found.register("losses", "a", Older)
+    with pytest.raises(DeuxError, match=r"pose_network\(self, size\), and it is called as pose_network\(self\)"):
+        found.register("depth_models", "a", Posed)
+    assert found.register("explorers", "a", Roomy)

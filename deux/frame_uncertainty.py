@@ -1,10 +1,12 @@
 """Views, on which measures of uncertainty work, and the uncertainty of a whole frame as one number (Eq. 8)."""
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from deux.broken_contracts import broken_contract
 from deux.contracts import DepthPredictor, Uncertainty, View
-from deux.errors import DeuxError, kind_of, sizes
+from deux.errors import kind_of, sizes
 from deux.geometry.reprojection import reproject
 
 
@@ -58,10 +60,19 @@ def pixel_uncertainty(measure: Uncertainty, view: View) -> Tensor:
     wanted = (count, height, width)
     if isinstance(found, Tensor) and found.shape == wanted and found.is_floating_point():
         return found
-    raise DeuxError(
-        f"the measure of uncertainty {type(measure).__name__} gives {kind_of(found)}: it must be a Tensor of "
-        f"N x H x W, float32, here {sizes(wanted)}."
-    )
+    raise broken_contract(measure, kind_of(found), f"a Tensor of N x H x W, float32, here {sizes(wanted)}")
+
+
+def check_not_negative(measure: Uncertainty, uncertainty: np.ndarray | float) -> None:
+    """Raise DeuxError if what a measure gave is below 0 somewhere; for values that have arrived on the host.
+
+    Args:
+        measure: the measure.
+        uncertainty: its values for some pixels, NaN where it has none, or a frame's as one number.
+    """
+    if np.any(np.less(uncertainty, 0.0)):
+        wanted = "0 or more for each pixel: the larger, the less certain, and NaN where it has no value"
+        raise broken_contract(measure, "values below 0", wanted)
 
 
 def frame_uncertainty(uncertainty: Tensor) -> Tensor:

@@ -21,6 +21,7 @@ class Kind:
             of every kind; no plugin has their names.
         declared: attributes of a plugin that hold frozensets, and of what: a class in `deux.contracts`, or "str".
         attributes: what else a plugin that was made has, which its class or its constructor sets.
+        ascending: two of these that are numbers, the first 0 or more and below the second.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Kind:
     reserved: tuple[str, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
     attributes: tuple[str, ...] = ()
+    ascending: tuple[str, str] | None = None
 
     @property
     def group(self) -> str:
@@ -42,7 +44,14 @@ KINDS = {
     kind.name: kind
     for kind in (
         Kind("explorers", "explorer", "Explorer", "explore", declared=(("needs", "Need"),)),
-        Kind("depth_models", "depth model", "DepthModel", "model", attributes=("min_depth", "max_depth")),
+        Kind(
+            "depth_models",
+            "depth model",
+            "DepthModel",
+            "model",
+            attributes=("min_depth", "max_depth"),
+            ascending=("min_depth", "max_depth"),
+        ),
         Kind("rewards", "reward", "Reward", "explorer_training.reward_options", declared=(("needs", "Need"),)),
         Kind(
             "losses",
@@ -95,3 +104,8 @@ class Plugin:
     def origin(self) -> str:
         """Package, version and target, for messages."""
         return f"{self.package} {self.version} ({self.target})"
+
+    @property
+    def called(self) -> str:
+        """How messages call it: kind, name and origin."""
+        return f"the {KINDS[self.kind].noun} {self.name!r} of {self.origin}"

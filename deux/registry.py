@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from deux.contract_checks import check_class, check_made
+from deux.contract_checks import check_class, check_made, module_begun
 from deux.errors import DeuxError, near_matches
 from deux.options import construct, full_settings
 from deux.plain_settings import plain
@@ -66,6 +66,7 @@ class Registry:
 
     def __init__(self) -> None:
         self._plugins: dict[str, list[Plugin]] = {}
+        self._classes: dict[type, Plugin] = {}
 
     @functools.cached_property
     def _installed(self) -> Any:
@@ -126,7 +127,16 @@ class Registry:
             cause = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
             raise DeuxError(f"the {noun} {name!r} of {plugin.origin} cannot be imported: {cause}.") from error
         check_class(plugin, cls)
+        self._classes[cls] = plugin
         return cls
+
+    def called(self, made: object) -> str:
+        """How messages call a plugin that was made: as `Plugin.called`, or by its class where it was made by hand."""
+        if plugin := self._classes.get(type(made)):
+            return plugin.called
+        contracts = {cls.__name__ for cls in type(made).__mro__ if cls.__module__.startswith("deux.contracts.")}
+        noun = next((f"the {kind.noun} " for kind in KINDS.values() if kind.contract in contracts), "")
+        return f"{noun}{type(made).__name__}"
 
     def create(self, kind: str, name: str, settings: Mapping[str, Any], *given: Any) -> Any:
         """Make the plugin of that name from its options; an entry "name" among them is left out.
@@ -139,13 +149,16 @@ class Registry:
 
         Raises:
             DeuxError: as `get` and `deux.options.construct`; or the plugin lacks an attribute of the contract, or
-                declares its needs as something else than a frozenset of them.
+                declares its needs as something else than a frozenset of them; or it is a torch module whose
+                constructor does not begin with that of its base class.
         """
         cls = self.get(kind, name)
         chosen = {key: value for key, value in settings.items() if key != "name"}
         filled = dict(zip(KINDS[kind].given, given, strict=True))
-        made = construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
-        check_made(self.find(kind, name), made)
+        plugin = self.find(kind, name)
+        with module_begun(plugin):
+            made = construct(cls, chosen, KINDS[kind].settings.format(name=name), filled)
+        check_made(plugin, made)
         return made
 
     def choose(self, kind: str, chosen: Any, where: str = "") -> PluginChoice:

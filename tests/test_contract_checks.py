@@ -6,14 +6,14 @@ from typing import Any
 import pytest
 import torch
 
-from deux.contracts import Batch, DepthModel, Explorer, LossTerm, Need, Prediction, Reader, Reconstructions
+from deux.contracts import DepthModel, Explorer, LossInputs, LossTerm, Need, Reader
 from deux.errors import DeuxError
 from deux.registry import Registry, registry
 
 
 class Mean(LossTerm):
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> torch.Tensor:
-        return prediction.depth.mean()
+    def __call__(self, inputs: LossInputs) -> torch.Tensor:
+        return inputs.prediction.depth.mean()
 
 
 def test_an_option_without_a_name_is_refused() -> None:
@@ -117,3 +117,93 @@ def test_options_called_name_and_weights_of_loss_terms_are_the_frameworks_own() 
         own = rf"has an option called '{option}', and objective\.mine\.{option} is an option of deux's own: give the"
         with pytest.raises(DeuxError, match=own):
             Registry().register("losses", "mine", cls)
+
+
+@pytest.mark.parametrize(
+    ("least", "most"),
+    [(10.0, 0.1), (1.0, 1.0), (-1.0, 10.0), (0.1, float("inf")), (float("nan"), 1.0), ("0.1", 10.0), (None, None)],
+)
+def test_a_depth_range_that_is_empty_or_no_range_is_refused(least: Any, most: Any) -> None:
+    class Ranged(DepthModel):
+        min_depth, max_depth = 0.0, 80
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    class Odd(Ranged):
+        min_depth, max_depth = least, most
+
+    found = Registry()
+    found.register("depth_models", "ranged", Ranged)
+    found.register("depth_models", "odd", Odd)
+    assert found.create("depth_models", "ranged", {})
+    with pytest.raises(DeuxError, match=r"^the depth model 'odd' of .* has min_depth = .* and max_depth = .*: they"):
+        found.create("depth_models", "odd", {})
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda model: setattr(model, "layer", torch.nn.Conv2d(5, 1, 1)),
+        lambda model: setattr(model, "scale", torch.nn.Parameter(torch.ones(()))),
+        lambda model: model.register_buffer("scale", torch.ones(())),
+        lambda model: list(model.parameters()),
+        lambda model: model.requires_grad_(False),
+        lambda model: model.eval(),
+        lambda model: model.register_forward_hook(print),
+        lambda model: None,
+    ],
+)
+def test_a_model_that_is_used_before_it_is_begun_is_told(use: Any) -> None:
+    class Early(DepthModel):
+        min_depth, max_depth = 0.1, 10.0
+
+        def __init__(self) -> None:
+            use(self)
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    found = Registry()
+    found.register("depth_models", "early", Early)
+    with pytest.raises(DeuxError, match=r"^the depth model 'early' of .* not begun.* must .* super\(\)\.__init__\(\)"):
+        found.create("depth_models", "early", {})
+
+
+def test_other_mistakes_of_a_constructor_are_its_own() -> None:
+    class Mistaken(DepthModel):
+        min_depth, max_depth = 0.1, 10.0
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.layer = self.missing
+
+        def forward(self, image: Any, sparse_depth: Any, validity: Any, intrinsics: Any, **prepared: Any) -> Any: ...
+
+    found = Registry()
+    found.register("depth_models", "mistaken", Mistaken)
+    with pytest.raises(AttributeError, match="missing"):
+        found.create("depth_models", "mistaken", {})
+
+
+def test_a_method_with_other_parameters_than_the_contracts_is_refused() -> None:
+    class Older(LossTerm):
+        def __call__(self, batch: Any, prediction: Any, reconstructions: Any) -> torch.Tensor: ...  # type: ignore[override]
+
+    class Posed(DepthModel):
+        def forward(self, *inputs: Any, **prepared: Any) -> Any: ...
+
+        def pose_network(self, size: int) -> Any: ...  # type: ignore[override]
+
+    class Roomy(Explorer):
+        def reset(self, *anything: Any) -> None: ...
+
+        def act(self, observation: Any, greedy: bool = False) -> Any: ...
+
+    found = Registry()
+    called = (
+        r"^the loss term 'a' of .* defines __call__\(self, batch, prediction, reconstructions\), and it is called as "
+    )
+    with pytest.raises(DeuxError, match=called + r"__call__\(self, inputs\): give it these parameters\."):
+        found.register("losses", "a", Older)
+    with pytest.raises(DeuxError, match=r"pose_network\(self, size\), and it is called as pose_network\(self\)"):
+        found.register("depth_models", "a", Posed)
+    assert found.register("explorers", "a", Roomy)

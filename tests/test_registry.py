@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from deux.contracts import Batch, LossTerm, Prediction, Reconstructions, Reward
+from deux.contracts import LossInputs, LossTerm, Reward
 from deux.errors import DeuxError
 from deux.plugin_kinds import KINDS
 from deux.registry import Registry, registry
@@ -20,8 +20,8 @@ class Term(LossTerm):
     def __init__(self, sharpness: float = 1.0) -> None:
         self.sharpness = sharpness
 
-    def __call__(self, batch, prediction, reconstructions):
-        return prediction.depth.mean()
+    def __call__(self, inputs):
+        return inputs.prediction.depth.mean()
 
 class Unfinished(LossTerm):
     pass
@@ -47,8 +47,8 @@ class Steps(Reward):
 
 
 class Mean(LossTerm):
-    def __call__(self, batch: Batch, prediction: Prediction, reconstructions: Reconstructions | None) -> torch.Tensor:
-        return prediction.depth.mean()
+    def __call__(self, inputs: LossInputs) -> torch.Tensor:
+        return inputs.prediction.depth.mean()
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from deux.collection.explored_map import map_of
 from deux.collection.free_floor import write_free_floor
 from deux.collection.jobs import Plan
 from deux.collection.walk import Step, Walk
@@ -112,7 +113,7 @@ class EpisodeFiles:
             rows = [f"{number},{value!r}" for number, value in enumerate(values)]
             text = "\n".join(["step,uncertainty", *rows, ""])
             write_atomically(self._plan.folder / "uncertainty.csv", text.encode())
-        known = walk.explorer.map()
+        known = map_of(walk.explorer)
         if known is not None:
             _write_map(self._plan.folder / "map.npz", known)
         write_free_floor(self._plan.folder, walk.simulator.free_space(self._plan.floor))

@@ -1,13 +1,15 @@
-"""What a stored episode explored: its explorer's own map, or one made from its frames."""
+"""What an episode explored: its explorer's own map, or one made from its stored frames."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
+from deux.broken_contracts import broken_contract
 from deux.collection.free_floor import stored_grid
-from deux.contracts import ExplorerMap, Robot
-from deux.errors import DeuxError
+from deux.contracts import Explorer, ExplorerMap, Robot
+from deux.errors import DeuxError, kind_of, sizes
 from deux.geometry.camera import Camera
+from deux.geometry.grid import GridFrame
 from deux.io.arrays import read_arrays, said
 from deux.io.calibration import read_pose
 from deux.io.csv_files import number, read_table
@@ -19,6 +21,29 @@ from deux.mapping.occupancy import OccupancyMap
 def episode_poses(sequence: SequencePaths) -> np.ndarray:
     """Camera-to-world matrices of an episode's frames, N x 4 x 4, in order of time."""
     return np.stack([read_pose(sequence.file("absolute_pose", frame)) for frame in sequence.frames()])
+
+
+def map_of(explorer: Explorer) -> ExplorerMap | None:
+    """The map that an explorer keeps, as it stands; None if it keeps none.
+
+    Raises:
+        DeuxError: its `map` gives something else, or grids of another size or type than the contract's.
+    """
+    found: object = explorer.map()
+    if found is None:
+        return None
+    if not (isinstance(found, ExplorerMap) and isinstance(found.frame, GridFrame)):
+        frame = getattr(found, "frame", None)
+        given = f"a map whose frame is {kind_of(frame)}" if isinstance(found, ExplorerMap) else kind_of(found)
+        raise broken_contract(explorer, given, "a deux.contracts.ExplorerMap with a GridFrame, or None", "map")
+    shape = found.frame.shape
+    for name, grid, dtype in (("occupancy", found.occupancy, np.int8), ("uncertainty", found.uncertainty, np.float32)):
+        if grid is None and name == "uncertainty":
+            continue
+        if not (isinstance(grid, np.ndarray) and grid.shape == shape and grid.dtype == dtype):
+            wanted = f"an ndarray of {sizes(shape)}, {np.dtype(dtype)}, as its frame says"
+            raise broken_contract(explorer, f"a map whose {name} is {kind_of(grid)}", wanted, "map")
+    return found
 
 
 def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> ExplorerMap:

@@ -8,10 +8,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from deux.broken_contracts import broken_contract
 from deux.collection.sparse import SparseSettings
 from deux.collection.verification import VerificationSettings
-from deux.contracts import SceneArea, SceneReference
+from deux.contracts import Explorer, SceneArea, SceneReference
+from deux.errors import kind_of
 from deux.registry import PluginChoice
+from deux.scenes.splits import identity_of
 from deux.simulator.simulation import Simulation
 
 DATASET_VERSION = 6
@@ -72,7 +75,8 @@ class DatasetSpec:
             **values,
             **self.simulation.description(),
             "scenes": [
-                {"name": scene.name, "identity": scene.identity, "area": _plain(scene.area)} for scene in self.scenes
+                {"name": scene.name, "identity": identity_of(scene), "area": _plain(scene.area)}
+                for scene in self.scenes
             ],
             "explorer_settings": dict(self.explorer_settings),
             "uncertainty": self.uncertainty and self.uncertainty.description,
@@ -97,7 +101,19 @@ class DatasetSpec:
 
 def episode_seed(seed: int, scene: SceneReference, episode: int) -> int:
     """Seed of one episode. It depends on nothing but a run's seed, the scene and the episode's number there."""
-    return zlib.crc32(f"{seed}/{scene.identity}/{episode}".encode())
+    return zlib.crc32(f"{seed}/{identity_of(scene)}/{episode}".encode())
+
+
+def fingerprint_of(explorer: Explorer) -> str | None:
+    """What besides its options decides how an explorer acts, for `DatasetSpec.explorer_settings`; None for nothing.
+
+    Raises:
+        DeuxError: its `fingerprint` is no text.
+    """
+    found: object = explorer.fingerprint()
+    if found is None or isinstance(found, str):
+        return found
+    raise broken_contract(explorer, kind_of(found), "text, such as a hash, or None", "fingerprint")
 
 
 def _plain(area: SceneArea) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from deux.collection.episodes import MakeSimulator
 from deux.collection.free_floor import write_free_floor
 from deux.collection.jobs import Executor, Job, Plan, run_here, run_unfinished
 from deux.collection.specification import place_name
-from deux.collection.walk import check_frame
 from deux.contracts import COLOR, Action, Frame, Robot, SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace
@@ -189,7 +188,6 @@ def _frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndarray]) 
                 poses = _camera_poses(simulator, way[0], motion, plan.floor)
                 if poses is not None:
                     seen = simulator.observe(COLOR, poses)
-                    check_frame(simulator, seen[0])
                     return [Frame(frame.rgb.copy(), quantise_depth(frame.depth), frame.pose.copy()) for frame in seen]
     raise DeuxError(
         f"Scene {plan.scene.name} has no viewpoints: the robot finds no room on floor {plan.floor} for one step "

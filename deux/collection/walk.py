@@ -10,8 +10,10 @@ import numpy as np
 
 from deux.collection.perception import MODEL_NEEDS, SOURCES, HostPercept, Percept, Perception, on_host
 from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Frame, Need, Observation, Simulator
-from deux.errors import DeuxError, kind_of, shown, sizes
+from deux.errors import DeuxError, shown
+from deux.frame_uncertainty import check_not_negative
 from deux.io.images import quantise_depth
+from deux.registry import registry
 from deux.simulator.starts import random_starts
 
 StoredFrames = Callable[[int, np.ndarray], Frame | None]
@@ -67,15 +69,13 @@ class Walk:
         """Take the next frame, in arrays of its own, the depth as the files of a dataset hold it.
 
         Raises:
-            DeuxError: the simulator's first frame is not of its camera's size, or of other types (`check_frame`).
+            DeuxError: the simulator's frame is not of its camera's size, or of other types.
         """
         frame = self._stored(len(self.actions), self.simulator.pose) if self._stored else None
-        first, self._rendered = not self._rendered, frame is None
+        self._rendered = frame is None
         if frame is None:
             channels = COLOR | {Channel.LABELS} if Need.LABELS in self.explorer.needs else COLOR
             seen = self.simulator.observe(channels)
-            if first:
-                check_frame(self.simulator, seen)
             frame = Frame(seen.rgb.copy(), quantise_depth(seen.depth), seen.pose.copy(), seen.labels)
         self.frames = (frame, *self.frames[:SOURCES])
 
@@ -153,7 +153,7 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
         The next step of each walk that is not over, until all are.
 
     Raises:
-        DeuxError: an explorer needs more than `perception` gives.
+        DeuxError: an explorer needs more than `perception` gives, or a measure of uncertainty gives values below 0.
     """
     for walk in walks:
         check_perception(walk.explorer, perception)
@@ -166,6 +166,9 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
             found = perception([walk.frames for walk in active], active[0].simulator.camera.intrinsics)
             needs = frozenset[Need]().union(*(walk.explorer.needs for walk in active))
             percepts, seen = found, on_host(found, needs)
+            for one in seen:
+                if perception.uncertainty is not None and one.residual is not None:
+                    check_not_negative(perception.uncertainty, one.residual)
         yield [walk.act(*given) for walk, given in zip(active, zip(percepts, seen, strict=True), strict=True)]
 
 
@@ -184,28 +187,11 @@ def check_perception(explorer: Explorer, perception: Perception | None) -> None:
         )
 
 
-def check_frame(simulator: Simulator, frame: Frame) -> None:
-    """Raise DeuxError if a frame's arrays are not of the simulator's camera's size, or of other types."""
-    camera, size = simulator.camera, (simulator.camera.height, simulator.camera.width)
-    for name, shape, dtype in (
-        ("rgb", (*size, 3), np.uint8),
-        ("depth", size, np.float32),
-        ("pose", (4, 4), np.float64),
-    ):
-        array = getattr(frame, name, None)
-        if not (isinstance(array, np.ndarray) and array.shape == shape and array.dtype == dtype):
-            raise DeuxError(
-                f"the simulator {type(simulator).__name__} gives a frame whose {name} is {kind_of(array)}: for its "
-                f"camera of {camera.width} x {camera.height} pixels it is an ndarray of {sizes(shape)}, "
-                f"{np.dtype(dtype)}."
-            )
-
-
 def _action(explorer: Explorer, number: int, chosen: object) -> Action:
     """What an explorer chose as an action; its number does as well."""
     if isinstance(chosen, int | np.integer) and not isinstance(chosen, bool) and chosen in list(Action):
         return Action(int(chosen))
     raise DeuxError(
-        f"the explorer {type(explorer).__name__} chose {shown(chosen)} at step {number}: `act` returns a "
+        f"{registry().called(explorer)} chose {shown(chosen)} at step {number}: `act` returns a "
         f"deux.contracts.Action, one of {', '.join(action.name for action in Action)}."
     )

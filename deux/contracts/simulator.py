@@ -5,11 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 
+from deux.broken_contracts import broken_contract
 from deux.contracts.scene import Floor, SceneReference
+from deux.errors import counted, kind_of, sizes
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace
 from deux.geometry.robot import Robot
@@ -125,8 +127,15 @@ class Simulator(ABC):
     def observe(self, channels: Channels, poses: np.ndarray) -> list[Frame]: ...
 
     def observe(self, channels: Channels = COLOR, poses: np.ndarray | None = None) -> Frame | list[Frame]:
-        """What the camera records where the robot stands or, with N x 4 x 4 poses, at each of these."""
-        return self.render(self.pose[None], channels)[0] if poses is None else self.render(poses, channels)
+        """What the camera records where the robot stands or, with N x 4 x 4 poses, at each of these.
+
+        Raises:
+            DeuxError: `render` gives another number of frames, or frames of another size or type than its camera's.
+        """
+        asked = self.pose[None] if poses is None else poses
+        frames = self.render(asked, channels)
+        _check_frames(self, frames, len(asked), channels)
+        return frames[0] if poses is None else frames
 
     @abstractmethod
     def free_space(self, floor: int = 0) -> FreeSpace:
@@ -140,3 +149,26 @@ class Simulator(ABC):
     @abstractmethod
     def another(self, camera: Camera | None = None) -> Simulator:
         """A further robot in the same scene, with this camera or another one; what is loaded is shared, not copied."""
+
+
+def _check_frames(simulator: Simulator, frames: Any, count: int, channels: Channels) -> None:
+    """Raise DeuxError unless these are as many frames, each with arrays of the camera's size and of their types."""
+    several = isinstance(frames, list | tuple)
+    odd = [kind_of(one) for one in frames if not isinstance(one, Frame)] if several else [kind_of(frames)]
+    if odd or len(frames) != count:
+        given = odd[0] if odd else counted(len(frames), "frame")
+        right = f"a list with a deux.contracts.Frame for each pose, here {count}"
+        raise broken_contract(simulator, given, right, "render")
+    camera = simulator.camera
+    size = (camera.height, camera.width)
+    parts: list[tuple[str, tuple[int, ...], type]] = [("depth", size, np.float32), ("pose", (4, 4), np.float64)]
+    if Channel.COLOR in channels:
+        parts.append(("rgb", (*size, 3), np.uint8))
+    parts += [(part, size, np.int32) for part in (Channel.LABELS, Channel.OBJECTS) if part in channels]
+    for frame in frames:
+        for name, shape, dtype in parts:
+            array = getattr(frame, name)
+            if not (isinstance(array, np.ndarray) and array.shape == shape and array.dtype == dtype):
+                pixels = f"{camera.width} x {camera.height} pixels"
+                right = f"an ndarray of {sizes(shape)}, {np.dtype(dtype)}, for its camera of {pixels}"
+                raise broken_contract(simulator, f"a frame whose {name} is {kind_of(array)}", right, "render")

@@ -8,8 +8,9 @@ from itertools import groupby
 
 import numpy as np
 
+from deux.broken_contracts import broken_contract
 from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
-from deux.errors import DeuxError, counted
+from deux.errors import DeuxError, counted, shown
 from deux.geometry.source_frames import SOURCES, SourceRule, SourceView, choose_sources
 from deux.io.layout import SourceChoice
 
@@ -41,12 +42,39 @@ def list_triplets(
         DeuxError: as `Reader.triplets`, or a file is damaged that the choice needs.
     """
     if choice == "recent":
-        return reader.triplets(split, offsets)
+        return read_triplets(reader, split, offsets)
     listed = reader.chosen_triplets(split)
     if listed is not None:
+        _check_triplets(reader, listed, "chosen_triplets")
         _warn_of_offsets(reader, offsets)
         return listed
     return list(_chosen(reader, split, offsets))
+
+
+def read_triplets(reader: Reader, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
+    """What a reader's `triplets` gives, arguments as there.
+
+    Raises:
+        DeuxError: as `Reader.triplets`, or it gives something else than a list of triplets.
+    """
+    found = reader.triplets(split, offsets)
+    _check_triplets(reader, found, "triplets")
+    return found
+
+
+def _check_triplets(reader: Reader, found: object, method: str) -> None:
+    """Raise DeuxError unless it is a list of triplets; plain tuples, which would do in places, are none."""
+    odd: list[object] = [found]
+    if isinstance(found, list | tuple):
+        odd = [one for one in found if not (isinstance(one, Triplet) and _names_frames(one))]
+    if odd:
+        wanted = "a list of deux.contracts.Triplet(target, (source, ...)), each of these a FrameReference"
+        raise broken_contract(reader, shown(odd[0], most=200), wanted, method)
+
+
+def _names_frames(triplet: Triplet) -> bool:
+    target, sources = triplet
+    return isinstance(sources, tuple) and all(isinstance(frame, FrameReference) for frame in (target, *sources))
 
 
 def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offsets: tuple[int, ...]) -> int:
@@ -58,7 +86,7 @@ def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offs
         choice: as of `list_triplets`.
         offsets: as of `list_triplets`.
     """
-    recent = reader.triplets(split, offsets)
+    recent = read_triplets(reader, split, offsets)
     listed = reader.chosen_triplets(split) if choice == "baseline" else recent
     found = reader.neighbourhoods(split, SourceRule().reach) if listed is None else []
     if listed is not None or _none_to_choose(found, recent):
@@ -138,15 +166,14 @@ def sources_by_parallax(
 
 @lru_cache(maxsize=16)
 def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Triplet, ...]:
+    triplets = read_triplets(reader, split, offsets)
     found = reader.neighbourhoods(split, SourceRule().reach)
-    if all(len(one.frames) <= SOURCES for one in found):
-        triplets = reader.triplets(split, offsets)
-        if _none_to_choose(found, triplets):
-            return tuple(triplets)
+    if all(len(one.frames) <= SOURCES for one in found) and _none_to_choose(found, triplets):
+        return tuple(triplets)
     targets = counted(len(found), f"{split} frame")
     log.info("choosing source frames of %s of %s by their parallax", targets, reader.folder)
     chosen: list[Triplet] = []
-    recent: dict[FrameReference, Triplet] | None = None
+    recent = {triplet.target: triplet for triplet in triplets}
     for sequence, group in groupby(found, key=lambda one: one.target.sequence):
         members = list(group)
         if reader.pose(members[0].target) is not None or any(reader.pose(one.target) is not None for one in members):
@@ -154,7 +181,6 @@ def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Tripl
             chosen += _choose(reader, members)
             continue
         log.info("%s has no poses of %s: its source frames are those at training.offsets", reader.folder, sequence)
-        recent = recent or {triplet.target: triplet for triplet in reader.triplets(split, offsets)}
         chosen += [recent[one.target] for one in members if one.target in recent]
     return tuple(chosen)
 

@@ -11,6 +11,7 @@ import torch
 from lightning import LightningDataModule
 from torch.utils.data import DataLoader
 
+from deux.broken_contracts import broken_contract
 from deux.contracts import Augmentation, Batch, DepthModel, Reader
 from deux.data.augmentation import training_transforms
 from deux.data.augmentation_settings import AugmentationSettings
@@ -26,7 +27,7 @@ from deux.data.device_cache import DeviceCache
 from deux.data.frame_cache import FrameCache, Kind, MemoryCache, stored_bytes
 from deux.data.shuffled_draws import ShuffledDraws
 from deux.data.triplets import SampleSettings, SourceFrames, TripletDataset, collate
-from deux.errors import DeuxError
+from deux.errors import DeuxError, shown
 from deux.io.layout import SourceChoice
 from deux.memory_budget import free_memory
 
@@ -176,7 +177,11 @@ class TripletDataModule(LightningDataModule):
         """The augmentation of training samples."""
         scalable = self._poses or self._sources == "unread"
         depth_range = self._model.min_depth, self._model.max_depth
-        return training_transforms(self._augmentation, self._model.augmentation(), depth_range, scalable)
+        own: object = self._model.augmentation()
+        if not (isinstance(own, list | tuple) and all(map(callable, own))):
+            wanted = "a tuple of transforms such as those of torchvision.transforms.v2: () for none"
+            raise broken_contract(self._model, shown(own), wanted, "augmentation")
+        return training_transforms(self._augmentation, own, depth_range, scalable)
 
     def _evaluation_loader(
         self, readers: Sequence[Reader], split: str, sources: SourceFrames, poses: bool, choice: SourceChoice

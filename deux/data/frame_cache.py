@@ -14,8 +14,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from torch import Tensor
 
+from deux.broken_contracts import broken_contract
 from deux.contracts import FrameReference, Reader
-from deux.errors import DeuxError, kind_of
+from deux.errors import kind_of
 from deux.io.images import DEPTH_SCALE, quantise_depth
 
 Kind = Literal["image", "sparse_depth", "ground_truth"]
@@ -60,10 +61,8 @@ def read_frame_array(key: FrameKey) -> np.ndarray | None:
         if not is_image and found.ndim == 2:
             return found
     wanted = "H x W x 3, uint8" if is_image else "H x W, float32, in metres"
-    raise DeuxError(
-        f"the `{key.kind}` of {type(key.reader).__name__} gives {kind_of(found)} for frame {key.frame.name} of "
-        f"{key.frame.sequence} in {key.reader.folder}: it must be an array of {wanted}."
-    )
+    frame = f"frame {key.frame.name} of {key.frame.sequence} in {key.reader.folder}"
+    raise broken_contract(key.reader, f"{kind_of(found)} for {frame}", f"an array of {wanted}", key.kind)
 
 
 def compact(array: np.ndarray) -> np.ndarray:

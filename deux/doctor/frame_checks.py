@@ -9,7 +9,7 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.contracts.reader import SPLITS
-from deux.data.chosen_sources import count_without_sources
+from deux.data.chosen_sources import count_without_sources, read_triplets
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.data.even_choice import evenly_chosen
 from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
@@ -96,7 +96,7 @@ def _check_split(
     choice: SourceChoice,
 ) -> SplitCheck:
     try:
-        triplets = reader.triplets(split, offsets)
+        triplets = read_triplets(reader, split, offsets)
     except DeuxError as error:
         return SplitCheck(split, facts=[str(error)])
     check = SplitCheck(split, len(triplets))
@@ -125,7 +125,7 @@ def _check_split(
 def _neighbours(reader: Reader, split: str) -> list[Triplet]:
     """Targets with the frame before them, or with the nearest that the folder lists."""
     try:
-        found = reader.triplets(split, (-1,))
+        found = read_triplets(reader, split, (-1,))
     except DeuxError:
         return []
     complete = [Triplet(target, sources[:1]) for target, sources in found if sources]

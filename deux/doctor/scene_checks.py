@@ -14,7 +14,7 @@ from deux.geometry.camera import Camera
 from deux.options import construct
 from deux.registry import registry
 from deux.scenes.objects import find_objects
-from deux.scenes.splits import SPLITS
+from deux.scenes.splits import SPLITS, splits_of
 from deux.simulator.simulation import Simulation
 
 T = TypeVar("T")
@@ -33,13 +33,15 @@ def check_scenes(checkup: Checkup, cfg: DictConfig, load: bool) -> None:
     checkup.heading(f"Scenes: {cfg.scenes.get('name')}")
     try:
         source: SceneSource = registry().choose("scenes", cfg.scenes).create()
+        if type(source).inventory is SceneSource.inventory:
+            splits_of(source)  # what it is made from
         inventory = source.inventory()
     except DeuxError as error:
         checkup.fault(str(error))
         return
     splits, fault = None, ""
     try:
-        splits = source.splits()
+        splits = splits_of(source)
     except DeuxError as error:
         fault = str(error)
     _print_inventory(checkup, inventory, splits)

@@ -29,6 +29,7 @@ from deux.environment.scene_pool import ScenePool
 from deux.errors import DeuxError, check_range, near_matches, shown
 from deux.geometry.camera import Camera
 from deux.registry import registry
+from deux.scenes.splits import splits_of
 from deux.simulator.simulation import Simulation
 from deux.simulator.starts import random_starts
 
@@ -258,7 +259,7 @@ def _made_reward(reward: Any, options: Mapping[str, Any] | None) -> Reward:
 def _default_scenes(count: int) -> Sequence[SceneReference]:
     """Training scenes of the source that the configuration chooses by default."""
     source: SceneSource = registry().choose("scenes", compose([f"scenes.train={count}"]).scenes).create()
-    return source.splits().train
+    return splits_of(source).train
 
 
 def _default_simulation(camera: Camera, robot: Robot) -> Simulation:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from deux.collection.explored_map import map_of
 from deux.collection.walk import Step
 from deux.contracts import ExplorerMap
 from deux.figures.depth_video import color_map
@@ -89,7 +90,7 @@ class ExplorationRecording:
         self._moments.append(moment)
 
     def _explored(self, step: Step) -> ExplorerMap:
-        known = step.walk.explorer.map()
+        known = map_of(step.walk.explorer)
         if known is not None:
             return known
         if self._true_map is None:

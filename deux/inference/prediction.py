@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from deux.broken_contracts import broken_contract
 from deux.errors import DeuxError, kind_of, sizes
 from deux.geometry.camera import FOCAL_LENGTHS, is_focal_length
 from deux.geometry.sparse_outliers import remove_outliers
@@ -148,15 +149,15 @@ def prepare_sample(prepare: Callable[[np.ndarray], Any], sparse_depth: np.ndarra
     Raises:
         DeuxError: it gives something else.
     """
-    name = getattr(prepare, "__qualname__", "prepare")
-    wanted = "C x H x W, float32, by name: {} where there is nothing to prepare"
+    model = getattr(prepare, "__self__", prepare)
+    wanted = "arrays of C x H x W, float32, by name: {} where there is nothing to prepare"
     prepared = prepare(sparse_depth)
     if not isinstance(prepared, Mapping):
-        raise DeuxError(f"{name} gives {kind_of(prepared)}: it must give arrays of {wanted}.")
+        raise broken_contract(model, kind_of(prepared), wanted, "prepare")
     for key, array in prepared.items():
         fits = isinstance(array, np.ndarray) and array.dtype == np.float32 and array.ndim == 3
         if not fits or array.shape[1:] != sparse_depth.shape:
-            raise DeuxError(f"{name} gives {kind_of(array)} as {key!r}: it must give arrays of {wanted}.")
+            raise broken_contract(model, f"{kind_of(array)} as {key!r}", wanted, "prepare")
     return dict(prepared)
 
 
@@ -166,10 +167,8 @@ def _depth_of(model: CompletionNetwork, prediction: Any, image: Tensor) -> Tenso
     if isinstance(depth, Tensor) and depth.shape == wanted and depth.is_floating_point():
         return depth
     given = kind_of(prediction) if depth is None else f"a prediction whose depth is {kind_of(depth)}"
-    raise DeuxError(
-        f"the `forward` of {type(model).__name__} gives {given}: it must be a deux.contracts.Prediction with a depth "
-        f"of N x 1 x H x W, float32, here {sizes(wanted)}."
-    )
+    right = f"a deux.contracts.Prediction with a depth of N x 1 x H x W, float32, here {sizes(wanted)}"
+    raise broken_contract(model, given, right, "forward")
 
 
 def _check(image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> None:

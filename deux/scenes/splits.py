@@ -6,8 +6,9 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from itertools import combinations
 from typing import Any, TypeVar
 
-from deux.contracts import SceneReference, SceneSplits
-from deux.errors import DeuxError
+from deux.broken_contracts import broken_contract
+from deux.contracts import SceneReference, SceneSource, SceneSplits
+from deux.errors import DeuxError, kind_of
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +32,39 @@ def make_splits(scenes: Mapping[str, Sequence[SceneReference]]) -> SceneSplits:
         if count > 1:
             raise DeuxError(f"scenes.{split} lists {name} {count} times: once is enough.")
     return SceneSplits(**{split: tuple(scenes.get(split, ())) for split in SPLITS})
+
+
+def splits_of(source: SceneSource) -> SceneSplits:
+    """The scenes that a source's options ask for, as its `splits` gives them.
+
+    Raises:
+        DeuxError: it gives something else than tuples of references to scenes.
+    """
+    found: object = source.splits()
+    if not isinstance(found, SceneSplits):
+        raise broken_contract(source, kind_of(found), "a deux.contracts.SceneSplits", "splits")
+    for split in SPLITS:
+        scenes: object = getattr(found, split)
+        odd = [kind_of(scenes)]
+        if isinstance(scenes, tuple):
+            odd = [f"{kind_of(one)} in a tuple" for one in scenes if not isinstance(one, SceneReference)]
+        if odd:
+            wanted = "a tuple of deux.contracts.SceneReference"
+            raise broken_contract(source, f"{odd[0]} as {split}", wanted, "splits")
+    return found
+
+
+def identity_of(scene: SceneReference) -> str:
+    """The identity of a scene, which is part of datasets' names.
+
+    Raises:
+        DeuxError: it is no text.
+    """
+    found: object = scene.identity
+    if isinstance(found, str):
+        return found
+    called = f"the scene {scene.name} ({type(scene).__name__} of {type(scene).__module__})"
+    raise broken_contract(called, kind_of(found), "text that says what made the scene", "identity")
 
 
 def check_disjoint(
@@ -84,7 +118,7 @@ def check_apart(splits: SceneSplits) -> None:
 
 
 def _content(scene: SceneReference) -> Hashable:
-    return (scene.identity if scene.file is None else scene.file.resolve(), scene.area)
+    return (identity_of(scene) if scene.file is None else scene.file.resolve(), scene.area)
 
 
 def each_once(

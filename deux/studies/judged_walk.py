@@ -11,7 +11,7 @@ from scipy import stats
 from torch import Tensor
 
 from deux.contracts import Uncertainty, View
-from deux.frame_uncertainty import frame_uncertainty, pixel_uncertainty
+from deux.frame_uncertainty import check_not_negative, frame_uncertainty, pixel_uncertainty
 from deux.geometry.camera import Camera
 from deux.metrics.sparsification import ause, sparsification_curve
 
@@ -200,7 +200,10 @@ class WalkJudge:
         }
         by_chance = torch.rand(view.depth.shape[2:], generator=self._rng)
         maps |= dict(zip(CONTROLS, (view.depth[0, 0], by_chance), strict=True))
-        return {name: uncertainty.cpu().numpy() for name, uncertainty in maps.items()}
+        found = {name: uncertainty.cpu().numpy() for name, uncertainty in maps.items()}
+        for name, measure in self._measures.items():
+            check_not_negative(measure, found[name])
+        return found
 
     def result(self) -> JudgedWalk:
         """All that was seen."""

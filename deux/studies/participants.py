@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from deux.collection.perception import MODEL_NEEDS
+from deux.collection.specification import fingerprint_of
 from deux.contracts import NO_ROBOT, Explorer, FreeViewpoints, Reward
 from deux.errors import DeuxError, printable
 from deux.policies.learned_explorer import LearnedExplorer
@@ -64,7 +65,7 @@ def find_participants(named: Sequence[str] | None, configured: PluginChoice, has
             explorer: Explorer = choice.create()
             if isinstance(explorer, FreeViewpoints):
                 raise DeuxError(f"{name} cannot be compared: {NO_ROBOT}")
-            found.fingerprints[name] = explorer.fingerprint()
+            found.fingerprints[name] = fingerprint_of(explorer)
             if explorer.needs & MODEL_NEEDS and not has_model:
                 raise DeuxError(
                     f"{name} needs a depth model: name a trained one with seed_model.checkpoint=, such as kbnet-indoor."

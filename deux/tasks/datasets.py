@@ -10,7 +10,7 @@ from deux.collection.perception import Perception, needs_model
 from deux.collection.pipeline import build_dataset, read_manifest
 from deux.collection.replay import replay
 from deux.collection.sparse import SparseSettings
-from deux.collection.specification import IDEAL_SOURCES, VIEWPOINTS, DatasetSpec, Split
+from deux.collection.specification import IDEAL_SOURCES, VIEWPOINTS, DatasetSpec, Split, fingerprint_of
 from deux.collection.verification import VerificationSettings
 from deux.collection.walk import Step
 from deux.compilation import nothing_compiled
@@ -20,7 +20,7 @@ from deux.geometry.camera import Camera
 from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths
 from deux.registry import PluginChoice, registry
-from deux.scenes.splits import check_apart, check_not_empty
+from deux.scenes.splits import check_apart, check_not_empty, identity_of, splits_of
 from deux.simulator.simulation import Simulation
 from deux.task_sections import Sections
 from deux.tasks.console import progress, say
@@ -44,7 +44,7 @@ def read_scenes(sections: Sections, needed: Sequence[str]) -> SceneSplits:
     """
     chosen = sections.plugin("scenes")
     source: SceneSource = chosen.create()
-    splits = source.splits()
+    splits = splits_of(source)
     check_not_empty(splits, needed)
     if not chosen.settings.get("allow_overlap", False):
         check_apart(splits)
@@ -62,7 +62,7 @@ def further_scenes(source: str, count: int, splits: SceneSplits) -> tuple[SceneR
     Raises:
         DeuxError: the source cannot make as many.
     """
-    own = {scene.identity for scene in (*splits.train, *splits.validation, *splits.test)}
+    own = {identity_of(scene) for scene in (*splits.train, *splits.validation, *splits.test)}
     maker: SceneSource = registry().choose("scenes", {"name": source}).create()
     return maker.further(count, own)
 
@@ -195,7 +195,7 @@ class Datasets:
                 verification=self.verification,
                 seed=self._seed,
             )
-        fingerprint = explorer.create().fingerprint()
+        fingerprint = fingerprint_of(explorer.create())
         return DatasetSpec(
             name=explorer.name,
             scenes=self.scenes.train,

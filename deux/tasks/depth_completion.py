@@ -11,7 +11,7 @@ from deux.contracts import DepthModel, FrameReference, Uncertainty
 from deux.data.frame_stream import RecordedFrame
 from deux.deployment.array_prediction import check_prediction, predict_batch
 from deux.errors import DeuxError
-from deux.frame_uncertainty import make_view, pixel_uncertainty
+from deux.frame_uncertainty import check_not_negative, make_view, pixel_uncertainty
 from deux.inference.precision import default_device, tf32_convolutions
 from deux.registry import registry
 
@@ -71,9 +71,10 @@ class DepthCompleter:
             self._tensor([source.source_from_target for source in sources]).reshape(*shape, 4, 4),
             self._model.predict,
         )
-        confidence = torch.exp(-pixel_uncertainty(measure, view)).nan_to_num(nan=0.0)
+        confidence = torch.exp(-pixel_uncertainty(measure, view)).nan_to_num(nan=0.0).cpu().numpy()
+        check_not_negative(measure, 1.0 - confidence)
         depths = check_prediction(view.depth[:, 0].cpu().numpy())
-        return [CompletedDepth(depth, known) for depth, known in zip(depths, confidence.cpu().numpy(), strict=True)]
+        return [CompletedDepth(depth, known) for depth, known in zip(depths, confidence, strict=True)]
 
     def _without_value(self, depth: np.ndarray) -> CompletedDepth:
         return CompletedDepth(depth, None if self._measure is None else np.zeros_like(depth))

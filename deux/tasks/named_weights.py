@@ -3,6 +3,7 @@
 from contextlib import suppress
 
 from deux.collection.perception import needs_model
+from deux.collection.specification import fingerprint_of
 from deux.errors import DeuxError
 from deux.inference.weightless import without_weights
 from deux.registry import PluginChoice
@@ -61,8 +62,7 @@ def _identity(published: PluginChoice, path: str) -> str | None:
 
 def _fingerprint(explorer: PluginChoice) -> str | None:
     with suppress(DeuxError):
-        found: str | None = explorer.create().fingerprint()
-        return found
+        return fingerprint_of(explorer.create())
     return None
 
 

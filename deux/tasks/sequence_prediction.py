@@ -8,7 +8,7 @@ import numpy as np
 
 from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel, FrameReference, Reader, Uncertainty
-from deux.data.chosen_sources import sources_by_parallax
+from deux.data.chosen_sources import read_triplets, sources_by_parallax
 from deux.data.frame_stream import FrameStream, RecordedFrame
 from deux.data.loose_frames import LooseFrames
 from deux.errors import DeuxError
@@ -105,7 +105,7 @@ def given_frames(sections: Sections, settings: PredictSettings) -> tuple[Reader,
         reader = _loose(settings)
     if settings.split == "all" or settings.sparse is not None:
         return reader, reader.frames()
-    return reader, [target for target, _ in reader.triplets(settings.split, (-1,))]
+    return reader, [target for target, _ in read_triplets(reader, settings.split, (-1,))]
 
 
 def _loose(settings: PredictSettings) -> LooseFrames:

@@ -136,7 +136,10 @@ class LossTermSuite:
         assert float(evaluate(term, self._imperfect(term))) > 1e-4, "zero for a wrong depth"
 
     def test_is_differentiable(self) -> None:
-        """Gradients reach the depth, the poses or an extra; all are finite and some are not zero."""
+        """Gradients reach what networks predict: the depth, an extra that is declared, or poses where they are needed.
+
+        All are finite and some are not zero.
+        """
         term = self.make_term()
         gradients = _gradients(term, self._imperfect(term))
         assert any(gradient.abs().max() > 0 for gradient in gradients), "no gradient reaches depth, poses or extras"
@@ -225,9 +228,14 @@ def _check_value(value: Tensor) -> None:
 
 
 def _gradients(term: LossTerm, sample: LossSample) -> list[Tensor]:
-    """Gradients of the term's value with respect to depth, poses and extras, where they take part in it."""
+    """Gradients of the term's value with respect to depth, poses and extras, where they take part in it.
+
+    The poses count where the term asks for what is made of them: those of a batch alone are data.
+    """
     assert sample.batch.source_from_target is not None
-    inputs = [sample.depth, sample.batch.source_from_target, sample.target_from_source, *sample.extras.values()]
+    inputs = [sample.depth, *sample.extras.values()]
+    if {LossNeed.RECONSTRUCTIONS, LossNeed.BACKWARD_POSES} & term.needs:
+        inputs += [sample.batch.source_from_target, sample.target_from_source]
     for tensor in inputs:
         tensor.requires_grad_()
     value = evaluate(term, sample)

@@ -14,8 +14,10 @@ from torch.optim import Optimizer
 from torchmetrics import Metric
 
 from deux.contracts import Batch, DepthModel, Prediction
+from deux.errors import DeuxError
 from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.sparse_outliers import remove_outliers
+from deux.registry import registry
 from deux.training.fused_adam import FusedAdam
 from deux.training.graphed_step import GraphedStep, StepValues
 from deux.training.objective import Losses, Objective
@@ -126,6 +128,11 @@ class DepthCompletion(LightningModule):
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """Adam over everything that trains, with the schedule applied at every step."""
         parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
+        if not parameters:
+            raise DeuxError(
+                f"{registry().called(self.model)} has no parameters that can be trained: a model that needs no "
+                "training says so by `pretrained = True`, any other keeps its layers as attributes, with gradients."
+            )
         # A scaler leaves it to a fused optimiser to undo the scaling, which has to come before the clipping.
         fused = not (self.trainer.gradient_clip_val and _scaler(self.trainer.precision_plugin))
         adam = FusedAdam if fused else torch.optim.Adam
@@ -161,8 +168,25 @@ class DepthCompletion(LightningModule):
     def _step_values(self, batch: Batch) -> StepValues:
         """What a training step computes before its backward pass."""
         prediction, losses = self._losses(batch)
+        self._check_trainable(prediction, losses)
         logged = {"loss": losses.total.detach(), **losses.terms, **_photometric_error(batch, losses)}
         return StepValues(losses.total, logged, prediction.depth.detach().float().mean())
+
+    def _check_trainable(self, prediction: Prediction, losses: Losses) -> None:
+        """Raise DeuxError if no gradient can reach a weight from the loss."""
+        if losses.total.requires_grad:
+            return
+        terms = " and ".join(self.objective.terms)
+        cause = (
+            f"none of the loss terms ({terms}) has one, though the depth has: they lose it, or do not read the depth."
+        )
+        if not prediction.depth.requires_grad:
+            cause = (
+                "its depth has none: `forward` computes it without torch, detached, under no_grad, or from no weight."
+            )
+        raise DeuxError(
+            f"the loss of {registry().called(self.model)} has no gradient, so that nothing is learned: {cause}"
+        )
 
     def _losses(self, batch: Batch) -> tuple[Prediction, Losses]:
         prediction = self(batch)

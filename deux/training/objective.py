@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor, nn
 
+from deux.broken_contracts import broken_contract
 from deux.contracts import (
     Batch,
     DepthModel,
@@ -120,16 +121,13 @@ class Objective(nn.Module):
 
     def _check(self, batch: Batch, prediction: Prediction) -> None:
         if not isinstance(prediction, Prediction):
-            raise DeuxError(
-                f"the `forward` of {self.model} gives {kind_of(prediction)}: it must be a deux.contracts.Prediction."
-            )
+            raise broken_contract(self.model, kind_of(prediction), "a deux.contracts.Prediction", "forward")
         count, _, height, width = batch.image.shape
         depth, wanted = prediction.depth, (count, 1, height, width)
         if not (isinstance(depth, Tensor) and depth.shape == wanted and depth.is_floating_point()):
-            raise DeuxError(
-                f"the prediction of {self.model} has as its depth {kind_of(depth)}: it must be a Tensor of "
-                f"N x 1 x H x W, float32, here {sizes(wanted)}."
-            )
+            given = f"a prediction whose depth is {kind_of(depth)}"
+            right = f"a Tensor of N x 1 x H x W, float32, here {sizes(wanted)}"
+            raise broken_contract(self.model, given, right, "forward")
         for name, term in self.terms.items():
             for extra in sorted(term.extras - prediction.extras.keys()):
                 known = ", ".join(sorted(prediction.extras)) or "none"
@@ -172,7 +170,7 @@ def make_objective(
     """
     if not isinstance(model.objective, Mapping):
         raise DeuxError(
-            f"the objective of {type(model).__name__} is {shown(model.objective)}: it must be a mapping, from the "
+            f"the objective of {registry().called(model)} is {shown(model.objective)}: it must be a mapping, from the "
             "names of loss terms to their weights."
         )
     terms: dict[str, tuple[float, LossTerm]] = {}
@@ -181,7 +179,7 @@ def make_objective(
         terms[name] = (weight, registry().create("losses", name, options))
     depth_range = (model.min_depth, model.max_depth)
     supervised = model.supervised if supervised is None else supervised
-    return Objective(terms, depth_range, supervised, model=type(model).__name__)
+    return Objective(terms, depth_range, supervised, model=registry().called(model))
 
 
 def merge_settings(published: LossSettings, overrides: Mapping[str, Any]) -> dict[str, dict[str, Any]]:

@@ -1,12 +1,15 @@
 """Where the relative camera motion of the reconstructions comes from: the robot, or a pose network."""
 
+import inspect
 from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
 
+from deux.broken_contracts import broken_contract
 from deux.contracts import Batch, DepthModel
-from deux.errors import DeuxError, near_matches
+from deux.errors import DeuxError, kind_of, near_matches, sizes
+from deux.registry import registry
 
 PoseKind = Literal["simulator", "learned"]
 
@@ -49,37 +52,63 @@ class LearnedPoseSource(PoseSource):
 
     Args:
         network: as `DepthModel.pose_network` describes it.
+        model: what the depth model is called in messages.
     """
 
-    def __init__(self, network: nn.Module) -> None:
+    def __init__(self, network: nn.Module, model: str = "the depth model") -> None:
         super().__init__()
         self.network = network
+        self.model = model
 
     def forward(self, batch: Batch, backward: bool = False) -> RelativePoses:
-        """Estimate the poses of a batch; `backward` runs the network a second time on the swapped pairs."""
+        """Estimate the poses of a batch; `backward` runs the network a second time on the swapped pairs.
+
+        Raises:
+            DeuxError: the network gives no poses; shapes and types alone are looked at.
+        """
         sources = batch.sources.flatten(0, 1)
         targets = batch.image[:, None].expand_as(batch.sources).flatten(0, 1)
         shape = batch.sources.shape[:2]
-        forward = self.network(targets, sources).float().unflatten(0, shape)
+        forward = self._poses(targets, sources).unflatten(0, shape)
         if not backward:
             return RelativePoses(forward)
-        return RelativePoses(forward, self.network(sources, targets).float().unflatten(0, shape))
+        return RelativePoses(forward, self._poses(sources, targets).unflatten(0, shape))
+
+    def _poses(self, targets: Tensor, sources: Tensor) -> Tensor:
+        """The network's output for N pairs of images, N x 4 x 4 float32."""
+        found: object = self.network(targets, sources)
+        wanted = (len(targets), 4, 4)
+        if isinstance(found, Tensor) and found.shape == wanted and found.is_floating_point():
+            return found.float()
+        given = f"a network that answers {len(targets)} pairs of images with {kind_of(found)}"
+        right = f"a network that answers with a Tensor of N x 4 x 4, float32, here {sizes(wanted)}"
+        raise broken_contract(self.model, given, right, "pose_network")
 
 
 def make_pose_source(kind: PoseKind, model: DepthModel) -> PoseSource:
     """The pose source of this kind for a depth model.
 
     Raises:
-        DeuxError: the kind is unknown, or poses are to be learned for a model that has no pose network.
+        DeuxError: the kind is unknown, or poses are to be learned for a model that has no pose network, or one that
+            cannot be called with two images.
     """
     if kind == "simulator":
         return PoseSource()
     if kind != "learned":
         raise DeuxError(f"pose={kind} is no source of poses: {near_matches(str(kind), ['simulator', 'learned'])}")
-    network = model.pose_network()
+    network, called = model.pose_network(), registry().called(model)
     if network is None:
-        raise DeuxError(f"pose=learned needs a pose network, and {type(model).__name__} has none: use pose=simulator.")
-    return LearnedPoseSource(network)
+        raise DeuxError(f"pose=learned needs a pose network, and {called} has none: use pose=simulator.")
+    wanted = "an nn.Module whose `forward` takes two batches of images, target_image and source_image, or None"
+    if not isinstance(network, nn.Module):
+        raise broken_contract(model, kind_of(network), wanted, "pose_network")
+    signature = inspect.signature(network.forward)
+    try:
+        signature.bind(None, None)
+    except TypeError:
+        given = f"a {type(network).__name__} whose `forward` takes {signature}"
+        raise broken_contract(model, given, wanted, "pose_network") from None
+    return LearnedPoseSource(network, called)
 
 
 def _inverse(pose: Tensor) -> Tensor:

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
 
-from deux.collection.explored_map import episode_poses, explored_map, mean_uncertainty
-from deux.contracts import Robot
+from deux.collection.explored_map import episode_poses, explored_map, map_of, mean_uncertainty
+from deux.contracts import Explorer, ExplorerMap, Robot
+from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.geometry.grid import GridFrame
 from deux.geometry.poses import camera_pose
 from deux.io.calibration import write_matrix
 from deux.io.images import write_depth
@@ -59,3 +61,30 @@ def test_the_uncertainty_is_a_mean_over_frames_and_not_over_episodes(tmp_path):
     (found[0].folder / "uncertainty.csv").write_text("step,uncertainty\n0,nan\n1,nan\n2,0.1\n3,0.1\n4,0.1\n")
     (found[1].folder / "uncertainty.csv").write_text("step,uncertainty\n0,nan\n1,nan\n2,0.5\n")
     assert mean_uncertainty(found) == pytest.approx(0.2)
+
+
+FRAME = GridFrame(0.0, 0.0, 4, 5)
+CELLS = np.zeros((4, 5), np.int8)
+NO_MAPS = {
+    r"ndarray of 4 x 5, int8: it must be a deux\.contracts\.ExplorerMap with a GridFrame, or None\.": CELLS,
+    "a map whose frame is None": ExplorerMap(None, CELLS),  # type: ignore[arg-type]
+    r"a map whose occupancy is ndarray of 5 x 4, int8: it must be an ndarray of 4 x 5, int8, as its": ExplorerMap(
+        FRAME, CELLS.T
+    ),
+    "a map whose occupancy is ndarray of 4 x 5, float64": ExplorerMap(FRAME, CELLS.astype(np.float64)),
+    "a map whose uncertainty is ndarray of 4 x 5, int8: it must be an ndarray of 4 x 5, float32": ExplorerMap(
+        FRAME, CELLS, CELLS
+    ),
+}
+
+
+@pytest.mark.parametrize("told", NO_MAPS)
+def test_what_is_no_map_is_told_of_the_explorer(told):
+    class Mapping(Explorer):
+        reset = act = None  # type: ignore[assignment]
+
+        def map(self):
+            return NO_MAPS[told]
+
+    with pytest.raises(DeuxError, match=f"^the `map` of the explorer Mapping gives {told}"):
+        map_of(Mapping())

@@ -170,13 +170,13 @@ def test_the_number_of_an_action_is_taken_for_it(monkeypatch):
 
 
 WRONG_FRAMES = {
-    "rgb is ndarray of 20 x 24 x 3, uint8: for its camera of 48 x 40 pixels it is an ndarray of 40 x 48 x 3, "
-    "uint8.": lambda frame: replace(frame, rgb=frame.rgb[::2, ::2]),
-    "rgb is ndarray of 40 x 48 x 3, float64: for": lambda frame: replace(frame, rgb=frame.rgb / 255.0),
-    "depth is ndarray of 40 x 48, float64: for": lambda frame: replace(frame, depth=frame.depth.astype(np.float64)),
-    "depth is ndarray of 40 x 48 x 1, float32: for": lambda frame: replace(frame, depth=frame.depth[..., None]),
-    "rgb is None: for": lambda frame: replace(frame, rgb=None),
-    "pose is ndarray of 3 x 4, float64: for": lambda frame: replace(frame, pose=frame.pose[:3]),
+    "rgb is ndarray of 20 x 24 x 3, uint8: it must be an ndarray of 40 x 48 x 3, uint8, for its "
+    "camera of 48 x 40 pixels.": lambda frame: replace(frame, rgb=frame.rgb[::2, ::2]),
+    "rgb is ndarray of 40 x 48 x 3, float64": lambda frame: replace(frame, rgb=frame.rgb / 255.0),
+    "depth is ndarray of 40 x 48, float64": lambda frame: replace(frame, depth=frame.depth.astype(np.float64)),
+    "depth is ndarray of 40 x 48 x 1, float32": lambda frame: replace(frame, depth=frame.depth[..., None]),
+    "rgb is None": lambda frame: replace(frame, rgb=None),
+    "pose is ndarray of 3 x 4, float64": lambda frame: replace(frame, pose=frame.pose[:3]),
 }
 
 
@@ -184,8 +184,40 @@ WRONG_FRAMES = {
 def test_a_frame_that_is_not_of_its_camera_is_told_of_the_simulator(monkeypatch, told):
     whole = ToySimulator._frame
     monkeypatch.setattr(ToySimulator, "_frame", lambda *arguments: WRONG_FRAMES[told](whole(*arguments)))
-    with pytest.raises(DeuxError, match=re.escape(f"the simulator ToySimulator gives a frame whose {told}")):
+    sentence = re.escape(f"the `render` of the simulator ToySimulator gives a frame whose {told}")
+    with pytest.raises(DeuxError, match=sentence):
         steps_of(Wanderer())
     plans = plan_viewpoints(Path("nowhere"), ToyScene(), 0, 1)
-    with pytest.raises(DeuxError, match=re.escape(f"the simulator ToySimulator gives a frame whose {told}")):
+    with pytest.raises(DeuxError, match=sentence):
         collect_viewpoints([plans], ToySimulator)
+
+
+@pytest.mark.parametrize(
+    ("rendered", "told"),
+    [
+        (lambda frames: None, "None"),
+        (lambda frames: frames[:-1], "[02] frames"),
+        (lambda frames: [None, *frames[1:]], "None"),
+        (lambda frames: iter(frames), "a value of the type list_iterator"),
+    ],
+)
+def test_frames_that_are_not_one_for_each_pose_are_told_of_the_simulator(monkeypatch, rendered, told):
+    whole = ToySimulator.render
+    monkeypatch.setattr(ToySimulator, "render", lambda *arguments: rendered(whole(*arguments)))
+    sentence = (
+        rf"^the `render` of the simulator ToySimulator gives {told}: it must be a list with a deux\.contracts\.Frame"
+    )
+    with pytest.raises(DeuxError, match=f"{sentence} for each pose, here 1"):
+        steps_of(Wanderer())
+    with pytest.raises(DeuxError, match=f"{sentence} for each pose, here 3"):
+        collect_viewpoints([plan_viewpoints(Path("nowhere"), ToyScene(), 0, 1)], ToySimulator)
+
+
+def test_an_uncertainty_below_0_is_told_of_the_measure():
+    class Signed(L1Residual):
+        def __call__(self, view):
+            return super().__call__(view) - 1.0
+
+    sentence = "^the measure of uncertainty Signed gives values below 0: it must be 0 or more for each pixel"
+    with pytest.raises(DeuxError, match=sentence):
+        steps_of(guided_explorer(), perception=Perception(GuessingModel(), uncertainty=Signed()))

@@ -1,9 +1,10 @@
 """Lists of triplets by each way to choose source frames, whatever the reader knows."""
 
 import logging
+import re
 import shutil
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ from exported import Zooming, splits
 from toy_world import ROOM, ToyScene, ToySimulator
 from void_layout import dataset, write
 
-from deux.contracts import Action, FrameReference
+from deux.contracts import Action, FrameReference, Reader, Triplet
 from deux.data.chosen_sources import count_without_sources, list_triplets
 from deux.data.dataset_reader import DatasetReader
 from deux.data.triplet_export import write_triplets
 from deux.data.triplets import SampleSettings, TripletDataset
 from deux.errors import DeuxError
 from deux.geometry.poses import motion
+from deux.io.layout import SourceChoice
 from deux.testing.readers import RecordedFrame
 from deux_plugins.readers.rgbd_folder import RgbdFolder
 from deux_plugins.readers.triplet_images import TripletImages
@@ -190,3 +192,31 @@ def test_frames_beside_lost_poses_are_counted(tmp_path: Path) -> None:
     reader = RgbdFolder(video, test=0.0, validation=0.0, min_distance=0.0, min_angle=0.0)
     lacking = sum(not triplet.sources for triplet in list_triplets(reader, "train", "baseline"))
     assert count_without_sources(reader, "train", "baseline", (-1, -2)) == lacking
+
+
+A, B = FrameReference("hall-00", "000001"), FrameReference("hall-00", "000000")
+NO_TRIPLETS = {
+    "None": None,
+    re.escape("(FrameReference(sequence='hall-00', name='000001'), ("): [(A, (B,))],
+    re.escape("Triplet(target=('hall-00', '000001'), sources="): [Triplet(tuple(A), (B,))],  # type: ignore[arg-type]
+    r"Triplet\(.*, sources=\[": [Triplet(A, [B])],  # type: ignore[arg-type]
+    r"Triplet\(.*, sources=\('000000',\)": [Triplet(A, ("000000",))],  # type: ignore[arg-type]
+}
+
+
+@pytest.mark.parametrize("choice", ["recent", "baseline"])
+@pytest.mark.parametrize("told", NO_TRIPLETS)
+def test_what_are_no_triplets_is_told_of_the_reader(tmp_path: Path, told: str, choice: SourceChoice) -> None:
+    @dataclass(frozen=True)
+    class Plain(Reader):
+        folder: Path
+        image = intrinsics = sparse_depth = None  # type: ignore[assignment]
+
+        def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
+            return NO_TRIPLETS[told]  # type: ignore[return-value]
+
+    sentence = rf"^the `triplets` of the reader Plain gives {told}.*: it must be a list of deux\.contracts\.Triplet\("
+    with pytest.raises(DeuxError, match=sentence):
+        list_triplets(Plain(tmp_path), "train", choice)
+    with pytest.raises(DeuxError, match=sentence):
+        count_without_sources(Plain(tmp_path), "train", choice, (-1, -2))

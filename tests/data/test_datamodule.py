@@ -502,3 +502,17 @@ def test_a_card_keeps_frames_that_fit(recorded: Path) -> None:
     assert isinstance(data.train_dataloader().dataset.cache, DeviceCache)  # type: ignore[attr-defined]
     expected = fit(module([recorded], LeanModel(), cache="none", num_workers=0)).batches
     assert_same([move_data_to_device(batch, torch.device("cpu")) for batch in recorder.batches], expected)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"), [(None, "None"), ([0.5], r"\[0\.5\]"), (v2.Identity(), r"Identity\(\)"), ({}, r"\{\}")]
+)
+def test_what_is_no_augmentation_is_told_of_the_model(tmp_path: Path, given: Any, told: str) -> None:
+    class Odd(ToyModel):
+        def augmentation(self) -> Sequence[Augmentation]:
+            return given  # type: ignore[no-any-return]
+
+    data = TripletDataModule(Odd(), [DatasetReader(dataset(tmp_path / "d"))], cache="none")
+    sentence = f"^the `augmentation` of the depth model Odd gives {told}: it must be a tuple of transforms"
+    with pytest.raises(DeuxError, match=sentence):
+        data.train_dataloader()

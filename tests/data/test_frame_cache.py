@@ -170,5 +170,7 @@ def test_what_a_reader_gives_is_checked_before_it_is_kept(kind: Kind, array: obj
     setattr(OddReader, kind, lambda self, frame: array)
     cache = MemoryCache(10**6)
     cache.reserve([FrameKey(OddReader(), kind, FRAMES[0])], 1000)
-    with pytest.raises(DeuxError, match=rf"^the `{kind}` of OddReader gives .*{sentence.removeprefix('gives ')}"):
+    with pytest.raises(
+        DeuxError, match=rf"^the `{kind}` of the reader OddReader gives .*{sentence.removeprefix('gives ')}"
+    ):
         cache.read(FrameKey(OddReader(), kind, FRAMES[0]))

@@ -125,14 +125,14 @@ def test_an_output_that_is_no_depth_of_the_images_size_is_told(output, message):
         def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
             return output(sparse_depth)
 
-    with pytest.raises(DeuxError, match=f"^the `forward` of Odd gives {message}"):
+    with pytest.raises(DeuxError, match=f"^the `forward` of .*Odd gives {message}"):
         predict(Odd(), **camera_data((20, 20)))
 
 
 @pytest.mark.parametrize(
     ("prepared", "message"),
     [
-        (np.ones((4, 5), np.float32), "gives ndarray of 4 x 5, float32: it must give arrays of C x H x W"),
+        (np.ones((4, 5), np.float32), "gives ndarray of 4 x 5, float32: it must be arrays of C x H x W"),
         ({"a": np.ones((4, 5), np.float32)}, "gives ndarray of 4 x 5, float32 as 'a'"),
         ({"a": np.ones((1, 4, 5))}, "gives ndarray of 1 x 4 x 5, float64 as 'a'"),
         ({"a": np.ones((1, 5, 4), np.float32)}, "gives ndarray of 1 x 5 x 4, float32 as 'a'"),
@@ -144,5 +144,5 @@ def test_inputs_that_are_prepared_in_another_shape_or_type_are_told(prepared, me
         def prepare(self, sparse_depth):
             return prepared
 
-    with pytest.raises(DeuxError, match=rf"Odd\.prepare {message}"):
+    with pytest.raises(DeuxError, match=rf"^the `prepare` of .*Odd {message}"):
         prepare_sample(Odd().prepare, np.zeros((4, 5), np.float32))

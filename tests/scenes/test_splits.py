@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from deux.contracts import SceneArea, SceneReference, SceneSplits
+from deux.contracts import SceneArea, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError
-from deux.scenes.splits import check_apart, check_disjoint, check_not_empty, each_once, make_splits
+from deux.scenes.splits import check_apart, check_disjoint, check_not_empty, each_once, make_splits, splits_of
 
 
 @dataclass(frozen=True)
@@ -91,3 +91,22 @@ def test_needed_splits_must_hold_a_scene():
     check_not_empty(splits, ["train"])
     with pytest.raises(DeuxError, match=r"scenes\.test names no scene"):
         check_not_empty(splits, ["train", "test"])
+
+
+@pytest.mark.parametrize(
+    ("splits", "told"),
+    [
+        (None, r"None: it must be a deux\.contracts\.SceneSplits\."),
+        ({"train": ()}, r"a value of the type dict: it must be a deux\.contracts\.SceneSplits\."),
+        (SceneSplits([Named("a")], (), ()), "a value of the type list as train: it must be a tuple of deux"),  # type: ignore[arg-type]
+        (SceneSplits((), None, ()), "None as validation: it must be a tuple of deux"),  # type: ignore[arg-type]
+        (SceneSplits((), (), ("a",)), "a value of the type str in a tuple as test: it must be a tuple of deux"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_are_no_splits_is_told_of_the_source(splits, told):
+    class Source(SceneSource):
+        def splits(self):
+            return splits
+
+    with pytest.raises(DeuxError, match=f"^the `splits` of the source of scenes Source gives {told}"):
+        splits_of(Source())

@@ -30,6 +30,8 @@ class BrokenTerm(LossTerm):
             return (inputs.prediction.depth * 0.0).sum()
         if self.fault == "sums over the batch":
             return difference.sum() / 1000.0
+        if self.fault == "judges the motion":
+            return batch.source_from_target[..., :3, 3].square().mean()
         if self.fault == "no scalar":
             return difference.mean(dim=(1, 2, 3))
         if self.fault == "no gradient":
@@ -63,6 +65,7 @@ def test_a_sound_term_passes(test):
         ("no scalar", "test_is_a_finite_float32_scalar"),
         ("never zero", "test_is_zero_at_perfection_only"),
         ("no gradient", "test_is_differentiable"),
+        ("judges the motion", "test_is_differentiable"),
         ("divides by zero", "test_frames_without_points"),
         ("reads values", "test_keeps_a_card_busy"),
         ("sums over the batch", "test_is_a_mean_over_the_batch"),

@@ -6,6 +6,8 @@ import torch
 from lightning.pytorch import Callback
 from lightning.pytorch.plugins import MixedPrecision
 
+from deux.contracts import LossTerm, Prediction
+from deux.errors import DeuxError
 from deux.metrics.depth_errors import METRICS
 from deux.metrics.mean_errors import DepthErrors
 from deux.registry import registry
@@ -13,7 +15,7 @@ from deux.testing.host_waits import HostWait, refuse_host_waits
 from deux.testing.losses import perfect_sample
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion, logged_quantities
-from deux.training.objective import make_objective
+from deux.training.objective import Objective, make_objective
 from deux.training.pose_source import make_pose_source
 from deux.training.schedule import Schedule
 
@@ -245,3 +247,41 @@ def test_adam_averages_as_it_is_told(make_module, fit, scaled):
     arguments = {"max_steps": 1, "plugins": [plugin], "gradient_clip_val": 1.0}
     trainer = fit(make_module(betas=(0.8, 0.95)), perfect_sample(1, 16, 16).batch, 1, **arguments)
     assert trainer.optimizers[0].param_groups[0]["betas"] == (0.8, 0.95)
+
+
+def unlearnable(model, change):
+    """A copy of the small model's class whose depth is changed."""
+
+    class Unlearnable(model):
+        def forward(self, *inputs, **prepared):
+            return change(self, super().forward(*inputs, **prepared))
+
+    return Unlearnable()
+
+
+def test_a_model_without_weights_is_told(small_model, fit):
+    model = small_model()
+    model.requires_grad_(False)
+    module = DepthCompletion(model, make_objective(model), schedule=FAST)
+    with pytest.raises(DeuxError, match=r"^the depth model SmallModel has no parameters that can be trained: a model"):
+        fit(module, perfect_sample().batch, copies=1, max_steps=1)
+
+
+def test_a_loss_without_a_gradient_is_told_with_its_cause(small_model, fit):
+    model = unlearnable(small_model, lambda model, found: Prediction(found.depth.detach()))
+    module = DepthCompletion(model, make_objective(model), schedule=FAST)
+    with pytest.raises(
+        DeuxError, match=r"^the loss of the depth model Unlearnable has no gradient, .*its depth has none"
+    ):
+        fit(module, perfect_sample().batch, copies=1, max_steps=1)
+
+    class Constant(LossTerm):
+        def __call__(self, inputs):
+            return inputs.batch.sparse_depth.mean()
+
+    model = small_model()
+    module = DepthCompletion(model, Objective({"constant": (1.0, Constant())}, (0.1, 10.0)), schedule=FAST)
+    with pytest.raises(
+        DeuxError, match=r"SmallModel has no gradient, .* none of the loss terms \(constant\) has one, tho"
+    ):
+        fit(module, perfect_sample().batch, copies=1, max_steps=1)

@@ -203,7 +203,9 @@ def test_a_missing_extra_is_named_with_its_term_and_model():
 def test_a_model_without_the_extra_of_an_installed_term_is_named():
     sample = imperfect_sample()
     objective = make_objective(Model(), {"topology_prior": 1.0})
-    with pytest.raises(DeuxError, match=r"objective\.topology_prior needs the extra 'prior' .* which Model does not"):
+    with pytest.raises(
+        DeuxError, match=r"objective\.topology_prior needs the extra 'prior' .* which the depth model Model does not"
+    ):
         objective(sample.batch, Prediction(sample.depth))
 
 
@@ -219,7 +221,9 @@ def test_an_objective_may_be_set_in_the_models_constructor():
     assert truthful.supervised
     with pytest.raises(DeuxError, match=r"objective\.supervised_depth reads ground truth, but the model is unsup"):
         make_objective(Own(0.25, False), {"supervised_depth": 1.0})
-    with pytest.raises(DeuxError, match=r"^the objective of Listed is \['sparse_depth'\]: it must be a mapping, from"):
+    with pytest.raises(
+        DeuxError, match=r"^the objective of the depth model Listed is \['sparse_depth'\]: it must be a mapping, from"
+    ):
         make_objective(type("Listed", (Model,), {"objective": ["sparse_depth"]})())
 
 
@@ -229,16 +233,16 @@ WRONG_PREDICTIONS = {
     ),
     "the `forward` of Model gives a value of the type dict: it must be a": lambda depth: {"depth": depth},
     "the `forward` of Model gives None: it must be a": lambda depth: None,
-    "the prediction of Model has as its depth Tensor of 2 x 24 x 32, float32: it must be a Tensor of N x 1 x H x W, "
-    "float32, here 2 x 1 x 24 x 32.": lambda depth: Prediction(depth[:, 0]),
-    "the prediction of Model has as its depth Tensor of 2 x 1 x 12 x 16, float32: it": lambda depth: Prediction(
-        depth[..., ::2, ::2]
+    "the `forward` of Model gives a prediction whose depth is Tensor of 2 x 24 x 32, float32: it must be a Tensor of "
+    "N x 1 x H x W, float32, here 2 x 1 x 24 x 32.": lambda depth: Prediction(depth[:, 0]),
+    "the `forward` of Model gives a prediction whose depth is Tensor of 2 x 1 x 12 x 16, float32: it": lambda depth: (
+        Prediction(depth[..., ::2, ::2])
     ),
-    "the prediction of Model has as its depth ndarray of 2 x 1 x 24 x 32, float32: it": lambda depth: Prediction(
-        depth.numpy()
+    "the `forward` of Model gives a prediction whose depth is ndarray of 2 x 1 x 24 x 32, float32: it": lambda depth: (
+        Prediction(depth.numpy())
     ),
-    "the prediction of Model has as its depth Tensor of 2 x 1 x 24 x 32, int64: it": lambda depth: Prediction(
-        depth.long()
+    "the `forward` of Model gives a prediction whose depth is Tensor of 2 x 1 x 24 x 32, int64: it": lambda depth: (
+        Prediction(depth.long())
     ),
 }
 
@@ -276,7 +280,7 @@ def test_wrong_values_are_told_without_reading_them():
     """On a card, that would wait for it."""
     sample = imperfect_sample()
     objective = objective_of(Probe())
-    with refuse_host_waits(), pytest.raises(DeuxError, match="has as its depth"):
+    with refuse_host_waits(), pytest.raises(DeuxError, match="a prediction whose depth is"):
         objective(sample.batch, Prediction(sample.depth[:, 0]))
     with refuse_host_waits():
         objective(sample.batch, Prediction(sample.depth))

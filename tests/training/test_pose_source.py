@@ -94,3 +94,41 @@ def test_the_inverses_are_exact_where_the_networks_compute_in_bfloat16(batch):
     identity = torch.eye(4).expand(2, 2, 4, 4)
     assert poses.target_from_source.dtype == torch.float32
     torch.testing.assert_close(poses.target_from_source @ poses.source_from_target, identity, atol=1e-6, rtol=0)
+
+
+class OneImage(nn.Module):
+    def forward(self, pair: torch.Tensor) -> torch.Tensor:
+        return torch.eye(4).repeat(len(pair), 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("network", "told"),
+    [
+        (OneImage(), r"a OneImage whose `forward` takes \(pair: torch\.Tensor\) -> torch\.Tensor"),
+        (torch.eye(4), "Tensor of 4 x 4, float32"),
+        (TranslationNetwork, "a value of the type type"),
+    ],
+)
+def test_a_network_that_does_not_take_two_images_is_told_of_the_model(network, told):
+    model = Model(None)
+    model.pose_network = lambda: network  # type: ignore[method-assign]
+    sentence = rf"^the `pose_network` of the depth model Model gives {told}: it must be an nn\.Module whose `forward`"
+    with pytest.raises(DeuxError, match=sentence):
+        make_pose_source("learned", model)
+
+
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [(lambda n: None, "None"), (lambda n: torch.zeros(n, 6), "Tensor of 4 x 6, float32")],
+)
+def test_a_network_that_gives_no_poses_is_told_of_the_model(batch, found, told):
+    class Odd(nn.Module):
+        def forward(self, target: torch.Tensor, source: torch.Tensor) -> torch.Tensor:
+            return found(len(target))  # type: ignore[no-any-return]
+
+    source = make_pose_source("learned", Model(Odd()))
+    sentence = (
+        f"^the `pose_network` of the depth model Model gives a network that answers 4 pairs of images with {told}:"
+    )
+    with pytest.raises(DeuxError, match=sentence):
+        source(batch)

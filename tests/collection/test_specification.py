@@ -1,0 +1,40 @@
+"""What names a dataset, where a plugin has a part in it."""
+
+from dataclasses import dataclass, replace
+
+import pytest
+from toy_world import SIMULATION, ToyScene, Wanderer
+
+from deux.collection.specification import DatasetSpec, fingerprint_of
+from deux.contracts import SceneReference, SceneSplits
+from deux.errors import DeuxError
+from deux.scenes.splits import check_apart
+
+
+@dataclass(frozen=True)
+class Numbered(SceneReference):
+    @property
+    def identity(self):
+        return 7
+
+
+def test_an_identity_that_is_no_text_is_told_of_the_scene():
+    spec = DatasetSpec("d", (ToyScene(),), "wanderer", SIMULATION, steps=3)
+    assert spec.key()
+    sentence = r"^the `identity` of the scene seven \(Numbered of .*test_specification\) gives a value of the type int"
+    with pytest.raises(DeuxError, match=sentence):
+        replace(spec, scenes=(Numbered("seven"),)).key()
+    with pytest.raises(DeuxError, match=sentence):
+        check_apart(SceneSplits((Numbered("seven"),), (), ()))
+
+
+@pytest.mark.parametrize("found", [7, b"hash", ("a",)])
+def test_a_fingerprint_that_is_no_text_is_told_of_the_explorer(found):
+    class Marked(Wanderer):
+        def fingerprint(self):
+            return found
+
+    assert fingerprint_of(Wanderer()) is None
+    sentence = r"^the `fingerprint` of the explorer Marked gives a value of the type \w+: it must be text"
+    with pytest.raises(DeuxError, match=sentence):
+        fingerprint_of(Marked())

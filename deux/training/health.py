@@ -46,9 +46,9 @@ class HealthCheck(Callback):
     Too high a learning rate is the usual cause of a saturated output. The shipped models come back from it, where the
     rate is low enough; a model whose output has no gradient left there does not.
 
-    No check waits for the device: its values are copied while the training goes on, and are looked at by the next
-    check, by the end of the epoch, or before a checkpoint is written, whichever is first. Processes that train
-    together look at the mean of all of them, so that all of them stop at the same step.
+    No check but that of the first step waits for the device: its values are copied while the training goes on, and are
+    looked at by the next check, by the end of the epoch, or before a checkpoint is written, whichever is first.
+    Processes that train together look at the mean of all of them, so that all of them stop at the same step.
 
     Args:
         every: number of optimiser steps from one check to the next. There is one of the first step, too: of all later
@@ -77,6 +77,8 @@ class HealthCheck(Callback):
         if stepped and due and isinstance(pl_module, DepthCompletion):
             self._finish_check(pl_module)
             self._reading = _read(trainer, outputs)
+            if trainer.global_step == 1:
+                self._finish_check(pl_module)
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Finish the last check, and check the weights."""

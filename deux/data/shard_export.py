@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.data.exported_split import ExportedSplit
+from deux.data.exported_split import ExportedSplit, read_target
 from deux.io.atomic import make_folder
 from deux.io.images import encode_depth, encode_image
 
@@ -58,10 +58,10 @@ def _key(frame: FrameReference) -> str:
 
 def _add_sample(shard: tarfile.TarFile, key: str, reader: Reader, triplet: Triplet) -> None:
     frames = (triplet.target, *triplet.sources)
-    for kind, frame in zip(("image", *(f"source{n + 1}" for n in range(len(triplet.sources)))), frames, strict=True):
-        _add(shard, f"{key}.{kind}.png", encode_image(reader.image(frame)))
-    _add(shard, f"{key}.sparse_depth.png", encode_depth(reader.sparse_depth(triplet.target)))
-    truth = reader.ground_truth(triplet.target)
+    images, sparse_depth, truth = read_target(reader, triplet)
+    for kind, image in zip(("image", *(f"source{n + 1}" for n in range(len(triplet.sources)))), images, strict=True):
+        _add(shard, f"{key}.{kind}.png", encode_image(image))
+    _add(shard, f"{key}.sparse_depth.png", encode_depth(sparse_depth))
     if truth is not None:
         _add(shard, f"{key}.ground_truth.png", encode_depth(truth))
     poses = [reader.pose(frame) for frame in frames]

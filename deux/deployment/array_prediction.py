@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
+from numbers import Integral
 from os import PathLike
 from typing import Any, NamedTuple, TypeAlias, overload
 
@@ -85,6 +86,8 @@ def predict_arrays(
     model = model if isinstance(model, DepthModel) else _loaded(model)
     if _is_stream(image) or _is_stream(sparse_depth):
         check_range("batch_size", batch_size, 1)
+        if not isinstance(batch_size, Integral):  # no number of frames would ever be equal to it
+            raise DeuxError(f"batch_size is {batch_size}: it must be a whole number.")
         return _predict_stream(_zipped(image, sparse_depth, intrinsics), model, batch_size)
     frames = _checked(image, sparse_depth, intrinsics, model)  # type: ignore[arg-type]
     if frames.image.ndim == 4:
@@ -271,6 +274,8 @@ def _check_shapes(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.nd
 def _judge_camera(intrinsics: np.ndarray, height: int, width: int) -> None:
     """Warn of the first of the matrices that seems to belong to images of another size."""
     for matrix in intrinsics.reshape(-1, 3, 3):
+        if not np.isfinite(matrix).all():
+            return  # the check of the tensors refuses it
         if sentence := camera_warning(matrix, height, width, "the matrix intrinsics"):
             log.warning(sentence)
             return

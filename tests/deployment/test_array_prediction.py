@@ -208,6 +208,12 @@ def test_a_camera_of_another_size_is_warned_of_once_in_a_call_or_stream(caplog):
         assert caplog.messages == [message]
 
 
+def test_a_matrix_of_no_numbers_is_refused_and_not_judged(caplog):
+    with pytest.raises(DeuxError, match="is singular or no camera matrix"):
+        deux.predict(**frame() | {"intrinsics": np.full((3, 3), np.nan)}, model=Doubling())
+    assert not caplog.messages
+
+
 MISTAKES = {
     "grey": ("image", lambda x: x[..., 0], "image has the shape 37 x 50: it is H x W x 3 (red, green, blue), or N x"),
     "channels first": ("image", lambda x: x.transpose(2, 0, 1), "image has the shape 3 x 37 x 50: it is H x W x 3"),
@@ -333,6 +339,7 @@ def test_frames_of_a_stream_may_differ_in_size_and_camera():
         ({"sparse_depth": "wide"}, "frame 1: sparse_depth has the shape 37 x 51"),
         ({"image": "batch"}, "frame 1: image has the shape 1 x 37 x 50 x 3: a stream gives H x W x 3"),
         ({"batch_size": 0}, "batch_size is 0: it must be at least 1"),
+        ({"batch_size": 1.5}, r"batch_size is 1\.5: it must be a whole number"),
     ],
 )
 def test_a_stream_that_cannot_be(change, sentence):
@@ -348,4 +355,4 @@ def test_a_stream_that_cannot_be(change, sentence):
     if how == "array":
         given["image"] = np.stack(streams["image"])
     with pytest.raises(DeuxError, match=sentence):
-        list(deux.predict(**given, model=Doubling(), **({"batch_size": 0} if option == "batch_size" else {})))
+        list(deux.predict(**given, model=Doubling(), **({"batch_size": how} if option == "batch_size" else {})))

@@ -73,6 +73,13 @@ OPEN_NODES = (
 _LONGEST_NAME = 60
 """Characters of a plugin's name in the name of a run folder."""
 
+_RECORDED = {
+    "train": ("training_data",),
+    "evaluate": ("evaluation.data",),
+    "export_dataset": ("export_dataset.train", "export_dataset.validation", "export_dataset.test"),
+}
+"""The options that name folders of recorded frames, of tasks that work in scenes where none is named."""
+
 log = logging.getLogger(__name__)
 
 
@@ -196,7 +203,8 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
 def check_unused(cfg: DictConfig, overrides: Iterable[str]) -> None:
     """Raise DeuxError if an override would be without effect where one expects the most of it.
 
-    These are epochs, where the training has a number of steps, and recorded frames, where the task takes none.
+    These are epochs, where the training has a number of steps, recorded frames, where the task takes none, and a reader
+    of recorded frames, where none are named: a forgotten folder would be minutes of work on generated scenes.
 
     Args:
         cfg: what the overrides were composed to.
@@ -208,10 +216,21 @@ def check_unused(cfg: DictConfig, overrides: Iterable[str]) -> None:
         if name in ("training_data", "data") and value not in ("null", "deux") and name not in TASKS[task].sections:
             able = " or ".join(f"task={other}" for other, one in TASKS.items() if name in one.sections)
             raise DeuxError(f"{override} has no effect with task={task}, which takes no recorded frames: {able} does.")
+        if name == "data" and value != "deux" and not _names_recorded_frames(cfg, task):
+            named = " or ".join(f"{option}=" for option in _RECORDED[task])
+            raise DeuxError(
+                f"{override} says how recorded frames are read and nothing names their folder: {named} does; without "
+                f"{override} task={task} works in scenes."
+            )
         if name == "training.epochs" and steps is not None:
             raise DeuxError(
                 f"training.epochs={value} has no effect while training.steps is {steps}: set training.steps=null too."
             )
+
+
+def _names_recorded_frames(cfg: DictConfig, task: str) -> bool:
+    """Whether a folder of recorded frames is named, or the task has its own word on that."""
+    return task not in _RECORDED or any(OmegaConf.select(cfg, option) for option in _RECORDED[task])
 
 
 def in_sweep() -> bool:

@@ -170,6 +170,18 @@ def test_epochs_beside_a_number_of_steps_are_refused() -> None:
     check(["experiment=published_kbnet", "training.steps=100"])
 
 
+@pytest.mark.parametrize(
+    ("task", "option"),
+    [("train", "training_data"), ("evaluate", "evaluation.data"), ("export_dataset", "export_dataset.test")],
+)
+def test_a_reader_without_a_folder_of_recorded_frames_is_refused(task: str, option: str) -> None:
+    with pytest.raises(DeuxError, match=rf"^data=void says how recorded frames are read and .*{option}= does; without"):
+        check([f"task={task}", "data=void"])
+    check([f"task={task}", "data=void", f"{option}=void_release"])
+    check([f"task={task}", "data=deux"])
+    check(["task=predict", "data=void"])
+
+
 def test_a_task_reads_no_section_that_it_does_not_name() -> None:
     sections = sections_of(compose(["task=export"]))
     with pytest.raises(AssertionError, match="does not name the section 'collect'"):
@@ -196,7 +208,7 @@ def test_means_of_a_training_name_no_other_run_folder() -> None:
 def test_recorded_frames_are_refused_where_nothing_takes_them(override: str) -> None:
     with pytest.raises(DeuxError, match=rf"{override} has no effect with task=experiment, .* task=train .*does\."):
         check([override])
-    check([override, "task=train"])
+    check([override, "task=train", "training_data=frames"])
 
 
 def test_how_jobs_are_handed_out_names_no_other_run_folder() -> None:

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -106,6 +107,43 @@ def read_splits(
     return splits
 
 
+class TargetArrays(NamedTuple):
+    """What is exported of a target, all of one size.
+
+    Args:
+        images: H x W x 3 uint8, the target's first, then those of its source frames.
+        sparse_depth: H x W float32 metres, 0 = none.
+        ground_truth: H x W float32 metres, 0 = none; None where there is none.
+    """
+
+    images: list[np.ndarray]
+    sparse_depth: np.ndarray
+    ground_truth: np.ndarray | None
+
+
+def read_target(reader: Reader, triplet: Triplet) -> TargetArrays:
+    """Read what is exported of a target.
+
+    Raises:
+        DeuxError: a file is damaged, or something is of another size than the target's image, for which code that
+            reads the export is not made.
+    """
+    target, sources = triplet
+    images = [reader.image(frame) for frame in (target, *sources)]
+    found = TargetArrays(images, reader.sparse_depth(target), reader.ground_truth(target))
+    named = [(f"source frame {frame.name}", image) for frame, image in zip(sources, images[1:], strict=True)]
+    named += [("sparse depth", found.sparse_depth)]
+    named += [] if found.ground_truth is None else [("ground truth", found.ground_truth)]
+    height, width = images[0].shape[:2]
+    for name, array in named:
+        if array.shape[:2] != (height, width):
+            raise DeuxError(
+                f"frame {target.name} of {target.sequence} in {reader.folder} has an image of {width} x {height} "
+                f"pixels and {name} of {array.shape[1]} x {array.shape[0]}: they must be of one size."
+            )
+    return found
+
+
 class FrameExport:
     """Writes what a reader says of frames as the files of the VOID release, in one folder.
 
@@ -118,21 +156,19 @@ class FrameExport:
         self.folder = folder
         self.reader = reader
 
-    def write_image(self, frame: FrameReference, name: str) -> None:
-        """The colour image as PNG."""
-        write_image(self._file("image", f"{name}.png"), self.reader.image(frame))
+    def write_image(self, image: np.ndarray, name: str) -> None:
+        """H x W x 3 uint8 as PNG."""
+        write_image(self._file("image", f"{name}.png"), image)
 
     def write_sparse(self, sparse_depth: np.ndarray, name: str) -> None:
         """H x W metres as 16-bit PNG, metres x 256, and the map of where they are, 256 x validity."""
         write_depth(self._file("sparse_depth", f"{name}.png"), sparse_depth)
         write_depth(self._file("validity_map", f"{name}.png"), (sparse_depth > 0).astype(np.float32))
 
-    def write_ground_truth(self, frame: FrameReference, name: str) -> bool:
-        """The true depth as 16-bit PNG; whether there is any."""
-        truth = self.reader.ground_truth(frame)
+    def write_ground_truth(self, truth: np.ndarray | None, name: str) -> None:
+        """H x W metres as 16-bit PNG; nothing where there is none."""
         if truth is not None:
             write_depth(self._file("ground_truth", f"{name}.png"), truth)
-        return truth is not None
 
     def write_pose(self, frame: FrameReference, name: str) -> bool:
         """The pose as 3 x 4 numbers, camera-to-world; whether there is any."""

@@ -52,6 +52,8 @@ class LooseFrames(Reader):
         for folder in (self.sparse, self.truth):
             if folder is not None and not folder.is_dir():
                 raise DeuxError(f"{folder} is no folder: the depth maps of many frames lie in one.")
+        if not self._is_video and not self._images:
+            raise DeuxError(f"{self.folder} holds no image: {', '.join(LOOSE_IMAGE_SUFFIXES)} files are expected.")
         if not self._points:
             what = "frames of the video" if self._is_video else "images"
             raise DeuxError(

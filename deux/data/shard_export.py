@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.data.exported_split import ExportedSplit
-from deux.io.atomic import make_folder
+from deux.data.exported_split import ExportedSplit, read_target
+from deux.errors import DeuxError
+from deux.io.atomic import make_folder, write_failure
 from deux.io.images import encode_depth, encode_image
 
 
@@ -30,6 +31,9 @@ def write_shards(folder: Path, splits: Sequence[ExportedSplit], samples: int = 1
         folder: takes the shards.
         splits: to export; the names of their sequences are disjoint.
         samples: of a shard.
+
+    Raises:
+        DeuxError: a frame cannot be read, something of it has another size, or a shard cannot be written.
     """
     make_folder(folder)
     for split in splits:
@@ -37,13 +41,17 @@ def write_shards(folder: Path, splits: Sequence[ExportedSplit], samples: int = 1
         if split.name == "train":
             order = np.random.default_rng(0).permutation(order)
         for number, first in enumerate(range(0, len(order), samples)):
-            with tarfile.open(folder / shard_name(split.name, number), "w", format=tarfile.USTAR_FORMAT) as shard:
-                for index in order[first : first + samples]:
-                    triplet = split.triplets[index]
-                    _add_sample(
-                        shard, f"{split.sequence(triplet.target)}/{_key(triplet.target)}", split.reader, triplet
-                    )
-                    yield
+            path = folder / shard_name(split.name, number)
+            try:
+                with tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as shard:
+                    for index in order[first : first + samples]:
+                        triplet = split.triplets[index]
+                        _add_sample(
+                            shard, f"{split.sequence(triplet.target)}/{_key(triplet.target)}", split.reader, triplet
+                        )
+                        yield
+            except OSError as error:  # of writing alone: what readers cannot read they say in errors of their own
+                raise DeuxError(write_failure(path, error)) from error
 
 
 def shard_name(split: str, number: int) -> str:
@@ -58,10 +66,10 @@ def _key(frame: FrameReference) -> str:
 
 def _add_sample(shard: tarfile.TarFile, key: str, reader: Reader, triplet: Triplet) -> None:
     frames = (triplet.target, *triplet.sources)
-    for kind, frame in zip(("image", *(f"source{n + 1}" for n in range(len(triplet.sources)))), frames, strict=True):
-        _add(shard, f"{key}.{kind}.png", encode_image(reader.image(frame)))
-    _add(shard, f"{key}.sparse_depth.png", encode_depth(reader.sparse_depth(triplet.target)))
-    truth = reader.ground_truth(triplet.target)
+    images, sparse_depth, truth = read_target(reader, triplet)
+    for kind, image in zip(("image", *(f"source{n + 1}" for n in range(len(triplet.sources)))), images, strict=True):
+        _add(shard, f"{key}.{kind}.png", encode_image(image))
+    _add(shard, f"{key}.sparse_depth.png", encode_depth(sparse_depth))
     if truth is not None:
         _add(shard, f"{key}.ground_truth.png", encode_depth(truth))
     poses = [reader.pose(frame) for frame in frames]

@@ -20,10 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Triplet
-from deux.data.exported_split import SOURCES, ExportedSplit, FrameExport, complete_lists
+from deux.data.exported_split import SOURCES, ExportedSplit, FrameExport, complete_lists, read_target
 from deux.errors import DeuxError
-from deux.io.atomic import make_folder, write_atomically
-from deux.io.images import write_image
+from deux.io.atomic import write_atomically
 from deux.io.layout import SUFFIXES, list_file
 
 LISTED = ("image", "sparse_depth", "validity_map", "ground_truth")
@@ -72,11 +71,10 @@ def own_intrinsics(frame: str) -> str:
 def _write_triplet(files: FrameExport, triplet: Triplet) -> None:
     target = triplet.target
     first, second = _source_frames(triplet)
-    images = [files.reader.image(frame) for frame in (first, target, second)]
-    make_folder(files.folder / "image")
-    write_image(files.folder / "image" / f"{target.name}.png", np.concatenate(images, axis=1))
-    files.write_sparse(files.reader.sparse_depth(target), target.name)
-    files.write_ground_truth(target, target.name)
+    images, sparse_depth, truth = read_target(files.reader, Triplet(target, (first, second)))
+    files.write_image(np.concatenate([images[1], images[0], images[2]], axis=1), target.name)
+    files.write_sparse(sparse_depth, target.name)
+    files.write_ground_truth(truth, target.name)
     files.write_pose(target, target.name)
     for number, source in enumerate((first, second), start=1):
         files.write_pose(source, source_name(target.name, number))

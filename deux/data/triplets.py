@@ -284,14 +284,17 @@ def _frames(reader: Reader, triplet: Triplet, arrays: Iterable[tuple[FrameKey, A
             frames.images.append(array)
         else:
             frames.maps[key.kind] = array
-    size = tuple(frames.images[0].shape[-2:])
-    named = [*(("a source frame", image) for image in frames.images[1:]), *frames.maps.items()]
+    height, width = frames.images[0].shape[-2:]
+    # Frames that are read without their source frames have one image.
+    named = [
+        (f"source frame {frame.name}", image) for frame, image in zip(triplet.sources, frames.images[1:], strict=False)
+    ]
+    named += [(kind.replace("_", " "), array) for kind, array in frames.maps.items()]
     for name, array in named:
-        height, width = array.shape[-2:]
-        if (height, width) != size:
+        if array.shape[-2:] != (height, width):
             raise DeuxError(
-                f"{_named(reader, triplet)} has {name.replace('_', ' ')} of {height} x {width} pixels where its image "
-                f"has {size[0]} x {size[1]}."
+                f"{_named(reader, triplet)} has an image of {width} x {height} pixels and {name} of "
+                f"{array.shape[-1]} x {array.shape[-2]}: they must be of one size."
             )
     return frames
 

@@ -24,7 +24,7 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
-from deux.data.exported_split import ExportedSplit, FrameExport, complete_lists
+from deux.data.exported_split import ExportedSplit, FrameExport, complete_lists, read_target
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.calibration import write_matrix
@@ -137,14 +137,14 @@ def _write_sequence(
 def _write_frame(files: dict[str, FrameExport], frame: FrameReference, name: str) -> None:
     """Write what a frame has, once; the densities share all but the sparse points."""
     full = files[FULL]
-    full.write_image(frame, name)
-    full.write_ground_truth(frame, name)
+    (image,), sparse, truth = read_target(full.reader, Triplet(frame, ()))
+    full.write_image(image, name)
+    full.write_ground_truth(truth, name)
     full.write_pose(frame, name)
     for written in files.values():
         if written is not full:
             for kind in PUBLISHED_KINDS:
                 _link(full.folder / kind, written.folder / kind, name, name, SUFFIXES[kind])
-    sparse = full.reader.sparse_depth(frame)
     # The smaller sets are part of the larger ones, as fewer tracked points would be.
     order = np.random.default_rng(0).permutation(np.flatnonzero(sparse))
     for density, written in files.items():

@@ -2,8 +2,8 @@
 
 import logging
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from itertools import zip_longest
+from numbers import Integral
 from os import PathLike
 from typing import Any, NamedTuple, TypeAlias, overload
 
@@ -86,6 +86,8 @@ def predict_arrays(
     model = model if isinstance(model, DepthModel) else _loaded(model)
     if _is_stream(image) or _is_stream(sparse_depth):
         check_range("batch_size", batch_size, 1)
+        if not isinstance(batch_size, Integral):  # no number of frames would ever be equal to it
+            raise DeuxError(f"batch_size is {batch_size}: it must be a whole number.")
         return _predict_stream(_zipped(image, sparse_depth, intrinsics), model, batch_size)
     frames = _checked(image, sparse_depth, intrinsics, model)  # type: ignore[arg-type]
     if frames.image.ndim == 4:
@@ -126,7 +128,7 @@ def _stacked(frames: Sequence[_Inputs]) -> _Inputs:
 
 def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
     """N x H x W float32 metres."""
-    with torch.autocast(device_of(model).type, enabled=False), _precision_told(model):
+    with torch.autocast(device_of(model).type, enabled=False):
         depth = model.predict(
             torch.from_numpy(frames.image).permute(0, 3, 1, 2).contiguous(),
             torch.from_numpy(frames.sparse_depth)[:, None],
@@ -190,21 +192,6 @@ def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, b
             batch = []
     if batch:
         yield from _predict(_stacked(batch), model)
-
-
-@contextmanager
-def _precision_told(model: DepthModel) -> Iterator[None]:
-    """Say of a model whose weights are not float32, and which does not convert its inputs, why it fails inside."""
-    try:
-        yield
-    except RuntimeError as error:
-        for weight in model.parameters():
-            if weight.is_floating_point() and weight.dtype != torch.float32:
-                kind = str(weight.dtype).removeprefix("torch.")
-                raise DeuxError(
-                    f"the model's weights are {kind}, and its inputs are float32: model.float() converts them."
-                ) from error
-        raise
 
 
 def _loaded(model: str | PathLike[str]) -> DepthModel:
@@ -287,6 +274,8 @@ def _check_shapes(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.nd
 def _judge_camera(intrinsics: np.ndarray, height: int, width: int) -> None:
     """Warn of the first of the matrices that seems to belong to images of another size."""
     for matrix in intrinsics.reshape(-1, 3, 3):
+        if not np.isfinite(matrix).all():
+            return  # the check of the tensors refuses it
         if sentence := camera_warning(matrix, height, width, "the matrix intrinsics"):
             log.warning(sentence)
             return

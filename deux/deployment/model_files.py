@@ -2,6 +2,7 @@
 
 import json
 import os
+import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -210,8 +211,13 @@ def weights_file(path: str | PathLike[str]) -> Path:
     """The file of a model that is named by it, by its run folder or, if it ships, by its name.
 
     Raises:
-        DeuxError: there is none.
+        DeuxError: there is none, or `path` is no path.
     """
+    if not isinstance(path, str | PathLike):
+        raise DeuxError(
+            f"a model is named by a value of the type {type(path).__name__}: name it by the path of a run folder or "
+            "model file, or by the name of a model that ships."
+        )
     file = file_or_shipped(path, Path(path))
     if os.path.isdir(file):
         file = file / MODEL_FILE
@@ -245,6 +251,12 @@ def _read_weights(file: Path) -> dict[str, Tensor]:
 
 
 def _damaged(file: Path, error: Exception) -> DeuxError:
+    if zipfile.is_zipfile(file):  # torch.save writes zip archives
+        return DeuxError(
+            f"{file} cannot be read as safetensors: it seems to be written by torch.save. A published checkpoint is "
+            "read by deux.load_published(name, path) or with model=<name> on the command line; of a training's "
+            f"checkpoint name the run folder, which holds a {MODEL_FILE} at the training's end."
+        )
     return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {said(error)}.")
 
 

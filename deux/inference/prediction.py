@@ -87,11 +87,13 @@ def predict(
         N x 1 x H x W float32 metres, on the model's device.
 
     Raises:
-        DeuxError: an input has another shape or impossible values.
+        DeuxError: an input has another shape or impossible values, or the model's weights are not float32.
     """
     device = device_of(model)
+    _check_weights(model, device)
     image, sparse_depth, intrinsics = (
-        torch.as_tensor(x).to(device, torch.float32) for x in (image, sparse_depth, intrinsics)
+        _tensor(name, value).to(device, torch.float32)
+        for name, value in (("image", image), ("sparse_depth", sparse_depth), ("intrinsics", intrinsics))
     )
     _check(image, sparse_depth, intrinsics)
     _check_size(image)
@@ -171,6 +173,26 @@ def _depth_of(model: CompletionNetwork, prediction: Any, image: Tensor) -> Tenso
     raise broken_contract(model, given, right, "forward")
 
 
+def _check_weights(model: CompletionNetwork, device: torch.device) -> None:
+    """Raise DeuxError unless the weights take float32 inputs; autocast brings both to one type."""
+    kind = next((weight.dtype for weight in model.parameters()), torch.float32)
+    if kind != torch.float32 and not torch.is_autocast_enabled(device.type):
+        raise DeuxError(
+            f"the model's weights are of the type {_kind(kind)}, and it predicts in float32: call model.float() first."
+        )
+
+
+def _tensor(name: str, value: Any) -> Tensor:
+    """The value as a tensor; torch itself takes no array with reversed axes or the other order of bytes."""
+    try:
+        if isinstance(value, np.ndarray):
+            with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
+                value = np.array(value, dtype=np.float32, order="C")
+        return torch.as_tensor(value)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise DeuxError(f"{name} is of the type {type(value).__name__}: it is a tensor or array of numbers.") from error
+
+
 def _check(image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> None:
     """Raise DeuxError unless shapes and values are possible; all values that are looked at are read at once."""
     if image.ndim != 4 or image.shape[1] != 3 or 0 in image.shape:
@@ -235,6 +257,10 @@ def eval_mode(model: CompletionNetwork) -> Iterator[None]:
     finally:
         for module in training:
             module.training = True
+
+
+def _kind(dtype: torch.dtype) -> str:
+    return str(dtype).removeprefix("torch.")
 
 
 def _shape(x: Tensor) -> str:

@@ -84,7 +84,7 @@ def checked_intrinsics(numbers: np.ndarray, path: Path) -> np.ndarray:
 def camera_warning(intrinsics: np.ndarray, height: int, width: int, where: str) -> str | None:
     """The sentence for intrinsics that seem to belong to no image of this size; None where they may.
 
-    Intrinsics that are divided by the image's size have focal lengths of about 1.
+    Intrinsics that are divided by the image's size have focal lengths of about 1 and a principal point below 1.
 
     Args:
         intrinsics: 3 x 3, for pixel centres at integers.
@@ -94,10 +94,12 @@ def camera_warning(intrinsics: np.ndarray, height: int, width: int, where: str) 
     """
     (fx, fy), (x, y) = intrinsics[[0, 1], [0, 1]], intrinsics[:2, 2]
     size = f"{width} x {height} pixels"
-    if fx < SHORTEST_FOCUS * width or fy < SHORTEST_FOCUS * height:
+    short = fx < SHORTEST_FOCUS * width or fy < SHORTEST_FOCUS * height
+    too_short = f"the focal lengths {fx:g} and {fy:g} are too short for an image of {size}"
+    if short and max(abs(x), abs(y)) <= 1:
         return (
-            f"the focal lengths {fx:g} and {fy:g} are too short for an image of {size}: if {where} is divided by the "
-            f"image's size, multiply its first row by the width {width} and its second row by the height {height}."
+            f"{too_short}: if {where} is divided by the image's size, multiply its first row by the width {width} and "
+            f"its second row by the height {height}."
         )
     if not (0 <= x < width and 0 <= y < height):
         return (
@@ -109,4 +111,6 @@ def camera_warning(intrinsics: np.ndarray, height: int, width: int, where: str) 
             f"the principal point ({x:g}, {y:g}) lies far from the middle of the image of {size}: {where} seems to "
             f"belong to images of about {2 * x + 1:.0f} x {2 * y + 1:.0f} pixels."
         )
+    if short:
+        return f"{too_short}: those of {where} are in pixels, not in millimetres."
     return None

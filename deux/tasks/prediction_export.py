@@ -144,6 +144,9 @@ class SequenceExport:
         self._number += 1
 
     def _write_clouds(self) -> None:
+        if self._without_pose == self._number:  # other sequences have poses, or no cloud could have been asked for
+            log.warning(f"{self._clouds[0]} is not written, as none of its {self._number} frames has a pose.")
+            return
         if self._without_pose:
             log.warning(
                 f"{self._without_pose} of the {self._number} frames have no pose and are not in {self._clouds[0]}."

@@ -55,10 +55,15 @@ def validation_of(
         offsets: the recent source frames, in frames from the target, where the folder does not list them.
         needs: what the training reads.
         choice: how source frames are chosen.
+
+    Raises:
+        DeuxError: a file is missing, damaged or of another kind.
     """
     try:
         found = _listed(reader, "validation", offsets, needs, choice)
     except DeuxError as error:
+        if _has_frames(reader, "validation", offsets):
+            raise  # a file of theirs is damaged, which ends the command as it does in training frames
         say(f"  no validation: {error}")
         return []
     if needs.sources and not any(triplet.sources for triplet in found):
@@ -149,6 +154,14 @@ def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, 
             "that has some, or by the options under `data` which are the split's."
         )
     return found
+
+
+def _has_frames(reader: Reader, split: str, offsets: tuple[int, ...]) -> bool:
+    """Whether a split has frames, whatever their files hold."""
+    try:
+        return bool(reader.triplets(split, offsets))
+    except DeuxError:
+        return False
 
 
 def _where(offsets: tuple[int, ...], choice: SourceChoice) -> str:

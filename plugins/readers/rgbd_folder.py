@@ -134,6 +134,12 @@ class RgbdFolder(RecordedVideo):
         for path in ([] if own is None else [own]) + shared:
             if path.is_file():
                 return read_any_intrinsics(path)
+        folders = [folder for name in INTRINSICS_FOLDERS if (folder := video / name).is_dir()]
+        if folders:
+            raise DeuxError(
+                f"Frame {frame.name} of {frame.sequence} in {self.folder} has no intrinsics: {folders[0]} holds no "
+                ".txt or .npy file of its name or, for each of the frames, of its number, and there is no K.txt."
+            )
         raise DeuxError(
             f"{video} has no intrinsics: K.txt with nine numbers in it, or data.fx, data.fy, data.cx and data.cy are "
             "expected, in pixels of the images."

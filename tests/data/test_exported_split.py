@@ -2,12 +2,16 @@ from pathlib import Path
 
 import pytest
 from exported import splits
+from PIL import Image
 from void_layout import dataset, walk, write
 
 from deux.contracts import FrameReference, Triplet
 from deux.data.chosen_sources import list_triplets
 from deux.data.dataset_reader import DatasetReader
 from deux.data.exported_split import ExportedSplit, read_splits
+from deux.data.shard_export import write_shards
+from deux.data.triplet_export import write_triplets
+from deux.data.void_export import write_void
 from deux.errors import DeuxError
 
 
@@ -53,3 +57,20 @@ def test_frames_whose_files_would_lie_outside_the_export_are_refused(tmp_path: P
     reader = DatasetReader(write(tmp_path / "recorded", {"hall-00": walk("hall", 5)}))
     with pytest.raises(DeuxError, match=r"the export of .*recorded can hold no file of the frame"):
         ExportedSplit("test", reader, (Triplet(FrameReference(*frame), ()),))
+
+
+@pytest.mark.parametrize("kind", ["image", "sparse_depth", "ground_truth"])
+@pytest.mark.parametrize("export", ["triplets", "void", "webdataset"])
+def test_a_frame_of_which_something_has_another_size_is_not_exported(tmp_path: Path, kind, export):
+    folder = write(tmp_path / "given", {"hall-00": walk("hall", 6)}, triplets=True)
+    file = next(folder.glob(f"data/hall-00/{kind}/*03.png"))
+    with Image.open(file) as picture:
+        picture.resize((12, 10), Image.Resampling.NEAREST).save(file)
+    given = read_splits({"train": DatasetReader(folder)}, (-1, -2))
+    writers = {
+        "triplets": lambda: write_triplets(tmp_path / "out", given, tmp_path / "out"),
+        "void": lambda: write_void(tmp_path / "out", given),
+        "webdataset": lambda: write_shards(tmp_path / "out", given, 4),
+    }
+    with pytest.raises(DeuxError, match=r"^frame 00000\d of hall-00 .* 12 x 10.*: they must be of one size\.$"):
+        list(writers[export]())

@@ -107,6 +107,9 @@ def test_ground_truth_has_a_folder_and_a_scale_of_its_own(tmp_path: Path) -> Non
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match=r"points has no points of the images .*images: a \.png or \.npy file for each"):
         write(tmp_path, ["other_3.png"], [0])
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(DeuxError, match=r"empty holds no image: \.png, \.jpg"):
+        LooseFrames(tmp_path / "empty", tmp_path / "points", tmp_path / "K.txt")
     with pytest.raises(DeuxError, match=r"none is no folder: the depth maps of many frames lie in one"):
         LooseFrames(tmp_path / "images", tmp_path / "none", tmp_path / "K.txt")
     with pytest.raises(DeuxError, match=r"K\.txt is no folder of images and no video"):

@@ -1,5 +1,6 @@
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from exported import splits
 from PIL import Image
 
 from deux.data.shard_export import write_shards
+from deux.errors import DeuxError
 
 
 @pytest.fixture
@@ -64,3 +66,22 @@ def test_the_same_dataset_gives_the_same_bytes(exported, tmp_path):
         pass
     for path in folder.iterdir():
         assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_a_full_disk_is_told_with_the_shard_that_does_not_fit(tmp_path):
+    (tmp_path / "shards").mkdir()
+    (tmp_path / "shards/train-000000.tar").symlink_to("/dev/full")
+    with pytest.raises(DeuxError, match=r"^The disk is full: .*shards/train-000000\.tar could not be written"):
+        list(write_shards(tmp_path / "shards", splits(tmp_path / "given")))
+
+
+def test_the_documented_loader_gives_batches(exported):
+    folder, _ = exported
+    text = (Path(__file__).parents[2] / "docs/export.md").read_text()
+    code = next(block for block in text.split("```") if block.startswith("python") and "WebLoader" in block)
+    names: dict = {}
+    exec(code.removeprefix("python").replace("shards/train", f"{folder}/train"), names)
+    images, sparse_depth, intrinsics = next(iter(names["loader"]))
+    assert images.shape[:2] == (8, 3)
+    assert sparse_depth.shape[1:] == images.shape[2:4]
+    assert intrinsics.shape == (8, 3, 3)

@@ -22,7 +22,7 @@ from deux.data.triplets import SampleSettings, TripletDataset, collate
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.reprojection import reproject
-from deux.io.images import read_depth, write_depth
+from deux.io.images import read_depth, write_depth, write_image
 from deux.testing.readers import RecordedFrame
 
 FULL = SampleSettings(ground_truth=True)
@@ -301,10 +301,17 @@ def test_a_truncated_file_is_named(folder: Path) -> None:
 
 
 def test_a_map_of_another_size_is_named(folder: Path) -> None:
-    write_depth(file_of(folder, "sparse_depth", first_triplet(folder).target), np.ones((10, 10)))
+    write_depth(file_of(folder, "sparse_depth", first_triplet(folder).target), np.ones((10, 12)))
     with pytest.raises(
-        DeuxError, match=r"Frame 000002 of hall-00 in .* sparse depth of 10 x 10 pixels where .* 40 x 48"
+        DeuxError, match=r"Frame 000002 of .* an image of 48 x 40 pixels and sparse depth of 12 x 10: they"
     ):
+        load(folder)[0]
+
+
+def test_a_source_frame_of_another_size_is_named(folder: Path) -> None:
+    source = first_triplet(folder).sources[1]
+    write_image(file_of(folder, "image", source), np.zeros((10, 12, 3), np.uint8))
+    with pytest.raises(DeuxError, match=rf"image of 48 x 40 pixels and source frame {source.name} of 12 x 10: they"):
         load(folder)[0]
 
 

@@ -130,7 +130,7 @@ def test_weights_of_another_precision_are_told(dtype):
     model = registry().create("depth_models", "kbnet", {}).to(dtype)
     image, sparse_depth = np.zeros((32, 32, 3), np.uint8), np.full((32, 32), 2.0, np.float32)
     intrinsics = np.array([[20.0, 0.0, 15.5], [0.0, 20.0, 15.5], [0.0, 0.0, 1.0]])
-    with pytest.raises(DeuxError, match=rf"weights are {kind}, and its inputs are float32: model\.float\(\)"):
+    with pytest.raises(DeuxError, match=rf"weights are of the type {kind}, .*: call model\.float\(\)"):
         deux.predict(image, sparse_depth, intrinsics, model=model)
 
 
@@ -216,6 +216,12 @@ def test_a_camera_of_another_size_is_warned_of_once_in_a_call_or_stream(caplog):
         caplog.clear()
         assert len(list(deux.predict(**given, model=Doubling()))) == 3
         assert caplog.messages == [message]
+
+
+def test_a_matrix_of_no_numbers_is_refused_and_not_judged(caplog):
+    with pytest.raises(DeuxError, match="is singular or no camera matrix"):
+        deux.predict(**frame() | {"intrinsics": np.full((3, 3), np.nan)}, model=Doubling())
+    assert not caplog.messages
 
 
 MISTAKES = {
@@ -343,6 +349,7 @@ def test_frames_of_a_stream_may_differ_in_size_and_camera():
         ({"sparse_depth": "wide"}, "frame 1: sparse_depth has the shape 37 x 51"),
         ({"image": "batch"}, "frame 1: image has the shape 1 x 37 x 50 x 3: a stream gives H x W x 3"),
         ({"batch_size": 0}, "batch_size is 0: it must be at least 1"),
+        ({"batch_size": 1.5}, r"batch_size is 1\.5: it must be a whole number"),
     ],
 )
 def test_a_stream_that_cannot_be(change, sentence):
@@ -358,4 +365,4 @@ def test_a_stream_that_cannot_be(change, sentence):
     if how == "array":
         given["image"] = np.stack(streams["image"])
     with pytest.raises(DeuxError, match=sentence):
-        list(deux.predict(**given, model=Doubling(), **({"batch_size": 0} if option == "batch_size" else {})))
+        list(deux.predict(**given, model=Doubling(), **({"batch_size": how} if option == "batch_size" else {})))

@@ -36,6 +36,7 @@ def folder(kbnet, tmp_path):
 class Greedy(DepthModel):
     """Notes the elements that it asks memory for."""
 
+    min_depth, max_depth = 0.1, 10.0
     memory = 0
 
     def __init__(self, width: int = 2) -> None:

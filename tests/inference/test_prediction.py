@@ -51,6 +51,33 @@ def test_takes_arrays_of_any_precision():
     assert predict(Recorder(), **data).shape == (2, 1, 16, 16)
 
 
+def test_takes_arrays_with_reversed_axes_and_the_other_order_of_bytes():
+    data = {name: value.numpy() for name, value in camera_data((16, 16)).items()}
+    model, reversed_image = Recorder(), data["image"][:, ::-1]
+    swapped = data["sparse_depth"].astype(data["sparse_depth"].dtype.newbyteorder())
+    predict(model, reversed_image, swapped, data["intrinsics"])
+    np.testing.assert_array_equal(model.seen["image"].numpy(), reversed_image)
+    np.testing.assert_array_equal(model.seen["sparse_depth"].numpy(), data["sparse_depth"])
+
+
+@pytest.mark.parametrize("value", [None, "picture.png"])
+def test_what_holds_no_numbers_is_refused(value):
+    with pytest.raises(DeuxError, match=r"^image is of the type \w+: it is a tensor or array of numbers\.$"):
+        predict(Recorder(), **camera_data((16, 16)) | {"image": value})
+
+
+@pytest.mark.parametrize("kind", [torch.float64, torch.float16, torch.bfloat16])
+def test_weights_of_another_type_are_refused_in_a_sentence(kind):
+    class Weighted(Recorder):
+        def __init__(self):
+            super().__init__()
+            self.weight = torch.nn.Parameter(torch.ones(1))
+
+    assert predict(Weighted(), **camera_data((16, 16))).dtype == torch.float32
+    with pytest.raises(DeuxError, match=f"^the model's weights are of the type {str(kind)[6:]}, .* model.float"):
+        predict(Weighted().to(kind), **camera_data((16, 16)))
+
+
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [

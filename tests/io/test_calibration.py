@@ -91,8 +91,10 @@ def test_cameras_of_all_views_are_let_through(hfov: float) -> None:
         (np.diag([4.0, 4.0, 1.0]) @ K, r"\(1278, 958\) lies outside the image of 640 x 480 pixels: K\.txt seems to"),
         (np.diag([0.5, 0.5, 1.0]) @ K, r"far from the middle .*: K\.txt seems to belong to images of about 320 x 240"),
         (np.diag([1.6, 1.6, 1.0]) @ K, r"far from the middle .*: K\.txt seems to belong to images of about 1023 x 767"),
+        (np.diag([0.05, 0.05, 1.0]) @ K, r"far from the middle .*: K\.txt seems to belong to images of about 33 x 25"),
+        (K - np.diag([K[0, 0] - 4.0, K[1, 1] - 4.0, 0.0]), r"4 and 4 are too short .* in pixels, not in millimetres"),
     ],
-    ids=["normalised", "four times", "half", "larger"],
+    ids=["normalised", "four times", "half", "larger", "a twentieth", "millimetres"],
 )
 def test_a_matrix_of_another_image_is_noticed(matrix: np.ndarray, sentence: str) -> None:
     found = camera_warning(matrix, 480, 640, "K.txt")

@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from deux.contracts import Action, Reader
+from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.tasks import recorded_frames
@@ -308,3 +309,12 @@ def test_a_reader_that_finds_nothing_is_told_with_folder_and_split(tmp_path, cap
         check_recorded(Blind(), "train", (-1, -2), None, Needs())
     assert validation_of(Blind(), (-1, -2), Needs()) == []
     assert f"no validation: the validation {told}" in capsys.readouterr().out
+
+
+def test_a_damaged_validation_frame_is_no_lack_of_validation_frames(tmp_path, capsys):
+    folder = record(tmp_path / "video", "validation", "office", CAMERA)
+    for file in (folder / "data/office/sparse_depth/3.png", folder / "data/office/image/3.jpg"):
+        file.write_bytes(file.read_bytes()[:100])
+    with pytest.raises(DeuxError, match=r"image/3\.jpg cannot be read as an image"):
+        validation_of(DatasetReader(folder), (-1, -2), Needs(sources=True), "baseline")
+    assert "no validation" not in capsys.readouterr().out

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -340,3 +341,14 @@ def test_frames_of_a_corrected_camera_are_not_taken_for_those_of_before(predict,
         f"{run} holds a run with other recorded frames: the files of predict.data have changed since it was begun; "
         "choose another folder with hydra.run.dir=... or delete this one."
     )
+
+
+def test_a_sequence_without_poses_has_no_cloud_beside_one_that_has_them(predict, room_folder):
+    videos = room_folder.parent / "videos"
+    for name in ("hall", "room"):
+        shutil.copytree(room_folder, videos / name)
+    (videos / "hall" / "poses.txt").unlink()
+    outcome = predict(data=videos, export="ply", agreement="null")
+    assert outcome.code == 0, outcome.err
+    assert "clouds/hall.ply is not written, as none of its 7 frames has a pose." in outcome.out + outcome.err
+    assert [path.name for path in sorted((room_folder.parent / "run" / "clouds").iterdir())] == ["room.ply", "room.png"]

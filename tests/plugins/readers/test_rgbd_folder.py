@@ -287,6 +287,9 @@ def test_the_cameras_matrix(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         whole(tmp_path / "rooms", fx=1, fy=2, cx=3, cy=4).intrinsics(frame), [[1, 0, 3], [0, 2, 4], [0, 0, 1]]
     )
+    with pytest.raises(DeuxError, match=r"^Frame frame_0 of hall in .*hall has no intrinsics: .*intrinsics holds no"):
+        whole(folder).intrinsics(FrameReference("hall", "frame_0"))
+    (folder / "intrinsics").rename(folder / "matrices")
     with pytest.raises(DeuxError, match=r"hall has no intrinsics: K\.txt with nine numbers"):
         whole(folder).intrinsics(FrameReference("hall", "frame_0"))
     with pytest.raises(DeuxError, match=r"data\.fx is given without all of"):

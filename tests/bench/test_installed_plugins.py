@@ -2,8 +2,10 @@ import pytest
 import torch
 
 from deux.bench.installed_plugins import default_model, installed, make_guide, renderers
-from deux.contracts import Uncertainty
+from deux.contracts import SceneReference, Uncertainty
 from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.geometry.robot import Robot
 from deux.registry import registry
 from deux.testing.box_world import BoxWorld
 
@@ -40,10 +42,17 @@ def test_there_is_no_guide_where_no_model_is_installed() -> None:
         make_guide("tiny")
 
 
+class Boxes(BoxWorld):
+    """A room of 4 m x 4 m, made as a simulator is."""
+
+    def __init__(self, scene: SceneReference, camera: Camera, robot: Robot, colors: bool = True) -> None:
+        super().__init__(4.0, 4.0, camera=camera, robot=robot)
+
+
 def test_every_installed_simulator_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     names = registry().names("simulators")  # fills the table, so that it comes back afterwards
     monkeypatch.setitem(registry()._plugins, "simulators", list(registry()._plugins["simulators"]))
-    registry().register("simulators", "boxes", BoxWorld)
+    registry().register("simulators", "boxes", Boxes)
     assert list(renderers())[:3] == ["embree", "gl", "pyrender"]
     assert set(renderers()) == {"embree", "gl", "pyrender", "boxes", *names} - {"mesh"}
     assert renderers()["pyrender"].description == {"name": "mesh", "renderer": "pyrender"}

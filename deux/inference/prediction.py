@@ -87,10 +87,9 @@ def predict(
         N x 1 x H x W float32 metres, on the model's device.
 
     Raises:
-        DeuxError: an input has another shape or impossible values, or the model's weights are not float32.
+        DeuxError: an input has another shape or impossible values, or the model fails as its weights are not float32.
     """
     device = device_of(model)
-    _check_weights(model, device)
     image, sparse_depth, intrinsics = (
         _tensor(name, value).to(device, torch.float32)
         for name, value in (("image", image), ("sparse_depth", sparse_depth), ("intrinsics", intrinsics))
@@ -98,7 +97,7 @@ def predict(
     _check(image, sparse_depth, intrinsics)
     _check_size(image)
     prepared = prepared_inputs(model, sparse_depth)
-    with eval_mode(model):
+    with eval_mode(model), _weights_told(model):
         return complete(model, image, sparse_depth, intrinsics, prepared)
 
 
@@ -173,13 +172,19 @@ def _depth_of(model: CompletionNetwork, prediction: Any, image: Tensor) -> Tenso
     raise broken_contract(model, given, right, "forward")
 
 
-def _check_weights(model: CompletionNetwork, device: torch.device) -> None:
-    """Raise DeuxError unless the weights take float32 inputs; autocast brings both to one type."""
-    kind = next((weight.dtype for weight in model.parameters()), torch.float32)
-    if kind != torch.float32 and not torch.is_autocast_enabled(device.type):
+@contextmanager
+def _weights_told(model: CompletionNetwork) -> Iterator[None]:
+    """Say of a network whose weights are not float32, and which does not convert its inputs, why it fails inside."""
+    try:
+        yield
+    except RuntimeError as error:
+        kinds = {weight.dtype for weight in model.parameters() if weight.is_floating_point()} - {torch.float32}
+        if not kinds:
+            raise
         raise DeuxError(
-            f"the model's weights are of the type {_kind(kind)}, and it predicts in float32: call model.float() first."
-        )
+            f"the model's weights are of the type {_kind(kinds.pop())}, and it predicts in float32: call model.float() "
+            "first."
+        ) from error
 
 
 def _tensor(name: str, value: Any) -> Tensor:

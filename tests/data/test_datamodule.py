@@ -58,7 +58,11 @@ class CountingModel(ToyModel):
         worker = get_worker_info()
         assert worker is not None
         self.prepared += 1
-        return {"worker": np.full((1, 1, 1), worker.id), "before": np.full((1, 1, 1), self.prepared - 1)}
+        size = (1, *sparse_depth.shape)
+        return {
+            "worker": np.full(size, worker.id, np.float32),
+            "before": np.full(size, self.prepared - 1, np.float32),
+        }
 
 
 class Unreachable:
@@ -74,7 +78,7 @@ class Unreachable:
 class CollectingModel(ToyModel):
     def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
         gc.collect()
-        return {"worker": np.full((1, 1, 1), os.getpid())}
+        return {"worker": np.full((1, *sparse_depth.shape), os.getpid(), np.float32)}
 
 
 class Recorder(LightningModule):
@@ -194,7 +198,7 @@ def test_what_was_unreachable_before_the_fork_is_not_freed_by_a_worker(tmp_path:
     gc.disable()
     try:
         Unreachable(marks)
-        processes = {int(batch.prepared["worker"][0]) for batch in drawn(data)}
+        processes = {int(batch.prepared["worker"].flatten()[0]) for batch in drawn(data)}
         assert processes
         assert not {str(process) for process in processes} & set(os.listdir(marks))
     finally:

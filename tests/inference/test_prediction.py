@@ -71,7 +71,11 @@ def test_weights_of_another_type_are_refused_in_a_sentence(kind):
     class Weighted(Recorder):
         def __init__(self):
             super().__init__()
-            self.weight = torch.nn.Parameter(torch.ones(1))
+            self.layer = torch.nn.Conv2d(3, 1, 1)
+
+        def forward(self, image, *inputs, **prepared):
+            self.layer(image)
+            return super().forward(image, *inputs, **prepared)
 
     assert predict(Weighted(), **camera_data((16, 16))).dtype == torch.float32
     with pytest.raises(DeuxError, match=f"^the model's weights are of the type {str(kind)[6:]}, .* model.float"):

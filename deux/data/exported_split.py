@@ -10,6 +10,7 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.chosen_sources import list_triplets
+from deux.data.frame_sizes import check_one_size
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder
 from deux.io.calibration import write_matrix
@@ -134,13 +135,7 @@ def read_target(reader: Reader, triplet: Triplet) -> TargetArrays:
     named = [(f"source frame {frame.name}", image) for frame, image in zip(sources, images[1:], strict=True)]
     named += [("sparse depth", found.sparse_depth)]
     named += [] if found.ground_truth is None else [("ground truth", found.ground_truth)]
-    height, width = images[0].shape[:2]
-    for name, array in named:
-        if array.shape[:2] != (height, width):
-            raise DeuxError(
-                f"frame {target.name} of {target.sequence} in {reader.folder} has an image of {width} x {height} "
-                f"pixels and {name} of {array.shape[1]} x {array.shape[0]}: they must be of one size."
-            )
+    check_one_size(reader, target, images[0].shape[:2], ((name, array.shape[:2]) for name, array in named))
     return found
 
 

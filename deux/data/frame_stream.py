@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deux.contracts import FrameReference, Reader
-from deux.errors import DeuxError
+from deux.data.frame_sizes import check_one_size
 from deux.geometry.poses import projecting_alike, source_from_target
 from deux.geometry.source_frames import SourceRule
 
@@ -100,12 +100,8 @@ class FrameStream:
         sparse_depth, truth = np.zeros(image.shape[:2], np.float32), None
         if self._depths:
             sparse_depth, truth = self._reader.sparse_depth(frame), self._reader.ground_truth(frame)
-        for kind, depth in (("sparse depth", sparse_depth), ("ground truth", truth)):
-            if depth is not None and depth.shape != image.shape[:2]:
-                raise DeuxError(
-                    f"frame {frame.name} of {frame.sequence} in {self._reader.folder} has an image of "
-                    f"{_size(image)} pixels and {kind} of {_size(depth)}: they must be of one size."
-                )
+        depths = [("sparse depth", sparse_depth.shape)] + ([] if truth is None else [("ground truth", truth.shape)])
+        check_one_size(self._reader, frame, image.shape[:2], depths)
         pose = self._reader.pose(frame)
         intrinsics = self._reader.intrinsics(frame)
         others = self._sources.get(frame, ())
@@ -129,8 +125,3 @@ class FrameStream:
             if len(self._images) > _KEPT:
                 self._images.popitem(last=False)
         return self._images[frame]
-
-
-def _size(pixels: np.ndarray) -> str:
-    height, width = pixels.shape[:2]
-    return f"{width} x {height}"

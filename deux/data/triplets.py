@@ -16,6 +16,7 @@ from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, dev
 from deux.data.device_cache import DeviceCache
 from deux.data.drawn_windows import Window
 from deux.data.frame_cache import FrameCache, FrameKey, metres
+from deux.data.frame_sizes import check_one_size
 from deux.data.transforms import augment
 from deux.errors import DeuxError, counted
 from deux.geometry.poses import projecting_alike, source_from_target
@@ -284,18 +285,12 @@ def _frames(reader: Reader, triplet: Triplet, arrays: Iterable[tuple[FrameKey, A
             frames.images.append(array)
         else:
             frames.maps[key.kind] = array
-    height, width = frames.images[0].shape[-2:]
     # Frames that are read without their source frames have one image.
-    named = [
-        (f"source frame {frame.name}", image) for frame, image in zip(triplet.sources, frames.images[1:], strict=False)
-    ]
+    sources = zip(triplet.sources, frames.images[1:], strict=False)
+    named = [(f"source frame {frame.name}", array) for frame, array in sources]
     named += [(kind.replace("_", " "), array) for kind, array in frames.maps.items()]
-    for name, array in named:
-        if array.shape[-2:] != (height, width):
-            raise DeuxError(
-                f"{_named(reader, triplet)} has an image of {width} x {height} pixels and {name} of "
-                f"{array.shape[-1]} x {array.shape[-2]}: they must be of one size."
-            )
+    sizes = [(name, tuple(array.shape[-2:])) for name, array in named]
+    check_one_size(reader, triplet.target, tuple(frames.images[0].shape[-2:]), sizes)
     return frames
 
 

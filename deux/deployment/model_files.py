@@ -221,11 +221,6 @@ def weights_file(path: str | PathLike[str]) -> Path:
     file = file_or_shipped(path, Path(path))
     if os.path.isdir(file):
         file = file / MODEL_FILE
-    elif file.suffix == ".ckpt":
-        raise DeuxError(
-            f"{file} is a checkpoint, from which a training goes on: name its run folder, which holds a {MODEL_FILE} "
-            "once the training is over."
-        )
     if not os.path.isfile(file):
         shipped = f", or a model that ships ({', '.join(sorted(shipped_files()))})" if shipped_files() else ""
         raise DeuxError(f"there is no model {file}: name a file of weights, a run folder with a {MODEL_FILE}{shipped}.")

@@ -303,7 +303,7 @@ def test_a_truncated_file_is_named(folder: Path) -> None:
 def test_a_map_of_another_size_is_named(folder: Path) -> None:
     write_depth(file_of(folder, "sparse_depth", first_triplet(folder).target), np.ones((10, 12)))
     with pytest.raises(
-        DeuxError, match=r"Frame 000002 of .* an image of 48 x 40 pixels and sparse depth of 12 x 10: they"
+        DeuxError, match=r"frame 000002 of .* an image of 48 x 40 pixels and sparse depth of 12 x 10: they"
     ):
         load(folder)[0]
 

@@ -78,13 +78,6 @@ def test_nothing_there(tmp_path):
         load_model(tmp_path)
 
 
-def test_a_checkpoint_of_a_training_is_no_model(tmp_path):
-    file = tmp_path / "last.ckpt"
-    file.write_bytes(b"PK\x03\x04")
-    with pytest.raises(DeuxError, match=r"last\.ckpt is a checkpoint, from which a training goes on: name its run"):
-        load_model(file)
-
-
 def test_a_file_cut_short(tmp_path):
     file = tmp_path / MODEL_FILE
     save_model(file, Scaled(), "scaled", {})
@@ -93,8 +86,8 @@ def test_a_file_cut_short(tmp_path):
         load_model(tmp_path)
 
 
-def test_a_file_of_torch_is_not_said_to_be_damaged(tmp_path):
-    name = "kbnet-void1500.pth"
+@pytest.mark.parametrize("name", ["kbnet-void1500.pth", "epoch=0-step=2.ckpt"])
+def test_a_file_of_torch_is_not_said_to_be_damaged(tmp_path, name):
     torch.save({"weight": torch.ones(1)}, tmp_path / name)
     with pytest.raises(DeuxError, match=r"written by torch\.save\. A published checkpoint is read by deux\.load_pub"):
         load_model(tmp_path / name)

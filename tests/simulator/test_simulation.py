@@ -1,8 +1,6 @@
 import json
 import pickle
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import pytest
 
@@ -37,37 +35,3 @@ def test_its_description_is_json_that_names_all_that_frames_depend_on() -> None:
 def test_an_unknown_renderer_is_refused_before_a_scene_is_loaded() -> None:
     with pytest.raises(DeuxError, match=r"simulator\.renderer cannot be 'embre': did you mean embree"):
         simulation(renderer="embre")
-
-
-class Paced(MeshSimulator):
-    """Asks a scene for what no other package's has."""
-
-    def __init__(self, scene: Any, camera: Camera, robot: Robot, colors: bool = True) -> None:
-        scene.paces()
-
-
-def test_a_scene_of_another_package_that_it_cannot_open_is_told(box: Scene) -> None:
-    @dataclass(frozen=True)
-    class Strange(SceneReference):
-        identity = "strange"
-
-    own: dict[str, Any] = {"__name__": "scenery.places"}
-    exec("def paces(self): raise ValueError('a mistake of its own')", own)
-    pacing = type("Pacing", (Strange,), {"paces": own["paces"]})
-    registry().register("simulators", "paced", Paced)
-    try:
-        chosen = Simulation(Camera(32, 24), Robot(), registry().choose("simulators", {"name": "paced"}))
-        with pytest.raises(AttributeError, match="'Strange' object has no attribute 'paces'"):
-            chosen.make(Strange("s"))  # of the simulator's own package
-        for scene in (Strange, pacing):
-            scene.__module__ = "scenery.places"
-        sentence = (
-            r"^the simulator 'paced' of registered by hand .* cannot open the scene s, a Strange of scenery "
-            r"\(AttributeError: 'Strange' object has no attribute 'paces'\): choose one of the scenes that it is"
-        )
-        with pytest.raises(DeuxError, match=sentence):
-            chosen.make(Strange("s"))
-        with pytest.raises(ValueError, match="a mistake of its own"):
-            chosen.make(pacing("s"))
-    finally:
-        registry().unregister("simulators", "paced")

@@ -1,0 +1,31 @@
+"""The check that what belongs to a frame is of one size, for training, prediction and export alike."""
+
+from collections.abc import Iterable
+
+from deux.contracts import FrameReference, Reader
+from deux.errors import DeuxError
+
+Size = tuple[int, ...]
+"""Height and width in pixels."""
+
+
+def check_one_size(reader: Reader, frame: FrameReference, image: Size, others: Iterable[tuple[str, Size]]) -> None:
+    """Raise DeuxError if something has another size than a frame's image.
+
+    Args:
+        reader: of the frame.
+        frame: the frame.
+        image: the size of its image.
+        others: what else there is, such as "sparse depth", and its size.
+    """
+    for name, size in others:
+        if size != image:
+            raise DeuxError(
+                f"frame {frame.name} of {frame.sequence} in {reader.folder} has an image of {_said(image)} pixels and "
+                f"{name} of {_said(size)}: they must be of one size."
+            )
+
+
+def _said(size: Size) -> str:
+    height, width = size
+    return f"{width} x {height}"

@@ -13,7 +13,8 @@ class PathPoints:
     """Points on the paths to N goals.
 
     Args:
-        goal: M int64, the number of the goal whose path each point lies on.
+        goal: M int64 in increasing order, the number of the goal whose path each point lies on; those of a path go from
+            the goal back to the start.
         cells: M x 2 int64 (row, column).
         motion: M x 2 float64 (rows, columns), the way from this point to the next one towards the goal.
     """

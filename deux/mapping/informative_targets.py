@@ -15,10 +15,11 @@ from deux.geometry.source_frames import SOURCES, SourceRule
 from deux.mapping.action_costs import action_costs
 from deux.mapping.field_paths import points_on_paths
 from deux.mapping.frontier_targets import cell_centres
+from deux.mapping.path_views import values_along_paths
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField
 from deux.mapping.surface_views import SurfaceViews
-from deux.mapping.view_fan import NOTHING, RAYS, cast_rays, headings, pixel_shares
+from deux.mapping.view_fan import RAYS, cast_rays, headings, pixel_shares
 
 _SEEN_RAYS = 720
 """Rays of a full circle along which a frame's view is remembered: at 5 m less than half a cell of 0.1 m apart."""
@@ -56,9 +57,9 @@ class InformativeTargets:
 
         share of the image x uncertainty of what the ray shows x what is left to learn from it,
 
-    where the last two are those of `deux.mapping.surface_views`. The views on the way, along the path, are added to
-    that of the target, and the sum is divided by the actions that lead there, turns included, and `overhead`. Each view
-    counts as the map is now: what several of them would show counts several times, which favours long straight ways.
+    where the uncertainty is that of `deux.mapping.surface_views` and the rest that of `deux.mapping.path_views`. The
+    views on the way, along the path, are added to that of the target, and the sum is divided by the actions that lead
+    there, turns included, and `overhead`. What a view shows is no longer new for those after it.
     Values are only compared with each other, so the unit of the uncertainty does not matter.
 
     Args:
@@ -154,35 +155,35 @@ class InformativeTargets:
         return bool(rates[1:][candidate].max(initial=0.0) > self.switch * rates[0, heading])
 
     def values(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
-        """What the views from N x 2 cells (row, column) are expected to teach, N x HEADINGS float64."""
-        points = cell_centres(now.frame, cells)
-        rays = cast_rays(now.occupancy, now.frame, points, self.max_range)
-        worth = np.where(rays.kind == NOTHING, 0.0, self._surfaces.novelty(rays))
-        if self._residual_pose == "surface":
-            worth *= self._surfaces.uncertainty(rays)
-        elif self._residual_pose == "pose":
-            worth *= self._poses.at(points)[:, None]
-        return worth @ self._shares.T
+        """What the views from N x 2 cells (row, column) alone are expected to teach, N x HEADINGS float64."""
+        return self._values(now, cells, on_the_way=False)
 
     def _rates(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
         """What each target teaches for an action, N x HEADINGS."""
-        values = self.values(now, cells)
-        worth = values + self._values_on_the_way(now, cells, values)[:, None] if self._on_the_way else values
+        worth = self._values(now, cells, self._on_the_way)
         if not self._per_action:
             return worth
         costs = action_costs(np.isfinite(now.distance), now.frame, now.pose, self._robot)
         actions = costs.to_views(np.repeat(cells, HEADINGS, axis=0), np.tile(self._yaws, len(cells)))
         return worth / (actions.reshape(worth.shape) + self.overhead)
 
-    def _values_on_the_way(self, now: MapNow, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Sum of the views along the path to each cell, N: each is taken to be that from the nearest of the cells."""
-        points = points_on_paths(now.distance, cells, self.spacing / now.frame.resolution)
-        if len(points.goal) == 0:
-            return np.zeros(len(cells))
+    def _values(self, now: MapNow, cells: np.ndarray, on_the_way: bool) -> np.ndarray:
+        """What the views from the cells teach, N x HEADINGS, with those on the path there or without.
+
+        A view on the way is taken to be that from the nearest of the cells.
+        """
+        places = cell_centres(now.frame, cells)
+        rays = cast_rays(now.occupancy, now.frame, places, self.max_range)
+        worth = np.ones(rays.kind.shape)
+        if self._residual_pose == "surface":
+            worth = self._surfaces.uncertainty(rays)
+        elif self._residual_pose == "pose":
+            worth *= self._poses.at(places)[:, None]
+        points = points_on_paths(now.distance, cells if on_the_way else cells[:0], self.spacing / now.frame.resolution)
         nearest = cKDTree(cells).query(points.cells)[1]
         yaw = np.arctan2(-points.motion[:, 1], -points.motion[:, 0])
         heading = np.rint(yaw / (2.0 * math.pi / HEADINGS)).astype(np.int64) % HEADINGS
-        return np.bincount(points.goal, values[nearest, heading], minlength=len(cells))
+        return values_along_paths(self._surfaces, rays, worth, self._shares, points.goal, nearest, heading)
 
     def _places(self, now: MapNow) -> tuple[np.ndarray, np.ndarray]:
         """N x 2 places (row, column), one of each square of floor and of frontier, and which of them are candidates."""

@@ -56,7 +56,7 @@ class SurfaceViews:
         cells = self._residuals.grid
         cells.cover(float(x), float(z), float((most - least).max()) / 2.0 + cells.frame.resolution)
         rows, columns = cells.frame.cells(ends[:, 0], ends[:, 1])
-        np.bitwise_or.at(cells["views"], (rows, columns), _views(rays)[shown])
+        np.bitwise_or.at(cells["views"], (rows, columns), views_of(rays)[shown])
 
     def uncertainty(self, rays: Rays) -> np.ndarray:
         """The uncertainty of what each ray shows, N x R float64; 0 for `NOTHING`.
@@ -81,17 +81,11 @@ class SurfaceViews:
         value[known] = np.where(all_count > 0, result, value[known])
         return value
 
-    def novelty(self, rays: Rays) -> np.ndarray:
-        """How much is left to learn from what each ray shows, N x R float64 in (0, 1].
-
-        (1 + n) ** -(1 + s), where n is the number of views that its cell was seen in, pairs of bearing and distance
-        class, and s is 1 if this would be one of them, else 0: the more often and the more alike, the less.
-        """
+    def seen_in(self, rays: Rays) -> np.ndarray:
+        """The views in which the end of each ray was seen, N x R int64: a bit for each pair of bearing and distance."""
         rows, columns = self._inside(rays)
-        seen_in = self._residuals.grid["views"]
-        views = np.where(rows >= 0, seen_in[rows, columns], 0) if seen_in.size else 0
-        repeated = (views & _views(rays)) != 0
-        return (1.0 + np.bitwise_count(views)) ** -(1.0 + repeated)
+        views = self._residuals.grid["views"]
+        return np.where(rows >= 0, views[rows, columns], 0) if views.size else np.zeros(rays.kind.shape, np.int64)
 
     def _inside(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         """Row and column of each ray's end; -1 where it has none or lies outside the grid."""
@@ -102,7 +96,7 @@ class SurfaceViews:
         return np.where(inside, rows, -1), np.where(inside, columns, -1)
 
 
-def _views(rays: Rays) -> np.ndarray:
+def views_of(rays: Rays) -> np.ndarray:
     """The view in which each ray shows its end, one bit of an int64."""
     sector = (headings(rays.kind.shape[1]) / (2.0 * math.pi) * SECTORS).astype(np.int64)
     return np.int64(1) << (sector * (len(DISTANCES) + 1) + np.digitize(rays.distance, DISTANCES))

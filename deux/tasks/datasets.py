@@ -237,7 +237,7 @@ class Datasets:
         root = root or self._root
         known = (root / spec.folder_name).exists()
         if not known and nothing_compiled():
-            say("  compiling kernels, once on this machine: nothing else is heard for some seconds")
+            say("  compiling kernels, once on this machine; this takes some seconds")
         with progress() as report:
             dataset = build_dataset(
                 spec,

@@ -34,13 +34,15 @@ def targets(**options):
     return InformativeTargets(Episode(0, 100, CAMERA, Robot()), np.random.default_rng(0), **options)
 
 
-def show_walls(chooser, left, right):
-    """Frames of the room's end walls at x = 0.2 and x = 11.8, from 2 m, with these residuals."""
-    for x, yaw, residual in ((2.15, math.pi / 2, left), (9.85, -math.pi / 2, right)):
-        for z in (2.0, 4.0, 6.0):
-            pose = camera_pose(x, 1.25, z, yaw)
-            values = np.full((32, 32), residual, np.float32)
-            chooser.record(pose, np.full((32, 32), 2.0, np.float32), values, 1.0 - math.exp(-residual))
+def show_walls(chooser, left, right, long=None):
+    """Frames of the room's walls from 2 m with these residuals: those at x = 0.2 and 11.8, and the two long ones."""
+    ends = [(2.15, z, math.pi / 2, left) for z in (2.0, 4.0, 6.0)]
+    ends += [(9.85, z, -math.pi / 2, right) for z in (2.0, 4.0, 6.0)]
+    sides = [(x, z, yaw, long) for x in np.arange(1.0, 12.0, 2.0) for z, yaw in ((2.15, 0.0), (5.85, math.pi))]
+    for x, z, yaw, residual in ends + (sides if long is not None else []):
+        values = np.full((32, 32), residual, np.float32)
+        depth = np.full((32, 32), 2.0, np.float32)
+        chooser.record(camera_pose(x, 1.25, z, yaw), depth, values, 1.0 - math.exp(-residual))
 
 
 def heading(target):
@@ -50,7 +52,7 @@ def heading(target):
 @pytest.mark.parametrize(("left", "right", "side"), [(0.5, 0.05, 1.0), (0.05, 0.5, -1.0)])
 def test_it_goes_to_look_at_the_uncertain_wall(left, right, side):
     chooser = targets()
-    show_walls(chooser, left, right)
+    show_walls(chooser, left, right, long=0.05)
     chosen = chooser.choose(now())
     assert side * math.sin(heading(chosen)) > 0.4  # a positive yaw looks along -x
 
@@ -107,6 +109,16 @@ def test_the_unknown_is_worth_the_mean_error():
     into_the_unknown, to_the_wall = (chooser.values(now(occupancy), np.array([[40, column]])) for column in (75, 35))
     assert into_the_unknown[0, 9] == pytest.approx(0.3, rel=0.05)  # heading 9: a quarter turn right
     assert to_the_wall[0, 3] == pytest.approx(0.3, rel=0.05)
+
+
+def test_what_the_way_shows_counts_once():
+    """Along the room's axis every view shows the same wall ahead; only the parts that come into range are new."""
+    chooser = targets(residual_pose="constant")
+    there = now(x=2.0)
+    cells = np.array([FRAME.cell(x, 4.0) for x in np.arange(2.05, 11.0, 0.5)])
+    alone, along = (chooser._values(there, cells, on_the_way)[:, 9] for on_the_way in (False, True))
+    assert np.all(along[1:] >= along[:-1])  # a longer way shows no less
+    assert along[-1] < 0.6 * alone.sum()  # and far less than the sum of its views
 
 
 def test_actions_count():

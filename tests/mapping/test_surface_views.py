@@ -6,7 +6,7 @@ import pytest
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
 from deux.geometry.poses import camera_pose
-from deux.mapping.surface_views import SurfaceViews
+from deux.mapping.surface_views import SurfaceViews, views_of
 from deux.mapping.view_fan import NOTHING, RAYS, SURFACE, UNSEEN, cast_rays, pixel_shares
 
 CAMERA = Camera(128, 128)
@@ -65,21 +65,24 @@ def test_the_unknown_counts_with_the_mean_and_what_is_out_of_range_with_nothing(
     assert (surfaces.uncertainty(rays)[rays.kind == NOTHING] == 0.0).all()
 
 
-def novelty_of_what_is_ahead(surfaces, distance):
-    return surfaces.novelty(rays_from(distance))[0, AHEAD]
+def views_of_what_is_ahead(surfaces, distance):
+    """In how many views it was seen, and whether the one from this distance is among them."""
+    rays = rays_from(distance)
+    seen = surfaces.seen_in(rays)[0, AHEAD]
+    return int(np.bitwise_count(seen)), bool(seen & views_of(rays)[0, AHEAD])
 
 
-def test_novelty_falls_with_the_views_and_most_for_one_that_was_taken():
+def test_a_view_is_remembered_once_and_by_its_distance():
     surfaces = SurfaceViews(CAMERA)
-    assert novelty_of_what_is_ahead(surfaces, 2.0) == 1.0
+    assert views_of_what_is_ahead(surfaces, 2.0) == (0, False)
     shown = pixel_shares(CAMERA, np.array([0.0])) > 0.0
     for _ in range(3):  # the same view again changes nothing
         surfaces.mark_seen(rays_from(2.0), shown)
-        assert novelty_of_what_is_ahead(surfaces, 0.5) == 1 / 2
-        assert novelty_of_what_is_ahead(surfaces, 2.0) == 1 / 4
+        assert views_of_what_is_ahead(surfaces, 0.5) == (1, False)
+        assert views_of_what_is_ahead(surfaces, 2.0) == (1, True)
     surfaces.mark_seen(rays_from(0.5), shown)
-    assert novelty_of_what_is_ahead(surfaces, 4.0) == 1 / 3
-    assert novelty_of_what_is_ahead(surfaces, 2.0) == 1 / 9
+    assert views_of_what_is_ahead(surfaces, 4.0) == (2, False)
+    assert views_of_what_is_ahead(surfaces, 2.0) == (2, True)
 
 
 def test_a_view_from_another_bearing_is_another_view():
@@ -92,6 +95,7 @@ def test_a_view_from_another_bearing_is_another_view():
     surfaces.mark_seen(rays, only)
     met = rays.ends[only][0]
     straight = cast_rays(walled(), FRAME, np.array([[met[0], -2.05]]), 5.0)
-    assert surfaces.novelty(straight)[0, AHEAD] == 1 / 2
-    assert surfaces.novelty(rays)[only] == 1 / 4
-    assert surfaces.novelty(straight)[0, RAYS // 4] == 1.0
+    assert np.bitwise_count(surfaces.seen_in(straight)[0, AHEAD]) == 1
+    assert not surfaces.seen_in(straight)[0, AHEAD] & views_of(straight)[0, AHEAD]
+    assert surfaces.seen_in(rays)[only] == views_of(rays)[only]
+    assert surfaces.seen_in(straight)[0, RAYS // 4] == 0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.errors import DeuxError
 from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
 from deux.io.frame_files import DEPTH_SUFFIXES, depthless_images, list_files, matching
@@ -68,7 +68,7 @@ class LooseFrames(Reader):
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         """All frames are the split "test", without source frames."""
         if split != "test":
-            raise DeuxError(f"{self.folder} has no {split} split: all its frames are for test.")
+            raise MissingSplit(f"{self.folder} has no {split} split: all its frames are for test.")
         return [Triplet(frame, ()) for frame in self.frames()]
 
     def image(self, frame: FrameReference) -> np.ndarray:

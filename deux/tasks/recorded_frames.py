@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deux.configuration import run_folder, user_path
-from deux.contracts import DepthModel, FrameReference, Reader, Triplet
+from deux.contracts import DepthModel, FrameReference, MissingSplit, Reader, Triplet
 from deux.data.chosen_sources import list_triplets
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.data.even_choice import evenly_chosen
@@ -61,9 +61,7 @@ def validation_of(
     """
     try:
         found = _listed(reader, "validation", offsets, needs, choice)
-    except DeuxError as error:
-        if _has_frames(reader, "validation", offsets):
-            raise  # a file of theirs is damaged, which ends the command as it does in training frames
+    except MissingSplit as error:
         say(f"  no validation: {error}")
         return []
     if needs.sources and not any(triplet.sources for triplet in found):
@@ -149,19 +147,11 @@ def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, st
 def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:
     found = list_triplets(reader, split, choice if needs.sources else "recent", offsets)
     if not found:
-        raise DeuxError(
+        raise MissingSplit(
             f"the {split} split of {reader.folder} has no frames, as {type(reader).__name__} reads it: name a folder "
             "that has some, or by the options under `data` which are the split's."
         )
     return found
-
-
-def _has_frames(reader: Reader, split: str, offsets: tuple[int, ...]) -> bool:
-    """Whether a split has frames, whatever their files hold."""
-    try:
-        return bool(reader.triplets(split, offsets))
-    except DeuxError:
-        return False
 
 
 def _where(offsets: tuple[int, ...], choice: SourceChoice) -> str:

@@ -14,6 +14,7 @@ from PIL import Image
 
 from deux.contracts import Action, Reader
 from deux.data.dataset_reader import DatasetReader
+from deux.doctor import frame_checks
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.tasks import recorded_frames
@@ -317,4 +318,14 @@ def test_a_damaged_validation_frame_is_no_lack_of_validation_frames(tmp_path, ca
         file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(DeuxError, match=r"image/3\.jpg cannot be read as an image"):
         validation_of(DatasetReader(folder), (-1, -2), Needs(sources=True), "baseline")
+    assert "no validation" not in capsys.readouterr().out
+
+
+def test_a_damaged_list_of_validation_frames_is_no_lack_of_them(tmp_path, capsys):
+    folder = record(tmp_path / "video", "validation", "office", CAMERA)
+    (folder / "validation_image.txt").write_bytes(b"\xff\xfe" * 40)
+    reader = DatasetReader(folder)
+    for use in (lambda: validation_of(reader, (-1, -2), Needs()), lambda: frame_checks.check_frames(reader)):
+        with pytest.raises(DeuxError, match=r"validation_image\.txt is no list of frames"):
+            use()
     assert "no validation" not in capsys.readouterr().out

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deux.collection.sparse import SparseSettings, sample_sparse
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.contracts.reader import SPLITS
 from deux.errors import DeuxError, check_range, near_matches
 from deux.io.camera_files import read_any_depth, read_any_image
@@ -114,7 +114,7 @@ class RecordedVideo(Reader):
                     )
                 )
         if not found:
-            raise DeuxError(
+            raise MissingSplit(
                 f"{self.folder} has no {split} frames with depth and source frames: {self._expected(split)}"
             )
         return found

@@ -68,10 +68,16 @@ def validation_of(
         where = _where(offsets, choice)
         say(f"  no validation: none of the validation frames of {reader.folder} has source frames{where}")
         return []
-    for sequence, target in {triplet.target.sequence: triplet.target for triplet in found}.items():
+    targets = [triplet.target for triplet in found]
+    for sequence, target in {target.sequence: target for target in targets}.items():
         if reader.ground_truth(target) is None:
             say(f"  no validation: {reader.folder} has no ground truth of {sequence}")
             return []
+    looked_at = evenly_chosen(targets, CHECKED)
+    if not any((truth := reader.ground_truth(frame)) is not None and truth.any() for frame in looked_at):
+        frames = counted(len(looked_at), "validation frame")
+        say(f"  no validation: the ground truth of all {frames} of {reader.folder} that were read is 0, no value")
+        return []
     return [reader]
 
 
@@ -96,8 +102,8 @@ def check_recorded(
         choice: how source frames are chosen.
 
     Raises:
-        DeuxError: there are no frames, or no poses though they are needed, or a file is missing, damaged or of another
-            kind.
+        DeuxError: there are no frames, or no poses though they are needed, or training frames have no points, or a file
+            is missing, damaged or of another kind.
     """
     found = _listed(reader, split, offsets, needs, choice)
     complete = [triplet for triplet in found if triplet.sources or not needs.sources]
@@ -109,6 +115,8 @@ def check_recorded(
     chosen = evenly_chosen([triplet.target for triplet in complete], CHECKED)
     if needs.poses:
         _check_poses(reader, chosen)
+    if split == "train":
+        _check_points(reader, chosen)
     _check_cameras_and_units(reader, chosen, model, needs.ground_truth)
 
 
@@ -173,6 +181,14 @@ def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
                 f"pose=simulator needs the poses of the frames, and {reader.folder} has none of {frame.sequence}: use "
                 "pose=learned, or frames with poses."
             )
+
+
+def _check_points(reader: Reader, frames: Sequence[FrameReference]) -> None:
+    if not any(reader.sparse_depth(frame).any() for frame in frames):
+        raise DeuxError(
+            f"none of the {counted(len(frames), 'frame')} of {reader.folder} that were read has a sparse point, and "
+            "depth completion is trained on these: depth maps that are 0 everywhere hold no value."
+        )
 
 
 def _check_unit(reader: Reader, frames: Sequence[FrameReference], truth: bool, max_depth: float) -> None:

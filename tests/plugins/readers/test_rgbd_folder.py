@@ -18,7 +18,7 @@ from written_frames import (
     with_sources,
 )
 
-from deux.contracts import FrameReference
+from deux.contracts import FrameReference, MissingSplit
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
 from deux.geometry.reprojection import reproject
@@ -179,6 +179,17 @@ def test_without_poses_static_frames_are_found_by_their_images(tmp_path: Path) -
     folder = write_video(tmp_path / "hall", frames, poses=False)
     assert len(with_sources(whole(folder), (-1,))) == 7
     assert len(with_sources(whole(folder, min_difference=1.0), (-1,))) == 3
+
+
+def test_a_camera_that_never_moves_is_told_as_such(tmp_path: Path) -> None:
+    still = [next(iter(video(1)))] * 5
+    posed, unposed = write_video(tmp_path / "hall", still), write_video(tmp_path / "attic", still, poses=False)
+    moved = r"camera stands still, each frame was taken within data\.min_distance=0\.01 m and data\.min_angle=1 degrees"
+    with pytest.raises(MissingSplit, match=moved):
+        whole(posed).triplets("train", (-1,))
+    with pytest.raises(MissingSplit, match=r"stands still, each frame .* data\.min_difference=1 grey levels"):
+        whole(unposed, min_difference=1.0).triplets("train", (-1,))
+    assert len(whole(write_video(tmp_path / "single", still[:1])).triplets("train", (-1,))) == 1
 
 
 def test_frames_without_depth_or_pose_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

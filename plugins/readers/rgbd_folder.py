@@ -184,7 +184,7 @@ class RgbdFolder(RecordedVideo):
         images = _files_in(video, self._image_folders, IMAGE_SUFFIXES)
         if not images:
             folder = _subfolder(video, self._image_folders)
-            raise DeuxError(f"{folder} holds no image: .png or .jpg files are expected, so save others as PNG.")
+            raise DeuxError(f"{folder} holds no image: {', '.join(IMAGE_SUFFIXES)} files are expected.")
         return images
 
     def _clips(self, split: str) -> list[Clip]:

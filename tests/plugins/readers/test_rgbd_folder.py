@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from written_frames import (
     DENSITY,
     SampledSuite,
@@ -275,9 +276,21 @@ def test_points_may_have_a_unit_of_their_own(tmp_path: Path) -> None:
 def test_images_of_another_format_are_named_as_what_is_missing(tmp_path: Path) -> None:
     folder = write_video(tmp_path / "hall", list(video(2)))
     for number in (0, 1):
-        (folder / "rgb" / f"frame_{number}.png").rename(folder / "rgb" / f"frame_{number}.bmp")
-    with pytest.raises(DeuxError, match=r"hall/rgb holds no image: \.png or \.jpg files are expected, so save others"):
+        (folder / "rgb" / f"frame_{number}.png").rename(folder / "rgb" / f"frame_{number}.heic")
+    with pytest.raises(DeuxError, match=r"hall/rgb holds no image: \.png, \.jpg, .*\.webp files are expected\.$"):
         whole(folder).frames()
+
+
+@pytest.mark.parametrize("suffix", [".bmp", ".tif", ".webp"])
+def test_images_of_other_formats_are_read(tmp_path: Path, suffix: str) -> None:
+    folder = write_video(tmp_path / "hall", frames := list(video(2)))
+    for number, frame in enumerate(frames):
+        file = folder / "rgb" / f"frame_{number}.png"
+        Image.fromarray(frame.image).save(file.with_suffix(suffix), lossless=True)
+        file.unlink()
+    reader = whole(folder)
+    for frame, recorded in zip(reader.frames(), frames, strict=True):
+        np.testing.assert_array_equal(reader.image(frame), recorded.image)
 
 
 def test_where_a_video_has_points_none_are_sampled(tmp_path: Path) -> None:

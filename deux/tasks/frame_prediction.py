@@ -77,6 +77,12 @@ def read_single_frame(chosen: PredictSettings) -> RecordedFrame:
             "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=, or "
             f"many frames, predict.data=: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} not given."
         )
+    for option, path in paths.items():
+        if path.is_dir():
+            raise DeuxError(
+                f"predict.{option}={given[option]} is a folder, and the file of one frame is expected: folders of many "
+                "frames are given by predict.data=."
+            )
     image = read_any_image(paths["image"])
     sparse_depth = read_any_depth(paths["sparse"], chosen.sparse_scale)
     intrinsics = read_any_intrinsics(paths["intrinsics"])

@@ -44,6 +44,11 @@ def check_class(plugin: Plugin, cls: Any) -> None:
             f"{said} does not take {unasked[0]!r}: the constructor of a {kind.noun} begins with "
             f"{', '.join(('self', *kind.given))}, and its options follow."
         )
+    if lacking := [name for name in kind.common if not takes(cls, name)]:
+        raise DeuxError(
+            f"{said} has no option {lacking[0]!r}: its constructor takes {', '.join(kind.common)}, as that of every "
+            f"{kind.noun} does, which files of the configuration set."
+        )
     if taken := sorted(options(cls, kind.given).keys() & {"name", *kind.reserved}):
         where = kind.settings.format(name=plugin.name)
         raise DeuxError(

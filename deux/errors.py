@@ -3,7 +3,7 @@
 import difflib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 _PLURAL_VERBS = {"is": "are", "has": "have", "does": "do"}
 _BLANKS = str.maketrans("\n\r\t", "   ")
@@ -108,6 +108,19 @@ def sizes(shape: Iterable[int]) -> str:
         ('2 x 3', 'a single number')
     """
     return " x ".join(map(str, shape)) or "a single number"
+
+
+def image_size(shape: Sequence[int]) -> str:
+    """The size of an image for a message: the width first, as cameras and viewers give it.
+
+    Args:
+        shape: its height and width; what follows, such as the colours, does not matter.
+
+    Example:
+        >>> image_size((480, 640, 3))
+        '640 x 480'
+    """
+    return f"{shape[1]} x {shape[0]}"
 
 
 def kind_of(value: object) -> str:

@@ -17,6 +17,7 @@ class Kind:
         contract: the class in `deux.contracts` that a plugin derives from.
         settings: where the options of the plugin called {name} stand in the configuration.
         given: the constructor's parameters that the framework fills in; the others are options.
+        common: options that every plugin of the kind has, which configuration files of deux set.
         reserved: options of the framework among the plugin's in the configuration, beside "name", which is one in those
             of every kind; no plugin has their names.
         declared: attributes of a plugin that hold frozensets, and of what: a class in `deux.contracts`, or "str".
@@ -29,6 +30,7 @@ class Kind:
     contract: str
     settings: str
     given: tuple[str, ...] = ()
+    common: tuple[str, ...] = ()
     reserved: tuple[str, ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
     attributes: tuple[str, ...] = ()
@@ -70,7 +72,7 @@ KINDS = {
             given=("scene", "camera", "robot", "colors"),
             attributes=("scene", "camera", "robot", "label_names", "floors"),
         ),
-        Kind("scenes", "source of scenes", "SceneSource", "scenes"),
+        Kind("scenes", "source of scenes", "SceneSource", "scenes", common=("train", "validation", "test")),
         Kind("readers", "reader", "Reader", "data", given=("folder",), reserved=("cache",), attributes=("folder",)),
     )
 }

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import torch
 
-from deux.contracts import DepthModel, Explorer, LossInputs, LossTerm, Need, Reader
+from deux.contracts import DepthModel, Explorer, LossInputs, LossTerm, Need, Reader, SceneSource
 from deux.errors import DeuxError
 from deux.registry import Registry, registry
 
@@ -42,6 +42,20 @@ def test_a_constructor_that_does_not_take_what_it_is_given_is_refused() -> None:
     with pytest.raises(DeuxError, match=r"does not take 'colors': .* begins with self, scene, camera, robot, colors,"):
         found.register("simulators", "colourless", Colourless)
     assert found.register("readers", "open", Open)
+
+
+def test_a_source_of_scenes_without_the_options_of_its_splits_is_refused() -> None:
+    class Single(SceneSource):
+        def __init__(self, folder: str = "", train: int = 1, test: int = 1) -> None: ...
+
+        splits = None  # type: ignore[assignment]
+
+    class Open(Single):
+        def __init__(self, **options: Any) -> None: ...
+
+    with pytest.raises(DeuxError, match=r"'mine' of .* has no option 'validation': .* train, validation, test"):
+        Registry().register("scenes", "mine", Single)
+    assert Registry().register("scenes", "open", Open).name == "open"
 
 
 def test_a_reader_with_an_option_of_the_frameworks_own_is_refused() -> None:

@@ -8,7 +8,7 @@ metres, the world is Y-up, depth runs along the optical axis and 0 means "no val
 from deux.contracts.depth_model import Augmentation, DepthModel, Foundation, LossSettings, Prediction
 from deux.contracts.explorer import NO_ROBOT, Episode, Explorer, ExplorerMap, FreeViewpoints, Need, Observation
 from deux.contracts.loss import Batch, LossInputs, LossNeed, LossTerm, Reconstructions
-from deux.contracts.reader import FrameReference, Neighbourhood, Reader, Triplet
+from deux.contracts.reader import FrameReference, MissingSplit, Neighbourhood, Reader, Triplet
 from deux.contracts.reward import Experience, Reward
 from deux.contracts.scene import (
     Floor,
@@ -50,6 +50,7 @@ __all__ = [
     "LossSettings",
     "LossTerm",
     "Material",
+    "MissingSplit",
     "Need",
     "Neighbourhood",
     "Observation",

@@ -14,6 +14,13 @@ SPLITS = ("train", "validation", "test")
 """The splits that a folder may have."""
 
 
+class MissingSplit(DeuxError):
+    """A folder has no such split, or the split no frame; all its files may be sound.
+
+    Who can do without a split, such as a training without validation, catches this and no other error.
+    """
+
+
 class FrameReference(NamedTuple):
     """One frame of a folder, by name.
 
@@ -76,7 +83,7 @@ class Reader(ABC):
                 that lacks one of them, at the end of a sequence or on its own, has no source frames.
 
         Raises:
-            DeuxError: the folder has no such split, or the split no frame.
+            MissingSplit: the folder has no such split, or the split no frame.
         """
 
     def neighbourhoods(self, split: str, reach: int) -> list[Neighbourhood]:
@@ -85,7 +92,7 @@ class Reader(ABC):
         A reader that lists each target's source frames itself gives these.
 
         Raises:
-            DeuxError: as `triplets`.
+            MissingSplit: as `triplets`.
         """
         found: dict[FrameReference, dict[int, FrameReference]] = {}
         for step in (step for distance in range(1, reach + 1) for step in (-distance, distance)):
@@ -102,14 +109,14 @@ class Reader(ABC):
         By default these are the targets of all splits, which is right where each sequence lies in one split.
 
         Raises:
-            DeuxError: as `triplets`, if there is no frame at all.
+            MissingSplit: there is no frame at all.
         """
         found: dict[FrameReference, None] = {}
-        missing: DeuxError | None = None
+        missing: MissingSplit | None = None
         for split in SPLITS:
             try:
                 found |= dict.fromkeys(target for target, _ in self.triplets(split, (-1,)))
-            except DeuxError as error:
+            except MissingSplit as error:
                 missing = missing or error
         if missing is not None and not found:
             raise missing

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.collection.specification import place_of_sequence
-from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Neighbourhood, Reader, Triplet
 from deux.errors import DeuxError, check_range, counted, near_matches, plural
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
@@ -71,7 +71,7 @@ class DatasetReader(Reader):
         """
         found = self._divided(split, self._listed(self._listed_split(split), offsets))
         if not found:
-            raise DeuxError(f"The {split} split of {self.folder} has no frames.")
+            raise MissingSplit(f"The {split} split of {self.folder} has no frames.")
         return found
 
     def chosen_triplets(self, split: str) -> list[Triplet] | None:
@@ -166,7 +166,7 @@ class DatasetReader(Reader):
         if list_file(self.folder, split, "image").exists():
             return self._neighbours(split, _lines(list_file(self.folder, split, "image")), offsets)
         there = sorted({path.name.rsplit("_image.txt")[0] for path in self.folder.glob("*_image.txt")})
-        raise DeuxError(
+        raise MissingSplit(
             f"{self.folder} has no {split} split, whose frames {split}_image.txt would list; it has "
             f"{', '.join(there) or 'no list files at all'}."
         )

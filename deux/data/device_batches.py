@@ -20,7 +20,7 @@ from deux.data.device_cache import FrameStack, Shipment, StoredFrame, colors, in
 from deux.data.drawn_windows import Window, draw, is_drawn
 from deux.data.sample_parts import depth_span
 from deux.data.transforms import augment_tensors
-from deux.errors import DeuxError
+from deux.errors import DeuxError, image_size
 
 
 class StoredSample(NamedTuple):
@@ -111,7 +111,11 @@ def check_alike(samples: Iterable[tuple[tuple[int, ...], int, bool]]) -> None:
     """
     sizes, counts, poses = (set(values) for values in zip(*samples, strict=True))
     if len(sizes) > 1:
-        raise DeuxError(f"Frames of the sizes {sorted(sizes)} (height, width) do not fit in one batch: give a crop.")
+        told = ", ".join(map(image_size, sorted(sizes)))
+        raise DeuxError(
+            f"Frames of different sizes, {told} pixels (width x height), do not fit in one batch: give a crop, "
+            "training.crop=[height,width]."
+        )
     if len(counts) > 1:
         raise DeuxError(f"Frames with {sorted(counts)} source frames do not fit in one batch.")
     if len(poses) > 1:

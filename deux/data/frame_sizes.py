@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from deux.contracts import FrameReference, Reader
-from deux.errors import DeuxError
+from deux.errors import DeuxError, image_size
 
 Size = tuple[int, ...]
 """Height and width in pixels."""
@@ -21,11 +21,6 @@ def check_one_size(reader: Reader, frame: FrameReference, image: Size, others: I
     for name, size in others:
         if size != image:
             raise DeuxError(
-                f"frame {frame.name} of {frame.sequence} in {reader.folder} has an image of {_said(image)} pixels and "
-                f"{name} of {_said(size)}: they must be of one size."
+                f"frame {frame.name} of {frame.sequence} in {reader.folder} has an image of {image_size(image)} "
+                f"pixels and {name} of {image_size(size)}: they must be of one size."
             )
-
-
-def _said(size: Size) -> str:
-    height, width = size
-    return f"{width} x {height}"

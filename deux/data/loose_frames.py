@@ -7,16 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.errors import DeuxError
 from deux.io.camera_files import read_any_depth, read_any_image, read_any_intrinsics
-from deux.io.frame_files import DEPTH_SUFFIXES, depthless_images, list_files, matching
+from deux.io.frame_files import DEPTH_SUFFIXES, IMAGE_SUFFIXES, depthless_images, list_files, matching
 from deux.io.images import DEPTH_SCALE
 from deux.io.layout import frame_name
 from deux.io.video_files import VIDEO_SUFFIXES, VideoReader
-
-LOOSE_IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-"""Of the images that count."""
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +50,7 @@ class LooseFrames(Reader):
             if folder is not None and not folder.is_dir():
                 raise DeuxError(f"{folder} is no folder: the depth maps of many frames lie in one.")
         if not self._is_video and not self._images:
-            raise DeuxError(f"{self.folder} holds no image: {', '.join(LOOSE_IMAGE_SUFFIXES)} files are expected.")
+            raise DeuxError(f"{self.folder} holds no image: {', '.join(IMAGE_SUFFIXES)} files are expected.")
         if not self._points:
             what = "frames of the video" if self._is_video else "images"
             raise DeuxError(
@@ -68,7 +65,7 @@ class LooseFrames(Reader):
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         """All frames are the split "test", without source frames."""
         if split != "test":
-            raise DeuxError(f"{self.folder} has no {split} split: all its frames are for test.")
+            raise MissingSplit(f"{self.folder} has no {split} split: all its frames are for test.")
         return [Triplet(frame, ()) for frame in self.frames()]
 
     def image(self, frame: FrameReference) -> np.ndarray:
@@ -102,7 +99,7 @@ class LooseFrames(Reader):
             raise DeuxError(
                 f"{self.folder} is no folder of images and no video ({', '.join(VIDEO_SUFFIXES)}) to predict from."
             )
-        return list_files(self.folder, LOOSE_IMAGE_SUFFIXES)
+        return list_files(self.folder, IMAGE_SUFFIXES)
 
     @cached_property
     def _points(self) -> dict[str, Path]:

@@ -18,7 +18,7 @@ from deux.data.drawn_windows import Window
 from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.frame_sizes import check_one_size
 from deux.data.transforms import augment
-from deux.errors import DeuxError, counted
+from deux.errors import DeuxError, counted, image_size
 from deux.geometry.poses import projecting_alike, source_from_target
 from deux.inference.prediction import prepare_sample
 from deux.io.layout import SourceChoice
@@ -206,8 +206,8 @@ class TripletDataset(Dataset[Batch]):
         room = size[0] - height, size[1] - width
         if min(room) < 0:
             raise DeuxError(
-                f"{_named(reader, triplet)} has {size[0]} x {size[1]} pixels, in which a crop of {height} x {width} "
-                "does not fit."
+                f"{_named(reader, triplet)} has {image_size(size)} pixels (width x height), in which a crop of "
+                f"{image_size((height, width))} does not fit."
             )
         if self.settings.training and self.settings.crop is not None:
             rng = np.random.default_rng(seed)

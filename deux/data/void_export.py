@@ -25,6 +25,7 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
 from deux.data.exported_split import ExportedSplit, FrameExport, complete_lists, read_target
+from deux.data.frame_sizes import Size, check_one_size
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically
 from deux.io.calibration import write_matrix
@@ -53,7 +54,7 @@ def write_void(folder: Path, splits: Sequence[ExportedSplit], arrangement: Arran
         arrangement: of the files of training and validation sequences.
 
     Raises:
-        DeuxError: a sequence has more than one camera, for which the release has no place.
+        DeuxError: a sequence has more than one camera, for which the release has no place, or images of several sizes.
     """
     for split in splits:
         _check_cameras(split)
@@ -120,11 +121,12 @@ def _write_sequence(
     files = {density: FrameExport(folder / density / "data" / sequence, reader) for density in DENSITIES}
     first: dict[FrameReference, str] = {}
     listed = set(targets)
+    size = f"frame {arranged[0].name}", reader.image(arranged[0]).shape[:2]
     for place, frame in enumerate(arranged):
         name = frame_name(place)
         known = first.setdefault(frame, name)
         if known == name:
-            _write_frame(files, frame, name)
+            _write_frame(files, frame, name, size)
         else:
             for written in files.values():
                 _link_all(written.folder, known, name)
@@ -134,10 +136,15 @@ def _write_sequence(
         write_matrix(written.folder / "K.txt", reader.intrinsics(arranged[0]))
 
 
-def _write_frame(files: dict[str, FrameExport], frame: FrameReference, name: str) -> None:
-    """Write what a frame has, once; the densities share all but the sparse points."""
+def _write_frame(files: dict[str, FrameExport], frame: FrameReference, name: str, first: tuple[str, Size]) -> None:
+    """Write what a frame has, once; the densities share all but the sparse points.
+
+    Raises:
+        DeuxError: its image has another size than that of the sequence's first frame.
+    """
     full = files[FULL]
     (image,), sparse, truth = read_target(full.reader, Triplet(frame, ()))
+    check_one_size(full.reader, frame, image.shape[:2], [first])
     full.write_image(image, name)
     full.write_ground_truth(truth, name)
     full.write_pose(frame, name)

@@ -64,7 +64,8 @@ def from_pretrained(source: str | PathLike[str], **hub_options: Any) -> DepthMod
 
     Args:
         source: the folder; what `deux.load` takes; or, if there is nothing of that name, "owner/name" on the hub, for
-            which the package huggingface-hub is needed: pip install "deux[hub]".
+            which the package huggingface-hub is needed: pip install "deux[hub]". Where a folder "owner" lies here, the
+            name is a path in it, unless options of the hub are given.
         **hub_options: of a model on the hub: revision, token, cache_dir, local_files_only, force_download.
 
     Returns:
@@ -80,7 +81,8 @@ def from_pretrained(source: str | PathLike[str], **hub_options: Any) -> DepthMod
     """
     if (Path(source) / CONFIG_FILE).is_file():
         return read_folder(Path(source))
-    if isinstance(source, str) and HUB_ID.fullmatch(source) and not Path(source).exists():
+    is_path = Path(source).exists() or (Path(source).parent.is_dir() and not hub_options)
+    if isinstance(source, str) and HUB_ID.fullmatch(source) and not is_path:
         return _hub(f"there is no folder {source}, and models of the hub take").download(source, **hub_options)
     return load(source)
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.contracts.reader import SPLITS
 from deux.data.chosen_sources import count_without_sources, read_triplets
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.data.even_choice import evenly_chosen
 from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
-from deux.errors import DeuxError, counted, plural
+from deux.errors import counted, plural
 from deux.figures.drawing import save_figure
 from deux.figures.frame_preview import PreviewFrame, draw_preview
 from deux.geometry.poses import motion
@@ -97,7 +97,7 @@ def _check_split(
 ) -> SplitCheck:
     try:
         triplets = read_triplets(reader, split, offsets)
-    except DeuxError as error:
+    except MissingSplit as error:
         return SplitCheck(split, facts=[str(error)])
     check = SplitCheck(split, len(triplets))
     sequences = {triplet.target.sequence for triplet in triplets}
@@ -124,10 +124,7 @@ def _check_split(
 
 def _neighbours(reader: Reader, split: str) -> list[Triplet]:
     """Targets with the frame before them, or with the nearest that the folder lists."""
-    try:
-        found = read_triplets(reader, split, (-1,))
-    except DeuxError:
-        return []
+    found = read_triplets(reader, split, (-1,))
     complete = [Triplet(target, sources[:1]) for target, sources in found if sources]
     return evenly_chosen(complete, CHECKED) if complete else []
 

@@ -33,22 +33,26 @@ def check_scenes(checkup: Checkup, cfg: DictConfig, load: bool) -> None:
     checkup.heading(f"Scenes: {cfg.scenes.get('name')}")
     try:
         source: SceneSource = registry().choose("scenes", cfg.scenes).create()
-        if type(source).inventory is SceneSource.inventory:
-            splits_of(source)  # what it is made from
+        splits, fault = _splits(source)
         inventory = source.inventory()
     except DeuxError as error:
         checkup.fault(str(error))
         return
-    splits, fault = None, ""
-    try:
-        splits = splits_of(source)
-    except DeuxError as error:
-        fault = str(error)
     _print_inventory(checkup, inventory, splits)
     if fault:
         checkup.fault(fault)
     if load:
         _check_first_scene(checkup, cfg, splits)
+
+
+def _splits(source: SceneSource) -> tuple[SceneSplits | None, str]:
+    """The scenes that are asked for, or why there are none, which an inventory of the source's own can do without."""
+    try:
+        return splits_of(source), ""
+    except DeuxError as error:
+        if type(source).inventory is SceneSource.inventory:
+            raise  # it is made from the splits
+        return None, str(error)
 
 
 def _print_inventory(

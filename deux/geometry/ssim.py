@@ -52,7 +52,7 @@ def ssim(
     largest = 2 * min(height, width) - 1 if border == "reflect" else min(height, width)
     if window_size > largest:
         raise DeuxError(
-            f"SSIM has a window of {window_size} pixels, and the images have {height} x {width}: "
+            f"SSIM has a window of {window_size} pixels, and the images {width} x {height}: "
             f"they take one of {largest} at most."
         )
     dtype = torch.promote_types(torch.promote_types(image.dtype, other.dtype), torch.float32)

@@ -7,7 +7,7 @@ from pathlib import Path
 from deux.errors import DeuxError, counted, plural
 from deux.io.layout import natural_order
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 DEPTH_SUFFIXES = (".png", ".npy")
 
 _DIGITS = re.compile(r"\d+")

@@ -1,7 +1,9 @@
 """The appearance of glTF 2.0: base colours and base textures as unlit materials, and where textures lie on triangles.
 
+Of a material whose base colour is black it is what it emits: scans with the light in their pictures are stored so.
+
 Specification: Khronos Group, glTF 2.0 (ISO/IEC 12113:2022), sections 3.8 and 3.9; KHR_texture_transform,
-KHR_materials_pbrSpecularGlossiness, KHR_texture_basisu, EXT_texture_webp.
+KHR_materials_pbrSpecularGlossiness, KHR_materials_unlit, KHR_texture_basisu, EXT_texture_webp.
 """
 
 import io
@@ -28,6 +30,7 @@ log = logging.getLogger(__name__)
 
 CLAMP, MIRROR, REPEAT = 33071, 33648, 10497
 _SPECULAR = "KHR_materials_pbrSpecularGlossiness"
+_UNLIT = "KHR_materials_unlit"
 _TRANSFORM = "KHR_texture_transform"
 _KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"  # the first bytes of such a file
 _LARGEST_MARGIN = 3.0  # of a clamped texture, as a part of its own size
@@ -190,13 +193,17 @@ def _margins(size: int, wrap: int, low: float, high: float, place: str) -> tuple
 
 
 def _base(document: GltfDocument, index: int | None) -> dict[str, Any]:
-    """The base colour of a material: "factor" and "texture", each where it is given."""
+    """The base colour of a material, or what it emits where that is black: "factor" and "texture", if given."""
     if index is None:
         return {}
     material = document.element("materials", index)
-    specular = material.get("extensions", {}).get(_SPECULAR)
+    extensions = material.get("extensions", {})
+    specular = extensions.get(_SPECULAR)
     described = material.get("pbrMetallicRoughness", {}) if specular is None else specular
     keys = ("baseColorFactor", "baseColorTexture") if specular is None else ("diffuseFactor", "diffuseTexture")
+    factor = np.asarray(described.get(keys[0], (1, 1, 1, 1)), np.float64)[:3]
+    if "emissiveFactor" in material and _UNLIT not in extensions and not factor.any():
+        described, keys = material, ("emissiveFactor", "emissiveTexture")
     return {short: described[key] for short, key in zip(("factor", "texture"), keys, strict=True) if key in described}
 
 

@@ -84,7 +84,7 @@ def evaluate(
     errors = DepthErrors(min_depth, max_depth, alone=True)
     baselines = _Baselines(min_depth, max_depth)
     device = device_of(model)
-    images = 0
+    images, farthest = 0, 0.0
     of_frames: list[dict[str, float]] = []
     for batch in batches:
         if batch.ground_truth is None:
@@ -97,14 +97,17 @@ def evaluate(
         if scenes:
             of_frames += _frame_errors(predicted, truth, min_depth, max_depth)
         baselines.update(batch.sparse_depth.cpu(), truth)
-        images += len(truth)
+        images, farthest = images + len(truth), max(farthest, float(truth.max()))
         if progress is not None:
             progress(len(truth))
     judged = int(errors.images.item())
     if judged == 0:
+        lacking = f"none of the {counted(images, 'test frame')} has ground truth"
+        if farthest == 0.0:
+            raise DeuxError(f"{lacking}: where there are maps of it, they hold 0, which stands for no value.")
         raise DeuxError(
-            f"none of the {counted(images, 'test frame')} has ground truth between {min_depth} and {max_depth} m: "
-            "collect more viewpoints or widen the evaluation range."
+            f"{lacking} between {min_depth} and {max_depth} m, the range that is evaluated: it goes up to "
+            f"{farthest:.4g} m, and camera.min_depth and camera.max_depth set the range."
         )
     baseline, constant = baselines.compute()
     by_scene = _by_scene(scenes, of_frames, baselines.of_frames)

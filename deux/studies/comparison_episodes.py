@@ -2,11 +2,14 @@
 
 import json
 import time
+import traceback
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby, product
 from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple
 
 from deux.collection.floor_counts import count_all_floors
 from deux.collection.jobs import Executor, Job, Plan, run_here, run_unfinished
@@ -17,7 +20,7 @@ from deux.contracts import SceneReference, Simulator
 from deux.errors import DeuxError
 from deux.geometry.poses import yaw_of
 from deux.inference.threads import one_thread
-from deux.io.atomic import make_folder, read_bytes, write_json
+from deux.io.atomic import make_folder, read_bytes, write_atomically, write_json
 from deux.io.processes import Count
 from deux.io.progress import Progress, ignore_progress
 from deux.registry import PluginChoice
@@ -25,6 +28,19 @@ from deux.simulator.simulation import Simulation
 from deux.studies.exploration_meter import Exploration, Track, measure_exploration
 from deux.studies.explorer_comparison import ExplorationEpisode
 from deux.studies.participants import RewardStates, make_rewards
+
+
+class ComparedEpisodes(NamedTuple):
+    """What became of the episodes of a comparison.
+
+    Args:
+        episodes: of the explorers that have finished all of theirs, by explorer, then by scene.
+        failed: by the names of the other explorers, the files with the stack traces of the episodes that an unexpected
+            error has ended.
+    """
+
+    episodes: list[ExplorationEpisode]
+    failed: dict[str, list[Path]]
 
 
 def compare_explorers(
@@ -39,8 +55,10 @@ def compare_explorers(
     perception: Perception | None = None,
     execute: Executor = run_here,
     progress: Progress = ignore_progress,
-) -> list[ExplorationEpisode]:
-    """Run the episodes that are not in the folder yet, and return all: by explorer, then by scene.
+) -> ComparedEpisodes:
+    """Run the episodes that are not in the folder yet, and return all.
+
+    An unexpected error, such as an explorer of another package may raise, ends its episode and no other.
 
     Args:
         folder: where each episode is kept in a folder of its own when it is over.
@@ -79,7 +97,11 @@ def compare_explorers(
     ordered = [plan for group in plans.values() for plan in group]
     progress("episodes", sum(plan.finished for plan in ordered), len(ordered))
     run_unfinished("episodes", ComparisonRunner(simulation, rewards, seed, steps, perception), jobs, execute, progress)
-    return [_read(plan.record) for plan in ordered]
+    failed: dict[str, list[Path]] = defaultdict(list)
+    for plan in ordered:
+        if not plan.finished:
+            failed[plan.explorer.name].append(plan.failure)
+    return ComparedEpisodes([_read(plan.record) for plan in ordered if plan.explorer.name not in failed], {**failed})
 
 
 @dataclass(frozen=True)
@@ -107,6 +129,11 @@ class ComparisonPlan(Plan):
     def record(self) -> Path:
         """The file that is written when the episode is over."""
         return self.folder / "episode.json"
+
+    @property
+    def failure(self) -> Path:
+        """The file that is written in its place when an unexpected error has ended the episode: the stack trace."""
+        return self.folder / "failure.txt"
 
     @property
     def finished(self) -> bool:
@@ -137,10 +164,16 @@ class ComparisonRunner:
         for scene, plans in groupby(job.plans, key=attrgetter("scene")):
             simulator = self.simulation.make(scene)
             for plan in plans:
-                with one_thread():  # or the depth model's last bits would depend on the number of threads
-                    episode = self._explore(plan, simulator.another())
                 make_folder(plan.folder)
-                write_json(plan.record, asdict(episode))
+                try:
+                    with one_thread():  # or the depth model's last bits would depend on the number of threads
+                        episode = self._explore(plan, simulator.another())
+                except (DeuxError, OSError, MemoryError):  # of a scene or of the machine
+                    raise
+                except Exception as error:  # the explorers of other packages may raise anything
+                    write_atomically(plan.failure, "".join(traceback.format_exception(error)).encode())
+                else:
+                    write_json(plan.record, asdict(episode))
                 count(1)
 
     def _explore(self, plan: ComparisonPlan, simulator: Simulator) -> ExplorationEpisode:

@@ -10,7 +10,7 @@ from deux.collection.perception import needs_model
 from deux.collection.replay import ReplayDiverged
 from deux.configuration import run_folder, sections_of
 from deux.data.dataset_reader import DatasetReader
-from deux.errors import DeuxError
+from deux.errors import DeuxError, image_size
 from deux.inference.precision import FastPredictor
 from deux.io.layout import sequences
 from deux.metrics.scorecard import score
@@ -74,8 +74,8 @@ class GuidedCollection:
         camera, crop = datasets.simulation.camera, training.recipe.training.crop
         if crop is not None and (crop[0] > camera.height or crop[1] > camera.width):
             raise DeuxError(
-                f"training.crop is {crop[0]} x {crop[1]} pixels (height x width), which does not fit into the "
-                f"{camera.height} x {camera.width} of camera.height and camera.width."
+                f"training.crop=[{crop[0]},{crop[1]}] is {image_size(crop)} pixels (width x height), which do not fit "
+                f"into the camera's {camera.width} x {camera.height}: it names the height first."
             )
         self._seed_model = None
         self._predictor: FastPredictor | None = None

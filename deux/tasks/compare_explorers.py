@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from deux.errors import DeuxError, check_range, counted, plural
 from deux.figures.drawing import save_figure
 from deux.figures.trajectory_grid import Trajectory, draw_trajectory_grid
 from deux.inference.precision import FastPredictor
-from deux.io.atomic import write_atomically, write_json
+from deux.io.atomic import read_bytes, write_atomically, write_json
 from deux.metrics.tables import ResultTable
 from deux.report.results import RESULTS_FILE
 from deux.studies.comparison_episodes import compare_explorers
@@ -67,9 +68,13 @@ def run(cfg: DictConfig) -> None:
     with open_run_folder(run_folder(), comparison.identity) as run:
         say(f"Run folder: {run.path}")
         found = comparison.explore(run)
-        comparison.draw(found, run)
-        comparison.write(found, run)
-        say(f"Tables, episodes and trajectories: {run.path}")
+        if found.episodes:
+            comparison.draw(found, run)
+            comparison.write(found, run)
+            say(f"Tables, episodes and trajectories: {run.path}")
+        if comparison.failed:
+            failures = "; ".join(f"{name} failed, {reason}" for name, reason in comparison.failed.items())
+            raise DeuxError(f"{failures}. The same command tries again what has failed, and nothing else.")
 
 
 class Comparing:
@@ -101,6 +106,7 @@ class Comparing:
         # Loading it takes seconds, which a comparison of others need not wait for.
         guide = seed_model.load(chosen) if any(map(needs_model, self._participants.explorers)) else None
         self._perception = None if guide is None else _perception(sections, guide.model, self._collect)
+        self.failed: dict[str, str] = {}
         self.identity = sections.identity | {
             "participants": self._participants.identity,
             "seed model": None if guide is None else guide.weights,
@@ -113,7 +119,7 @@ class Comparing:
         explorers = self._participants.explorers
         say(f"Explore {counted(len(self._scenes), 'scene')} with {', '.join(choice.name for choice in explorers)}")
         with run.stage("explore"), progress() as report:
-            episodes = compare_explorers(
+            episodes, failed = compare_explorers(
                 run.path / EPISODES,
                 self._simulation,
                 self._scenes,
@@ -126,7 +132,9 @@ class Comparing:
                 self._collect.make_executor(),
                 report,
             )
-        return ExplorerComparison(episodes, self._participants.own_rewards)
+        self.failed = {name: _failure(files) for name, files in failed.items()}
+        own_rewards = {name: reward for name, reward in self._participants.own_rewards.items() if name not in failed}
+        return ExplorerComparison(episodes, own_rewards)
 
     def draw(self, found: ExplorerComparison, run: RunFolder) -> None:
         """Draw each explorer's first episode in one scene."""
@@ -145,7 +153,7 @@ class Comparing:
     def write(self, found: ExplorerComparison, run: RunFolder) -> None:
         """Write the tables, results.json last, and print them."""
         tables = self._tables(found)
-        left_out = self._participants.left_out
+        left_out = self._participants.left_out | self.failed
         steps = counted(self._settings.steps, "step")
         amount = f"{counted(len(self._scenes), 'scene')}, {self._settings.seeds} x {steps} in each"
         page = [f"# Explorers compared: {amount}", "", *(table.markdown() for table in tables)]
@@ -181,6 +189,12 @@ def _perception(sections: Sections, model: DepthModel, collect: CollectSettings)
     predictor = FastPredictor(model, sections.plain("trainer").get("accelerator", "auto"))
     sparse = sections.read("sampling", SparseSettings)
     return Perception(predictor, sparse, collect.measure.create(), collect.correct_depth)
+
+
+def _failure(files: Sequence[Path]) -> str:
+    """How an explorer has failed, by the files with its stack traces."""
+    last = read_bytes(files[0]).decode(errors="replace").strip().splitlines()[-1]
+    return f"in {counted(len(files), 'episode')} with {last}: {files[0]} has the stack trace"
 
 
 def _first_episodes(episodes: Sequence[ExplorationEpisode], scene: SceneReference) -> list[ExplorationEpisode]:

@@ -8,7 +8,7 @@ import numpy as np
 from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel, Uncertainty
 from deux.data.frame_stream import RecordedFrame
-from deux.errors import DeuxError
+from deux.errors import DeuxError, image_size
 from deux.figures.depth_figures import draw_depth
 from deux.figures.drawing import save_figure
 from deux.figures.viewer_recording import PredictionRecording
@@ -55,7 +55,8 @@ def predict_frame(
     for path in (*write_prediction(completed, run_folder()), *_export(frame, completed, settings, run_folder())):
         say(str(path))
     nearest, median, farthest = np.percentile(depth, (0, 50, 100))
-    say(f"Depth from {nearest:.2f} to {farthest:.2f} m, {median:.2f} m in the median, at {_size(depth)} pixels")
+    size = image_size(depth.shape)
+    say(f"Depth from {nearest:.2f} to {farthest:.2f} m, {median:.2f} m in the median, at {size} pixels")
     if truth is not None:
         own, interpolated = errors_beside_interpolation(depth, frame, truth, camera)
         rows = {name: own} | ({"interpolated points": interpolated} if interpolated else {})
@@ -76,6 +77,12 @@ def read_single_frame(chosen: PredictSettings) -> RecordedFrame:
             "task=predict needs the files of one frame, predict.image=, predict.sparse= and predict.intrinsics=, or "
             f"many frames, predict.data=: {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} not given."
         )
+    for option, path in paths.items():
+        if path.is_dir():
+            raise DeuxError(
+                f"predict.{option}={given[option]} is a folder, and the file of one frame is expected: folders of many "
+                "frames are given by predict.data=."
+            )
     image = read_any_image(paths["image"])
     sparse_depth = read_any_depth(paths["sparse"], chosen.sparse_scale)
     intrinsics = read_any_intrinsics(paths["intrinsics"])
@@ -83,7 +90,10 @@ def read_single_frame(chosen: PredictSettings) -> RecordedFrame:
     truth = read_any_depth(user_path(chosen.ground_truth), truth_scale) if chosen.ground_truth else None
     for option, depth in (("sparse", sparse_depth), ("ground_truth", truth)):
         if depth is not None and depth.shape != image.shape[:2]:
-            raise DeuxError(f"image has {_size(image)} pixels and {option} {_size(depth)}: they must be of one size.")
+            raise DeuxError(
+                f"image has {image_size(image.shape)} pixels and {option} {image_size(depth.shape)}: they must be of "
+                "one size."
+            )
     if sentence := camera_warning(intrinsics, image.shape[0], image.shape[1], str(paths["intrinsics"])):
         log.warning(sentence)
     return RecordedFrame(image, sparse_depth, intrinsics, truth)
@@ -132,8 +142,3 @@ def _export(frame: RecordedFrame, completed: CompletedDepth, settings: PredictSe
             recording.add(0, str(settings.image), frame, completed.depth, completed.confidence, cloud)
         written.append(path)
     return written
-
-
-def _size(pixels: np.ndarray) -> str:
-    height, width = pixels.shape[:2]
-    return f"{width} x {height}"

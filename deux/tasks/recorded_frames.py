@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deux.configuration import run_folder, user_path
-from deux.contracts import DepthModel, FrameReference, Reader, Triplet
+from deux.contracts import DepthModel, FrameReference, MissingSplit, Reader, Triplet
 from deux.data.chosen_sources import list_triplets
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.data.even_choice import evenly_chosen
@@ -61,19 +61,23 @@ def validation_of(
     """
     try:
         found = _listed(reader, "validation", offsets, needs, choice)
-    except DeuxError as error:
-        if _has_frames(reader, "validation", offsets):
-            raise  # a file of theirs is damaged, which ends the command as it does in training frames
+    except MissingSplit as error:
         say(f"  no validation: {error}")
         return []
     if needs.sources and not any(triplet.sources for triplet in found):
         where = _where(offsets, choice)
         say(f"  no validation: none of the validation frames of {reader.folder} has source frames{where}")
         return []
-    for sequence, target in {triplet.target.sequence: triplet.target for triplet in found}.items():
+    targets = [triplet.target for triplet in found]
+    for sequence, target in {target.sequence: target for target in targets}.items():
         if reader.ground_truth(target) is None:
             say(f"  no validation: {reader.folder} has no ground truth of {sequence}")
             return []
+    looked_at = evenly_chosen(targets, CHECKED)
+    if not any((truth := reader.ground_truth(frame)) is not None and truth.any() for frame in looked_at):
+        frames = counted(len(looked_at), "validation frame")
+        say(f"  no validation: the ground truth of all {frames} of {reader.folder} that were read is 0, no value")
+        return []
     return [reader]
 
 
@@ -98,8 +102,8 @@ def check_recorded(
         choice: how source frames are chosen.
 
     Raises:
-        DeuxError: there are no frames, or no poses though they are needed, or a file is missing, damaged or of another
-            kind.
+        DeuxError: there are no frames, or no poses though they are needed, or training frames have no points, or a file
+            is missing, damaged or of another kind.
     """
     found = _listed(reader, split, offsets, needs, choice)
     complete = [triplet for triplet in found if triplet.sources or not needs.sources]
@@ -111,6 +115,8 @@ def check_recorded(
     chosen = evenly_chosen([triplet.target for triplet in complete], CHECKED)
     if needs.poses:
         _check_poses(reader, chosen)
+    if split == "train":
+        _check_points(reader, chosen)
     _check_cameras_and_units(reader, chosen, model, needs.ground_truth)
 
 
@@ -149,19 +155,11 @@ def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, st
 def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:
     found = list_triplets(reader, split, choice if needs.sources else "recent", offsets)
     if not found:
-        raise DeuxError(
+        raise MissingSplit(
             f"the {split} split of {reader.folder} has no frames, as {type(reader).__name__} reads it: name a folder "
             "that has some, or by the options under `data` which are the split's."
         )
     return found
-
-
-def _has_frames(reader: Reader, split: str, offsets: tuple[int, ...]) -> bool:
-    """Whether a split has frames, whatever their files hold."""
-    try:
-        return bool(reader.triplets(split, offsets))
-    except DeuxError:
-        return False
 
 
 def _where(offsets: tuple[int, ...], choice: SourceChoice) -> str:
@@ -183,6 +181,14 @@ def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
                 f"pose=simulator needs the poses of the frames, and {reader.folder} has none of {frame.sequence}: use "
                 "pose=learned, or frames with poses."
             )
+
+
+def _check_points(reader: Reader, frames: Sequence[FrameReference]) -> None:
+    if not any(reader.sparse_depth(frame).any() for frame in frames):
+        raise DeuxError(
+            f"none of the {counted(len(frames), 'frame')} of {reader.folder} that were read has a sparse point, and "
+            "depth completion is trained on these: depth maps that are 0 everywhere hold no value."
+        )
 
 
 def _check_unit(reader: Reader, frames: Sequence[FrameReference], truth: bool, max_depth: float) -> None:

@@ -23,7 +23,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from deux.contracts import Action, FrameReference, Reader, Triplet
+from deux.contracts import Action, FrameReference, MissingSplit, Reader, Triplet
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.io.layout import natural_order
@@ -164,8 +164,8 @@ class ReaderSuite:
             self._check(reader, frame, recorded)
 
     def test_a_split_that_is_not_there_is_an_error(self, folder: Path) -> None:
-        """Only "train" was written."""
-        with pytest.raises(DeuxError):
+        """Only "train" was written. The error is told apart from those of damaged files, which nobody may overlook."""
+        with pytest.raises(MissingSplit):
             self.make_reader(folder).triplets("validation", OFFSETS)
 
     def test_a_folder_without_frames_is_an_error(self, tmp_path: Path) -> None:

@@ -9,8 +9,10 @@ import torch
 from lightning.pytorch import Callback, LightningModule, Trainer
 from lightning.pytorch.utilities import rank_zero_warn
 from torch import Tensor
+from torch.optim import Optimizer
 
 from deux.errors import DeuxError, counted, plural
+from deux.registry import registry
 from deux.training.module import DepthCompletion
 
 
@@ -57,7 +59,8 @@ class HealthCheck(Callback):
         margin: the mean prediction is stuck within this fraction of the range's far end, or of its near end.
 
     Raises:
-        DeuxError: during training, when the loss or the predicted depth is not finite; at the end of an epoch and
+        DeuxError: at the first step, when the loss has reached no weight of the depth model; during training, when the
+            loss or the predicted depth is not finite; at the end of an epoch and
             before any checkpoint is written, when one of these or a weight is not.
     """
 
@@ -67,6 +70,18 @@ class HealthCheck(Callback):
         self.margin = margin
         self.stuck_checks = 0
         self._reading: _Reading | None = None
+
+    def on_before_optimizer_step(self, trainer: Trainer, pl_module: LightningModule, optimizer: Optimizer) -> None:
+        """Check before the first step that the depth model has gradients, which a loss of poses alone leaves out."""
+        if trainer.global_step > 0 or not isinstance(pl_module, DepthCompletion):
+            return
+        weights = [weight for weight in pl_module.model.parameters() if weight.requires_grad]
+        if weights and all(weight.grad is None for weight in weights):
+            terms = " and ".join(pl_module.objective.terms)
+            raise DeuxError(
+                f"the loss gives {registry().called(pl_module.model)} no gradient, though it has one for the poses: "
+                f"none of its terms ({terms}) reads the depth, so give another one a weight above 0."
+            )
 
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from deux.contracts import FrameReference
+from deux.contracts import FrameReference, MissingSplit
 from deux.errors import DeuxError, check_range, shown
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_intrinsics, read_intrinsics
@@ -162,6 +162,13 @@ class Kitti(RecordedVideo):
                 clips.append(Clip(sequence, targets, list(frames), self.gap))
         usable = sum(len(clip.targets) for clip in clips)
         report_skipped(f"{self.folder}, {split}", usable, {"static": total - usable})
+        if total > usable == 0:
+            by = (
+                f"is slower than data.min_speed={self.min_speed:g} m/s"
+                if self.static_frames is None
+                else "stands still"
+            )
+            raise MissingSplit(f"{self.folder} has no {split} frames: the car {by} in each of the {total}.")
         return clips
 
     def _expected(self, split: str) -> str:

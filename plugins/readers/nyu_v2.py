@@ -11,7 +11,7 @@ import numpy as np
 
 from deux.collection.sparse import SparseSettings
 from deux.contracts import FrameReference
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, image_size
 from deux.io.calibration import read_intrinsics
 from deux.io.frame_files import (
     DEPTH_SUFFIXES,
@@ -154,7 +154,7 @@ class NyuV2(RecordedVideo):
         size = self.image(frame).shape[:2]
         if size != KINECT_SIZE:
             raise DeuxError(
-                f"{image} has {size[0]} x {size[1]} pixels, but the Kinect's matrix is for 480 x 640: a file K.txt in "
+                f"{image} has {image_size(size)} pixels, but the Kinect's matrix is for 640 x 480: a file K.txt in "
                 f"{self.folder} must give that of the images as they are now."
             )
         return KINECT.copy()

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from deux.collection.sparse import SparseSettings
-from deux.contracts import FrameReference
+from deux.contracts import FrameReference, MissingSplit
 from deux.errors import DeuxError, check_range
 from deux.geometry.poses import motion
 from deux.io.camera_files import read_any_image, read_any_intrinsics
@@ -184,7 +184,7 @@ class RgbdFolder(RecordedVideo):
         images = _files_in(video, self._image_folders, IMAGE_SUFFIXES)
         if not images:
             folder = _subfolder(video, self._image_folders)
-            raise DeuxError(f"{folder} holds no image: .png or .jpg files are expected, so save others as PNG.")
+            raise DeuxError(f"{folder} holds no image: {', '.join(IMAGE_SUFFIXES)} files are expected.")
         return images
 
     def _clips(self, split: str) -> list[Clip]:
@@ -206,6 +206,8 @@ class RgbdFolder(RecordedVideo):
                 skipped["without depth"] += len(block) - len(targets)
             clips.append(Clip(sequence, targets, frames, self.gap))
         report_skipped(f"{self.folder}, {split}", sum(len(clip.targets) for clip in clips), skipped)
+        if skipped["static"] and not any(clip.frames for clip in clips):
+            raise MissingSplit(f"{self.folder} has no {split} frames: {self._still}")
         if split == "train" and any(clip.targets for clip in clips) and self.split_by == "frames":
             lengths = {video: len(self._frames[video]) for video in self._videos}
             if (sentence := self._division.untrained(lengths, self.folder)) is not None:
@@ -242,7 +244,7 @@ class RgbdFolder(RecordedVideo):
         return self._poses[sequence] or self._frames[sequence]
 
     def _moving(self, sequence: str, names: Sequence[str]) -> list[str]:
-        """The frames in which the camera has moved since the last one of them."""
+        """The frames in which the camera has moved since the last one of them; none if it stands still throughout."""
         poses = self._poses[sequence]
         if not poses and self.min_difference == 0:
             return list(names)
@@ -253,7 +255,19 @@ class RgbdFolder(RecordedVideo):
             if last is None or (self._apart(last, now) if poses else self._differ(last, now)):
                 kept.append(name)
                 last = now
-        return kept
+        return [] if len(kept) == 1 < len(names) else kept
+
+    @property
+    def _still(self) -> str:
+        """What a video is in which no frame was taken from elsewhere than the first: the end of a sentence."""
+        if any(self._poses.values()):
+            near = f"within data.min_distance={self.min_distance:g} m and data.min_angle={self.min_angle:g} degrees of"
+        else:
+            near = f"with fewer than data.min_difference={self.min_difference:g} grey levels of difference from"
+        return (
+            f"the camera stands still, each frame was taken {near} the first, and depth is learned from a camera that "
+            "moves."
+        )
 
     def _apart(self, first: np.ndarray, second: np.ndarray) -> bool:
         distance, angle = motion(first, second)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.data.triplet_export import INTRINSICS, LISTED, own_intrinsics, source_name
 from deux.errors import DeuxError, shown
 from deux.io.atomic import read_bytes
@@ -43,10 +43,10 @@ class TripletImages(Reader):
         """The targets that `<split>_image.txt` lists; each has its two source frames with it."""
         listed = list_file(self.folder, split, "image")
         if not listed.is_file():
-            raise DeuxError(f"{self.folder} has no {split} split, whose images {listed.name} would list.")
+            raise MissingSplit(f"{self.folder} has no {split} split, whose images {listed.name} would list.")
         found = [self._triplet(line, listed) for line in read_bytes(listed).decode(errors="replace").splitlines()]
         if not found:
-            raise DeuxError(f"the {split} split of {self.folder} has no frames: {listed.name} is empty.")
+            raise MissingSplit(f"the {split} split of {self.folder} has no frames: {listed.name} is empty.")
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from deux.contracts import FrameReference
+from deux.contracts import FrameReference, MissingSplit
 from deux.errors import DeuxError, check_range, shown
 from deux.io.atomic import read_bytes
 from deux.io.calibration import read_intrinsics, read_pose
@@ -113,7 +113,7 @@ class Void(RecordedVideo):
     def _clips(self, split: str) -> list[Clip]:
         name = "test" if split == "test" else "train"
         if name not in self._listed:
-            raise DeuxError(f"{self._root} has no {name}_image.txt, which would list the {split} frames.")
+            raise MissingSplit(f"{self._root} has no {name}_image.txt, which would list the {split} frames.")
         listed = self._listed[name]
         if split != "test":
             training, validation = held_out(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.errors import DeuxError, shown
 from deux.io.calibration import checked_intrinsics, checked_pose
 from deux.io.file_names import is_frame_path
@@ -42,7 +42,7 @@ class Shards(Reader):
         """The targets of a split, by name; each has its source frames with it."""
         samples = self._index.get(split)
         if not samples:
-            raise DeuxError(
+            raise MissingSplit(
                 f"{self.folder} has no {split} split, whose shards {split}-000000.tar and so on would hold; it has "
                 f"{', '.join(sorted(self._index)) or 'no shards at all'}."
             )

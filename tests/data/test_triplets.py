@@ -316,7 +316,9 @@ def test_a_source_frame_of_another_size_is_named(folder: Path) -> None:
 
 
 def test_a_crop_that_does_not_fit_is_an_error(folder: Path) -> None:
-    with pytest.raises(DeuxError, match=r"has 40 x 48 pixels, in which a crop of 64 x 32 does not fit\.$"):
+    with pytest.raises(
+        DeuxError, match=r"has 48 x 40 pixels \(width x height\), in which a crop of 32 x 64 does not fit\.$"
+    ):
         load(folder, SampleSettings((64, 32)))[0]
 
 

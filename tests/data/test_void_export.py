@@ -131,6 +131,17 @@ def test_a_sequence_with_several_cameras_has_no_place_in_the_release(tmp_path):
     assert not (tmp_path / "void_1500").exists()
 
 
+def test_images_of_several_sizes_have_no_place_in_a_sequence(tmp_path):
+    split = splits(tmp_path / "given")[1]
+    written = tmp_path / "given/test/data/hall-00"
+    for kind in ("image", "sparse_depth", "ground_truth"):
+        file = sorted((written / kind).glob("*.png"))[3]
+        Image.fromarray(np.asarray(Image.open(file))[:-2]).save(file)
+    told = r"frame 000003 of hall-00 in .* has an image of 48 x 38 pixels and frame 000002 of 48 x 40: they must"
+    with pytest.raises(DeuxError, match=told):
+        list(write_void(tmp_path, [split]))
+
+
 def test_a_list_that_would_lack_a_target_is_left_out(tmp_path, caplog):
     split = split_with_gaps(tmp_path / "given")
     list(write_void(tmp_path, [split]))

@@ -1,6 +1,7 @@
 import copy
 import json
 import pickle
+from types import SimpleNamespace
 
 import pytest
 import safetensors.torch
@@ -123,6 +124,21 @@ def test_other_names_are_those_that_load_knows(kbnet, tmp_path):
     assert model.save_pretrained(tmp_path / "again") == tmp_path / "again"
     with pytest.raises(DeuxError, match="there is no model nowhere"):
         from_pretrained("nowhere")
+
+
+def test_a_missing_folder_is_told_without_asking_the_hub(tmp_path, monkeypatch):
+    asked = []
+    hub = SimpleNamespace(download=lambda name, **options: asked.append(name))
+    monkeypatch.setattr(model_folders, "_hub", lambda purpose: hub)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs").mkdir()
+    for path in ("./owner/kbnet", "../kbnet", "~/kbnet", "a/b/kbnet", str(tmp_path / "kbnet"), "runs/kbnet"):
+        with pytest.raises(DeuxError, match="there is no model"):
+            from_pretrained(path)
+    assert asked == []
+    from_pretrained("owner/kbnet")
+    from_pretrained("runs/kbnet", revision="main")
+    assert asked == ["owner/kbnet", "runs/kbnet"]
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))])

@@ -50,6 +50,24 @@ def test_factors_are_multiplied_as_they_are_stored(gltf):
     assert read == [("paint", (51, 102, 153), None), ("paint", (255, 0, 128), None), white]
 
 
+def test_light_that_is_baked_into_a_black_surface_is_what_is_seen(gltf):
+    """As viewers add base colour and emission: of a black base colour the emission is left."""
+    baked = gltf.textured(gltf.image(PIXELS))
+    material = gltf.header["materials"][baked]
+    material["emissiveTexture"] = material["pbrMetallicRoughness"].pop("baseColorTexture")
+    material["pbrMetallicRoughness"]["baseColorFactor"] = [0, 0, 0, 1]
+    material["emissiveFactor"] = [1, 1, 1]
+    black = {"pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1]}}
+    lamp = gltf.add("materials", black | {"emissiveFactor": [0.2, 0.4, 0.6]})
+    unlit = gltf.add("materials", black | {"emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_unlit": {}}})
+    for number in (baked, lamp, unlit):
+        square(gltf, number)
+    parts = read_gltf(gltf.save())
+    assert [part.material.color for part in parts] == [(255, 255, 255), (51, 102, 153), (0, 0, 0)]
+    np.testing.assert_array_equal(parts[0].material.texture, PIXELS)
+    np.testing.assert_allclose(parts[0].uv.reshape(-1, 2), (UV * [1, -1] + [0, 1])[FACES], atol=1e-6)
+
+
 @pytest.mark.parametrize("width", [3, 4])
 @pytest.mark.parametrize("dtype", [np.float32, np.uint8, np.uint16])
 def test_vertex_colours_of_every_type(gltf, width, dtype):

@@ -28,7 +28,9 @@ def compare():
 
         def run(folder, **changes):
             given = {"scenes": SCENES, "explorers": EXPLORERS, "rewards": {"coverage": {}}, "seed": 3, "steps": 8}
-            return compare_explorers(folder, simulation, **(given | changes))
+            found = compare_explorers(folder, simulation, **(given | changes))
+            assert found.failed == {}
+            return found.episodes
 
         yield run
 
@@ -84,6 +86,34 @@ def test_only_what_is_missing_is_run(compare, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
 
 
+class Faulty(registry().get("explorers", "random")):
+    """Fails at its fourth step as long as `broken` is true."""
+
+    broken = True
+
+    def act(self, observation):
+        if self.broken and observation.step == 3:
+            raise ValueError("no way out")
+        return super().act(observation)
+
+
+def test_an_explorer_that_fails_costs_the_others_nothing(tmp_path, monkeypatch):
+    registry().register("explorers", "faulty", Faulty)
+    given = {"explorers": [explorer("faulty"), EXPLORERS[1]], "rewards": {"coverage": {}}, "seed": 3, "steps": 8}
+    try:
+        with box_simulation() as simulation:
+            found = compare_explorers(tmp_path, simulation, SCENES, **given)
+            monkeypatch.setattr(Faulty, "broken", False)
+            mended = compare_explorers(tmp_path, simulation, SCENES, **given)
+    finally:
+        registry().unregister("explorers", "faulty")
+    assert [(e.explorer, e.scene) for e in found.episodes] == [("frontier", "short"), ("frontier", "long")]
+    assert found.failed == {"faulty": [tmp_path / f"faulty-{scene}-00/failure.txt" for scene in ("short", "long")]}
+    assert found.failed["faulty"][0].read_text().endswith("\nValueError: no way out\n")
+    assert [e.explorer for e in mended.episodes] == ["faulty"] * 2 + ["frontier"] * 2
+    assert (mended.episodes[2:], mended.failed) == (found.episodes, {})
+
+
 def test_a_guided_explorer_sees_each_frame_once(compare, tmp_path):
     model = FarModel()
     perception = Perception(model, uncertainty=measure("l1").create())
@@ -121,5 +151,5 @@ def test_processes_change_nothing(tmp_path, several):
         )
         for name, execute in {"alone": run_here, "shared": several}.items()
     )
-    assert numbers(alone) == numbers(shared)
+    assert numbers(alone.episodes) == numbers(shared.episodes)
     assert told == [(done, 4) for done in range(5)] * 2

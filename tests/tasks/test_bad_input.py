@@ -31,7 +31,7 @@ MISTAKES = {
     "objective.color_consistncy=1": "there is no loss term called 'color_consistncy': did you mean color_consistency",
     "scenes=apartmnts": "there is no source of scenes called 'apartmnts': did you mean apartments?",
     "evaluation.data=void": "evaluation.data=void has no effect with task=experiment, which tests its model on views",
-    "training.crop=[100,9]": "training.crop is 100 x 9 pixels (height x width), which does not fit into the ",
+    "training.crop=[100,9]": "training.crop=[100,9] is 9 x 100 pixels (width x height), which do not fit into ",
     "experiment=debg": "there is no experiment called 'debg': did you mean debug?",
     "simulator.renderer=embre": "simulator.renderer cannot be 'embre': did you mean embree?",
     "pose=lerned": "pose=lerned is no source of poses: did you mean learned?",

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 
 from deux.environment.egocentric import Crops
 from deux.policies.policy_files import save_policy
+from deux.registry import registry
 from deux.testing.learned_explorers import untrained_policy
 
 SMALL = ["task=compare_explorers", "scenes.test=2", "compare.steps=6"]
@@ -81,6 +83,28 @@ def test_a_killed_comparison_goes_on_where_it_was(compare, finished, tmp_path):
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
     assert episodes(killed) == episodes(finished)
     assert (killed / "table.md").read_bytes() == (finished / "table.md").read_bytes()
+
+
+class Faulty(registry().get("explorers", "random")):
+    def act(self, observation):
+        raise ValueError("no way out")
+
+
+def test_an_explorer_that_fails_is_named_and_the_others_are_compared(compare, tmp_path):
+    registry().register("explorers", "faulty", Faulty)
+    try:
+        outcome = compare(tmp_path / "run", "compare.explorers=[faulty,random]")
+        alone = compare(tmp_path / "alone", "compare.explorers=[faulty]")
+    finally:
+        registry().unregister("explorers", "faulty")
+    told = r"faulty failed, in 2 episodes with ValueError: no way out: .*/faulty-\S+/failure.txt has the stack trace"
+    assert outcome.code == alone.code == 1
+    assert re.search(told, outcome.sentence), outcome.sentence
+    assert re.search(told, alone.sentence), alone.sentence
+    results = json.loads((tmp_path / "run/results.json").read_text())
+    assert list(results["explorers"]) == ["random"]
+    assert "no way out" in results["left_out"]["faulty"]
+    assert not (tmp_path / "alone/results.json").exists()
 
 
 def test_episodes_of_other_settings_are_refused(compare, finished):

@@ -374,7 +374,7 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
         ({"checkpoint": "."}, "there is no model .*/model.safetensors: name a file of weights, a run folder"),
         ({"image": "nothing.png"}, ".*/nothing.png is missing.$"),
         ({"image": "K.txt"}, ".*/K.txt cannot be read as an image, .*: it has no format that Pillow knows.$"),
-        ({"image": "."}, ".* cannot be read: Is a directory.$"),
+        ({"image": "."}, r"predict\.image=\. is a folder, and the file of one frame .* by predict\.data=\.$"),
         ({"image": "sparse.png"}, ".*/sparse.png is an image of mode I;16 where 8 bits a channel are expected"),
         ({"sparse": "image.png"}, ".*/image.png is an image of mode RGB where a 16-bit depth map is expected."),
         ({"sparse": "K.txt"}, r".*/K.txt is no PNG file \(.* bytes\): a 16-bit depth map in PNG format is expected."),

@@ -14,6 +14,7 @@ from PIL import Image
 
 from deux.contracts import Action, Reader
 from deux.data.dataset_reader import DatasetReader
+from deux.doctor import frame_checks
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.tasks import recorded_frames
@@ -318,3 +319,31 @@ def test_a_damaged_validation_frame_is_no_lack_of_validation_frames(tmp_path, ca
     with pytest.raises(DeuxError, match=r"image/3\.jpg cannot be read as an image"):
         validation_of(DatasetReader(folder), (-1, -2), Needs(sources=True), "baseline")
     assert "no validation" not in capsys.readouterr().out
+
+
+def test_a_damaged_list_of_validation_frames_is_no_lack_of_them(tmp_path, capsys):
+    folder = record(tmp_path / "video", "validation", "office", CAMERA)
+    (folder / "validation_image.txt").write_bytes(b"\xff\xfe" * 40)
+    reader = DatasetReader(folder)
+    for use in (lambda: validation_of(reader, (-1, -2), Needs()), lambda: frame_checks.check_frames(reader)):
+        with pytest.raises(DeuxError, match=r"validation_image\.txt is no list of frames"):
+            use()
+    assert "no validation" not in capsys.readouterr().out
+
+
+def test_training_frames_without_any_point_are_refused(video, tmp_path):
+    folder = copy(video, tmp_path)
+    for file in folder.glob("data/*/sparse_depth/*.png"):
+        Image.fromarray(np.zeros((CAMERA.height, CAMERA.width), np.uint16)).save(file)
+    with pytest.raises(DeuxError, match=f"^none of the 6 frames of {folder} that were read has a sparse point"):
+        check_recorded(DatasetReader(folder), "train", (-1, -2), None, Needs())
+
+
+def test_ground_truth_without_any_value_is_no_validation(video, tmp_path, capsys):
+    folder = copy(video, tmp_path)
+    assert validation_of(DatasetReader(folder), (-1, -2), Needs()) == [DatasetReader(folder)]
+    for file in folder.glob("data/office/ground_truth/*.png"):
+        Image.fromarray(np.zeros((CAMERA.height, CAMERA.width), np.uint16)).save(file)
+    assert validation_of(DatasetReader(folder), (-1, -2), Needs()) == []
+    told = f"no validation: the ground truth of all 6 validation frames of {folder} that were read is 0"
+    assert told in capsys.readouterr().out

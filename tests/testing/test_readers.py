@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.errors import DeuxError
 from deux.testing.readers import ReaderSuite, Recordings, record
 
@@ -24,7 +24,7 @@ class ArrayReader(Reader):
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
         listed = self.folder / ("train.json" if self.fault == "any split" else f"{split}.json")
         if not listed.exists() and self.fault != "no frames":
-            raise DeuxError(f"{listed} is missing.")
+            raise MissingSplit(f"{listed} is missing.")
         try:
             counts = json.loads(listed.read_text()) if listed.exists() else {}
         except ValueError as error:

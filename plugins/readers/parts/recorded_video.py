@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from deux.collection.sparse import SparseSettings, sample_sparse
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.contracts.reader import SPLITS
-from deux.errors import DeuxError, check_range, near_matches
+from deux.errors import DeuxError, check_range, image_size, near_matches
 from deux.io.camera_files import read_any_depth, read_any_image
 
 MANY_FRAMES = 10
@@ -114,7 +114,7 @@ class RecordedVideo(Reader):
                     )
                 )
         if not found:
-            raise DeuxError(
+            raise MissingSplit(
                 f"{self.folder} has no {split} frames with depth and source frames: {self._expected(split)}"
             )
         return found
@@ -146,8 +146,8 @@ class RecordedVideo(Reader):
         image = self.image(frame)
         if image.shape[:2] != depth.shape:
             raise DeuxError(
-                f"Frame {frame.name} of {frame.sequence} in {self.folder} has an image of {_size(image)} pixels and "
-                f"depth of {_size(depth)}: depth must be registered to the image, pixel by pixel."
+                f"Frame {frame.name} of {frame.sequence} in {self.folder} has an image of {image_size(image.shape)} "
+                f"pixels and depth of {image_size(depth.shape)}: depth must be registered to the image, pixel by pixel."
             )
         return sample_sparse(image, depth, SparseSettings(self.density))
 
@@ -220,8 +220,3 @@ def _sources(frames: Sequence[str], index: int | None, steps: Sequence[int]) -> 
     if index is None or any(not 0 <= index + step < len(frames) for step in steps):
         return None
     return [frames[index + step] for step in steps]
-
-
-def _size(array: np.ndarray) -> str:
-    """Width x height."""
-    return f"{array.shape[1]} x {array.shape[0]}"

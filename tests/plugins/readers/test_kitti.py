@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from written_frames import save_depth, save_image, video, with_sources
 
-from deux.contracts import FrameReference
+from deux.contracts import FrameReference, MissingSplit
 from deux.errors import DeuxError
 from deux.registry import registry
 from deux.testing.readers import ReaderSuite, RecordedFrame, Recordings
@@ -129,6 +129,8 @@ def test_frames_in_which_the_car_stands_are_no_training_targets(
     assert moving[1].sources[0].name[-1] == "3"
     assert f"{tmp_path}, train: 4 of 6 frames: 2 static" in [record.getMessage() for record in caplog.records]
     assert len(with_sources(Kitti(tmp_path, min_speed=0.0), (-1,))) == 5
+    with pytest.raises(MissingSplit, match=r"the car is slower than data\.min_speed=99 m/s in each of the 6\.$"):
+        Kitti(tmp_path, min_speed=99.0).triplets("train", (-1,))
 
 
 def test_the_published_list_of_static_frames(tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def test_the_kinects_matrix_is_for_its_own_size(tmp_path: Path) -> None:
     reader = NyuV2(tmp_path)
     np.testing.assert_array_equal(reader.intrinsics(FrameReference("bath_0001", "rgb_1")), KINECT)
     assert KINECT[0, 0] == pytest.approx(518.8579)
-    with pytest.raises(DeuxError, match=r"rgb_2\.png has 480 x 639 pixels, but the Kinect's matrix is for 480 x 640"):
+    with pytest.raises(DeuxError, match=r"rgb_2\.png has 639 x 480 pixels, but the Kinect's matrix is for 640 x 480"):
         reader.intrinsics(FrameReference("bath_0001", "rgb_2"))
 
 

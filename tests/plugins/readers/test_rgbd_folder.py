@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from written_frames import (
     DENSITY,
     SampledSuite,
@@ -18,7 +19,7 @@ from written_frames import (
     with_sources,
 )
 
-from deux.contracts import FrameReference
+from deux.contracts import FrameReference, MissingSplit
 from deux.errors import DeuxError
 from deux.geometry.poses import source_from_target
 from deux.geometry.reprojection import reproject
@@ -181,6 +182,17 @@ def test_without_poses_static_frames_are_found_by_their_images(tmp_path: Path) -
     assert len(with_sources(whole(folder, min_difference=1.0), (-1,))) == 3
 
 
+def test_a_camera_that_never_moves_is_told_as_such(tmp_path: Path) -> None:
+    still = [next(iter(video(1)))] * 5
+    posed, unposed = write_video(tmp_path / "hall", still), write_video(tmp_path / "attic", still, poses=False)
+    moved = r"camera stands still, each frame was taken within data\.min_distance=0\.01 m and data\.min_angle=1 degrees"
+    with pytest.raises(MissingSplit, match=moved):
+        whole(posed).triplets("train", (-1,))
+    with pytest.raises(MissingSplit, match=r"stands still, each frame .* data\.min_difference=1 grey levels"):
+        whole(unposed, min_difference=1.0).triplets("train", (-1,))
+    assert len(whole(write_video(tmp_path / "single", still[:1])).triplets("train", (-1,))) == 1
+
+
 def test_frames_without_depth_or_pose_are_counted(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     folder = write_video(tmp_path / "hall", list(video(10)))
     poses = np.loadtxt(folder / "poses.txt")
@@ -264,9 +276,21 @@ def test_points_may_have_a_unit_of_their_own(tmp_path: Path) -> None:
 def test_images_of_another_format_are_named_as_what_is_missing(tmp_path: Path) -> None:
     folder = write_video(tmp_path / "hall", list(video(2)))
     for number in (0, 1):
-        (folder / "rgb" / f"frame_{number}.png").rename(folder / "rgb" / f"frame_{number}.bmp")
-    with pytest.raises(DeuxError, match=r"hall/rgb holds no image: \.png or \.jpg files are expected, so save others"):
+        (folder / "rgb" / f"frame_{number}.png").rename(folder / "rgb" / f"frame_{number}.heic")
+    with pytest.raises(DeuxError, match=r"hall/rgb holds no image: \.png, \.jpg, .*\.webp files are expected\.$"):
         whole(folder).frames()
+
+
+@pytest.mark.parametrize("suffix", [".bmp", ".tif", ".webp"])
+def test_images_of_other_formats_are_read(tmp_path: Path, suffix: str) -> None:
+    folder = write_video(tmp_path / "hall", frames := list(video(2)))
+    for number, frame in enumerate(frames):
+        file = folder / "rgb" / f"frame_{number}.png"
+        Image.fromarray(frame.image).save(file.with_suffix(suffix), lossless=True)
+        file.unlink()
+    reader = whole(folder)
+    for frame, recorded in zip(reader.frames(), frames, strict=True):
+        np.testing.assert_array_equal(reader.image(frame), recorded.image)
 
 
 def test_where_a_video_has_points_none_are_sampled(tmp_path: Path) -> None:

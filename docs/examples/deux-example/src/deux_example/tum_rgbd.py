@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from deux.collection.sparse import SparseSettings, sample_sparse
-from deux.contracts import FrameReference, Reader, Triplet
+from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.errors import DeuxError, near_matches
 from deux.io.atomic import read_bytes
 from deux.io.calibration import checked_pose
@@ -80,7 +80,7 @@ class TumRgbd(Reader):
                 complete = all(0 <= i + offset < len(frames) for offset in offsets)
                 found.append(Triplet(target, tuple(frames[i + offset] for offset in offsets if complete)))
         if not found:
-            raise DeuxError(f"{self.folder} has no {split} frames: data.{split} may name videos.")
+            raise MissingSplit(f"{self.folder} has no {split} frames: data.{split} may name videos.")
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:

@@ -294,13 +294,6 @@ def test_an_end_by_sigterm_is_told_and_has_its_exit_code(tmp_path: Path) -> None
         ("paths.outputs={a: 1}", "paths.outputs must be the path of a folder, but is {'a': 1}."),
         ("hydra.run.dir=${nothing}", "hydra.run.dir refers by ${...} to an option that is not there"),
         ("explore=5", "explore is chosen by a name, and 5 is none."),
-        ("+seed=1", "+seed= adds an option, and seed is there: write seed=, without the plus sign."),
-        ("+experiment=debug", "+experiment= adds an option, and experiment is there: write experiment=, without"),
-        ("+model=kbnet", "+model= adds an option, and model is there: write model=, without the plus sign."),
-        (
-            "hydra.launcher.n_jobs=2",
-            "the launcher basic has none. Choose one that has it, as with hydra/launcher=joblib",
-        ),
         ("explore=[[1]]", "the configuration cannot be composed: "),
         ("seed=1" + 5000 * "0", "the configuration cannot be composed: Exceeds the limit"),
         ("camera=5", "camera holds options by name, as in camera.<option>=<value>, but is 5."),

@@ -66,6 +66,7 @@ _LIBRARIES = ("hydra", "omegaconf", "yaml", "antlr4")
 
 _NO_OPTION = re.compile(r"Could not load '(?P<group>[^'/]+)/(?P<name>[^']+)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
+_PRESENT = re.compile(r"An item is already at '(?P<key>.+?)'")
 _KEY = re.compile(r"[+~]*(?P<key>[^=@]+)")
 _GROUPED_DIGITS = re.compile(r"\d{1,3}(_\d{3})+")
 _DIGITS = re.compile(r"\d[\d_]*_[\d_]*")
@@ -87,6 +88,8 @@ def check_names(overrides: Iterable[str]) -> None:
             raise DeuxError(f"there is no option {name}: it is now called {RENAMED[name]}.")
         if name == "callbacks" and value == "none":
             raise DeuxError("callbacks=none is now callbacks=[], a list of callbacks without any.")
+        if name in _GROUPS and name != "callbacks" and re.match(r"\+(?!\+)", override):
+            raise _added_again(name)
         if name in _GROUPS and _NUMBER.fullmatch(value) and value.lower() != "null":
             raise DeuxError(f"{name} is chosen by a name, and {value} is none.")
         if quoted := _LIST_IN_QUOTES.fullmatch(value):
@@ -142,6 +145,8 @@ def composition_error(error: Exception) -> DeuxError:
     if found := _AMBIGUOUS.search(str(error)):
         key, _, values = found["override"].partition("=")
         return DeuxError(f"{key} cannot be {values}: add -m to run each in turn, or write {key}=[{values}] for a list.")
+    if found := _PRESENT.search(str(error)):
+        return _added_again(found["key"])
     cause = error.__cause__ or error
     if isinstance(cause, InterpolationKeyError):
         return DeuxError(unresolved_reference(cause))
@@ -166,12 +171,21 @@ def _unknown_choice(missing: str, known: list[str]) -> DeuxError:
     return DeuxError(f"there is no {noun} called {name!r}: {near_matches(name, known)}")
 
 
+def _added_again(key: str) -> DeuxError:
+    return DeuxError(f"+{key}= adds an option, and {key} is there: write {key}=, without the plus sign.")
+
+
 def _unknown_option(full_key: str, parent: DictConfig) -> DeuxError:
     above, _, key = full_key.rpartition(".")
     if full_key in RENAMED:
         return DeuxError(f"there is no option {full_key}: it is now called {RENAMED[full_key]}.")
     if not parent:
         return DeuxError(f"there is no option {full_key}: {above} is a single value.")
+    if above == "hydra.launcher" and "BasicLauncher" in str(parent.get("_target_")):
+        return DeuxError(
+            f"there is no option {full_key}: the launcher basic has none. Choose one that has it, as with "
+            "hydra/launcher=joblib."
+        )
     known = [str(name) for name in parent if name != "hydra"]
     return DeuxError(f"there is no option {full_key}: {near_matches(key, known)}")
 

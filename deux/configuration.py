@@ -35,7 +35,16 @@ from deux.command_record import record_folder
 from deux.composition_errors import check_names, composition_error, raised_in_composition
 from deux.errors import DeuxError, printable, shown
 from deux.registry import registry
-from deux.task_sections import MEANS, PLUGIN_SECTIONS, TASKS, Sections, check_plugins, section, task_name, without_means
+from deux.task_sections import (
+    MEANS_NAMES,
+    PLUGIN_SECTIONS,
+    TASKS,
+    Sections,
+    check_plugins,
+    section,
+    task_name,
+    without_means,
+)
 
 CONFIG_NAME = "config"
 
@@ -310,14 +319,13 @@ def _hash(content: Any) -> str:
 
 def _sweep_id() -> str:
     overrides = (argument for argument in sys.argv[1:] if "=" in argument)
-    means = {f"{name}.{option}" for name, found in MEANS.items() for option in found}
     # Whatever launches its jobs, by whatever means they do their work and wherever their outputs are kept, it is the
     # same sweep.
     return _hash(
         sorted(
             override
             for override in overrides
-            if override.lstrip("+~").partition("=")[0] not in means
+            if override.lstrip("+~").partition("=")[0] not in MEANS_NAMES
             and not re.match(r"[+~]*(paths\.|hydra[./](?!sweeper\.params\.))", override)
         )
     )

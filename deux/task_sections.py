@@ -108,6 +108,9 @@ MEANS = {
 """Options of sections by which nothing that a task makes changes beyond the last bits of predictions: a command with
 others goes on where one was."""
 
+MEANS_NAMES = frozenset(f"{name}.{option}" for name, found in MEANS.items() for option in found)
+"""The same options by their names on the command line."""
+
 
 def without_means(name: str, section: Any) -> Any:
     """A section's plain content without the options of `MEANS`."""

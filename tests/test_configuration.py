@@ -260,6 +260,14 @@ def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_exp
         ("collect={stps: 3}", "there is no option collect.stps: did you mean steps?"),
         ("collect.steps.more=3", "there is no option collect.steps.more: collect.steps is a single value."),
         ("seed", "'seed' is not of the form option=value."),
+        ("+seed=1", "+seed= adds an option, and seed is there: write seed=, without the plus sign."),
+        ("+camera.width=64", "+camera.width= adds an option, and camera.width is there: write camera.width=, without"),
+        ("+experiment=debug", "+experiment= adds an option, and experiment is there: write experiment=, without the"),
+        ("+model=kbnet", "+model= adds an option, and model is there: write model=, without the plus sign."),
+        (
+            "hydra.launcher.n_jobs=2",
+            "there is no option hydra.launcher.n_jobs: the launcher basic has none. Choose one",
+        ),
         (
             "seed_model.checkpoint=a=b.ckpt",
             """the value of seed_model.checkpoint needs quotes of its own, as in 'seed_model.checkpoint=""",

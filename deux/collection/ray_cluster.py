@@ -57,10 +57,14 @@ def _connect(address: str | None) -> None:
             ray.shutdown()
             reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
             if address is None and attempt < _ATTEMPTS - 1:
-                log.info("Ray does not start: %s", error)
+                log.warning("Ray does not start, which is tried again: %s", reason)
                 continue
-            what = f"collect.executor_options.address={address} cannot be reached" if address else "Ray does not start"
-            raise DeuxError(f"{what}: {reason}; a cluster is started by `ray start --head`.") from error
+            if address is None:
+                raise DeuxError(f"Ray does not start: {reason}; collect.processes=N does without it here.") from error
+            raise DeuxError(
+                f"collect.executor_options.address={address} cannot be reached: {reason}; a cluster is started by "
+                "`ray start --head`."
+            ) from error
     if terminate is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, terminate)  # Ray's own outlives the connection
 

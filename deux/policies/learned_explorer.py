@@ -33,7 +33,7 @@ class LearnedExplorer(Explorer):
     needs = frozenset({Need.SENSOR_DEPTH})
 
     def __init__(self, weights: str | None = None, greedy: bool = False) -> None:
-        self._weights = Path(weights) if weights is not None else self.shipped_weights
+        self._weights = self.shipped_weights if weights is None else Path(weights).expanduser()
         self._greedy = greedy
 
     @cached_property

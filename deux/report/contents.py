@@ -108,10 +108,13 @@ def read_contents(
     tables = _Tables(groups, names, datasets, starred, baseline)
     sections = tuple(_section(tables.make(group), group, groups, names, datasets) for group in groups)
     notes = [f"{path} is in no table: {reason}." for path, reason in found.left_out]
-    with_results = {run.path.parent for run in found.finished}
+    ended = [*(run.path for run in found.finished), *(path for path, _ in found.left_out)]
     for sweep in sweeps:
-        if sweep.folder not in with_results:
-            notes.append(f"Nothing is finished of {counted(len(sweep.grid), 'run')}: {sweep.command}")
+        there = sum(sweep.folder in path.parents for path in ended)
+        if not there:
+            notes.append(f"Nothing is finished of {counted(sweep.runs, 'run')}: {sweep.command}")
+        elif there < sweep.runs != len(sweep.grid):  # what a grid lacks is listed below its table
+            notes.append(f"{there} of {counted(sweep.runs, 'run')} {plural('is', there)} finished: {sweep.command}")
     finished, missing = sum(len(group.finished) for group in groups), sum(len(group.missing) for group in groups)
     return Contents(folder, sections, tuple(notes), finished, missing, _scorecards(sections, names))
 

@@ -14,6 +14,7 @@ from hydra.core.override_parser.types import Override, RangeSweep
 from deux.io.folder_walk import walk
 from deux.io.yaml_files import read_yaml
 from deux.report.older_configurations import RENAMED_OPTIONS, current_keys
+from deux.task_sections import MEANS_NAMES
 
 SWEEP_FILE = "multirun.yaml"
 """What Hydra keeps of a sweep, in its folder."""
@@ -35,6 +36,7 @@ class Sweep:
         swept: the values of each option of `GRID` that was swept over, the preset's included.
         fixed: the values of the options of `GRID` where they were not swept over.
         of_checkpoints: whether it evaluates several models, which say themselves what they are.
+        runs: number of runs that were asked for, those included that differ in options that are not of `GRID`.
     """
 
     folder: Path
@@ -42,6 +44,7 @@ class Sweep:
     swept: dict[str, tuple[str, ...]]
     fixed: dict[str, str]
     of_checkpoints: bool = False
+    runs: int = 1
 
     @property
     def command(self) -> str:
@@ -117,6 +120,7 @@ def _read(folder: Path) -> Sweep | None:
         swept={option: swept[option] for option in GRID if option in swept},
         fixed={option: str(value) for option, value in fixed.items()},
         of_checkpoints=len(swept.get("evaluation.checkpoint", ())) > 1,
+        runs=math.prod(len({*values}) for option, values in swept.items() if option not in MEANS_NAMES),
     )
     if math.prod(map(len, sweep.swept.values())) > MOST_RUNS:
         raise ValueError(f"it asks for more than {MOST_RUNS} runs")

@@ -3,13 +3,14 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from deux.errors import counted
 from deux.metrics.intervals import Estimate
 from deux.metrics.tables import Cell, Column, ResultTable, Row
 from deux.studies.judged_walk import CONTROLS
 from deux.studies.uncertainty_study import CAUSES, MOVED, Kept, UncertaintyStudy
 
 _MEAN = "mean ± half the 95 % t interval over the scenes"
-_KEPT: dict[Kept, str] = {"all": "all {count} frames", "moved": f"the {{count}} frames whose camera moved {MOVED} m"}
+_KEPT: dict[Kept, str] = {"all": "all {frames}", "moved": f"the {{frames}} whose camera moved {MOVED} m"}
 _CAUSES = {
     "error": "true error",
     "moved": "metres moved",
@@ -34,7 +35,7 @@ def agreement_table(study: UncertaintyStudy, kept: Kept = "all") -> ResultTable:
     }
     if kept == "all":
         numbers[Column("ρ places", digits=2, best="highest")] = [study.places(name) for name in names]
-    frames = _KEPT[kept].format(count=study.count(kept))
+    frames = _KEPT[kept].format(frames=counted(study.count(kept), "frame"))
     caption = f"Uncertainty against the true error (ρ: rank correlation), {frames}, {_MEAN}"
     return _table(caption, study, numbers).ranked(second=False)
 

@@ -18,6 +18,9 @@ from deux.training.ranks import leads
 LINE_INTERVAL = 60.0
 """Seconds between two lines about the progress of one stage, where no bar is drawn."""
 
+FILE_WIDTH = 200
+"""Characters of a line that a table may take where it is written to a file: no heading is cut short there."""
+
 _console = Console()
 
 
@@ -29,7 +32,8 @@ def say(message: RenderableType) -> None:
         text = "\n".join(printable(line) for line in message.split("\n"))
         _console.print(text, highlight=False, markup=False, soft_wrap=True)
     else:
-        _console.print(message, highlight=False)
+        console = _console if _console.is_terminal else Console(width=FILE_WIDTH)
+        console.print(message, highlight=False)
 
 
 def quieten_libraries() -> None:

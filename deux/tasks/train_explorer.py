@@ -24,6 +24,7 @@ from deux.policies.ppo_settings import PPOSettings
 from deux.registry import registry
 from deux.simulator.simulation import Simulation
 from deux.task_sections import Sections
+from deux.tasks.command_lines import command_line
 from deux.tasks.console import progress, quieten_libraries, say
 from deux.tasks.datasets import further_scenes, read_scenes, read_simulation
 from deux.tasks.run_folder import open_run_folder
@@ -87,7 +88,8 @@ def run(cfg: DictConfig) -> None:
         figure = draw_learning_curve(curve.steps, curve.reward, curve.area, reward)
         save_figure(figure, run.figures / "learning_curve.png")
         _report(curve)
-        say(f"Explore with it: python -m deux explore={explorer.name} explore.weights={run.path / POLICY_FILE}")
+        options = {"explore": explorer.name, "explore.weights": run.path / POLICY_FILE}
+        say(f"Explore with it: {command_line(options)}")
 
 
 def _reward_name(name: str) -> str:

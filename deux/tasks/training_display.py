@@ -8,6 +8,7 @@ from lightning.pytorch import LightningModule, Trainer
 from lightning.pytorch.callbacks import Callback, RichProgressBar
 
 from deux.tasks.console import minutes, say
+from deux.training.training_progress import training_progress
 
 
 def training_display(bar: bool) -> Callback:
@@ -37,6 +38,10 @@ class _ValidationLines(Callback):
             words.append(f"{minutes(seconds)} left")
         say(f"  {', '.join(words)}")
 
+    def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
+        """Say where the training ended, if that was too early."""
+        _say_early_end(trainer)
+
 
 class _LossBar(RichProgressBar):
     """Lightning's progress bar with the loss of the last step that was logged.
@@ -60,3 +65,18 @@ class _LossBar(RichProgressBar):
     def get_metrics(self, trainer: Trainer, pl_module: LightningModule) -> dict[str, Any]:
         """What stands beside the bar."""
         return {**super().get_metrics(trainer, pl_module), **self._loss}
+
+    def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
+        """End the bar, and say below it where the training ended, if that was too early."""
+        super().teardown(trainer, pl_module, stage)
+        _say_early_end(trainer)
+
+
+def _say_early_end(trainer: Trainer) -> None:
+    """Say that a training ended before its last step, which its learning rate's schedule counts on."""
+    done, total = training_progress(trainer)
+    if done < total < math.inf:
+        say(
+            f"  the training ended after {done:,} of {total:,} steps: trainer.max_time or a callback such as "
+            "early_stopping asked for it"
+        )

@@ -143,6 +143,12 @@ def test_the_shipped_policy_is_taken_unless_one_is_named(tmp_path, monkeypatch):
     assert set(run(Learned(greedy=True), two_rooms(), 3)) == {Action.LEFT}
 
 
+def test_a_policy_file_in_the_home_folder_is_found(tmp_path, monkeypatch):
+    found = explorer(tmp_path).fingerprint()
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert Learned("~/policy.safetensors").fingerprint() == found
+
+
 def test_a_missing_policy_file_is_told_when_the_episode_begins(tmp_path):
     learned = Learned(str(tmp_path / "missing.safetensors"))
     for ask in (learned.fingerprint, lambda: run(learned, two_rooms(), 1)):

@@ -78,6 +78,27 @@ def test_missing_runs_and_commands_are_listed(write_run, write_sweep, outputs, n
     assert contents.notes == ("Nothing is finished of 2 runs: python -m deux -m explore=novelty seed=5,6",)
 
 
+def test_a_sweep_over_other_options_says_how_many_runs_it_lacks(write_run, write_sweep, outputs, names):
+    write_sweep(["explore=deux,random", "scenes.train=1,2,4", "collect.processes=1,2"])
+    write_run("random", "kbnet", 0, 20.0, scenes__train=1)
+    write_run("deux", "kbnet", 0, 20.0, scenes__train=1)
+    command = "python -m deux -m explore=deux,random scenes.train=1,2,4 collect.processes=1,2"
+    assert read_contents(outputs, names).notes == (f"2 of 6 runs are finished: {command}",)
+    for scenes in (2, 4):
+        for explorer in ("random", "deux"):
+            write_run(explorer, "kbnet", 0, 20.0, name=f"{explorer}-{scenes}", scenes__train=scenes)
+    assert read_contents(outputs, names).notes == ()
+
+
+def test_a_sweep_over_other_options_of_which_nothing_is_finished_is_counted_whole(
+    write_run, write_sweep, outputs, names
+):
+    write_run("random", "kbnet", 0, 20.0, folder="alone")
+    write_sweep(["explore=deux,random", "scenes.train=1,2,4"], folder="never")
+    (note,) = read_contents(outputs, names).notes
+    assert note.startswith("Nothing is finished of 6 runs: ")
+
+
 def test_an_unknown_first_dataset_is_a_mistake(write_run, outputs, names):
     write_run("random", "kbnet", 0, 20.0)
     with pytest.raises(DeuxError, match=r"report\.first=mp3d is no dataset"):

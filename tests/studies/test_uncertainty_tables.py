@@ -32,6 +32,11 @@ def test_frames_that_moved_have_a_table_of_their_own(study):
     assert column(table, "judged [%]")["parallax"] == ("50 ± 0", None)
 
 
+def test_one_frame_is_no_plural(study, monkeypatch):
+    monkeypatch.setattr(type(study), "count", lambda *_: 1)
+    assert "the 1 frame whose camera moved" in agreement_table(study, "moved").caption
+
+
 def test_causes_are_the_columns(study):
     table = causes_table(study)
     assert table.headings == ("true error", "metres moved", "distance", "texture")

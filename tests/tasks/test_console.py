@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from deux.metrics.tables import Cell, Column, ResultTable, Row
 from deux.tasks import console
-from deux.tasks.console import progress, quieten_libraries, quieten_trainer
+from deux.tasks.console import progress, quieten_libraries, quieten_trainer, say
 from deux.training.fit import make_trainer
 
 TRAINER = {"accelerator": "cpu", "logger": False, "enable_checkpointing": False}
@@ -42,6 +43,14 @@ def test_the_trainer_logs_warnings_alone(monkeypatch: pytest.MonkeyPatch) -> Non
     quieten_trainer()
     assert not logger.isEnabledFor(logging.INFO)
     assert logger.isEnabledFor(logging.WARNING)
+
+
+def test_no_heading_of_a_table_is_cut_short_in_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    headings = [f"heading{number:02}" for number in range(12)]
+    table = ResultTable("caption", ("row",), tuple(map(Column, headings)), ((Row(("one",), (Cell(None),) * 12),),))
+    say(table)
+    said = capsys.readouterr().out
+    assert [heading for heading in headings if heading not in said] == []
 
 
 def test_long_work_that_nobody_watches_says_a_line_a_minute(

@@ -1,8 +1,11 @@
 """`task=train_explorer`: what it leaves behind, and what its policy does in the next command."""
 
+import shlex
+
 import cv2
 import pytest
 
+from deux.configuration import compose
 from deux.policies.policy_files import load_policy
 from deux.policies.training_state import load_training_state
 
@@ -20,14 +23,14 @@ SMALL = [
 
 @pytest.fixture(scope="module")
 def trained(tiny, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("trained") / "run"
+    folder = tmp_path_factory.mktemp("trained") / "a run"
     outcome = tiny(folder.parent, *SMALL, "explorer_training.steps=96", f"hydra.run.dir={folder}")
     assert (outcome.code, outcome.err) == (0, "")
     return folder, outcome.out
 
 
 def test_the_policy_says_what_made_it(trained):
-    folder, said = trained
+    folder, _ = trained
     made_by = load_policy(folder / "policy.safetensors").made_by
     assert (made_by["reward"], made_by["seed"]) == ("novelty", 0)
     assert made_by["scenes"] == ["apartment:1:300000"], "the policy must not learn in the experiment's own flats"
@@ -35,7 +38,13 @@ def test_the_policy_says_what_made_it(trained):
     assert made_by["curve"]["steps"][-1] == 96
     # Of 20 steps, each worth at most 1.
     assert all(0.0 < reward <= 21.0 for reward in made_by["curve"]["reward"])
-    assert f"explore.weights={folder}/policy.safetensors" in said
+
+
+def test_the_command_that_is_printed_explores_with_the_policy(trained):
+    folder, said = trained
+    command = said.partition("Explore with it: ")[2].splitlines()[0]
+    chosen = compose(shlex.split(command)[3:]).explore  # the folder's name has a space in it
+    assert (chosen.name, chosen.weights) == ("novelty", f"{folder}/policy.safetensors")
 
 
 def test_the_figure_and_the_logs_are_there(trained):

@@ -80,6 +80,10 @@ Verdicts = Mapping[SourceChoice, Mapping[str, Judged]]
 """For each way to choose source frames, the judged targets of a sequence by name, in the order of time."""
 
 
+_RECENT = (-1, -2)
+"""The recent source frames, in frames from the target."""
+
+
 @dataclass(frozen=True)
 class _Checked:
     """What was found of one frame by itself; no view if it could not be read."""
@@ -92,21 +96,19 @@ def verify_sequences(
     found: Sequence[SequencePaths],
     settings: VerificationSettings,
     sparse: SparseSettings,
-    offsets: tuple[int, ...] = (-1, -2),
     every_frame: bool = True,
     progress: Progress = ignore_progress,
 ) -> dict[str, Verdicts]:
     """Judge every frame by its source frames, and note the result in the sequence's `verification.json`.
 
-    It is judged twice: "recent" by the frames at the offsets, if it has them all, and "baseline" by those that
-    `deux.geometry.source_frames` chooses around it. A sequence that was judged before by the same settings is not read
-    again.
+    Each frame is judged twice: "recent" by t-1 and t-2, if both exist, and "baseline" by the source frames that
+    `deux.geometry.source_frames` chooses around it. A sequence that was judged before with the same settings is not
+    read again.
 
     Args:
         found: the sequences.
         settings: what a frame must have.
         sparse: how many sparse points were asked for.
-        offsets: the recent source frames, in frames from the target.
         every_frame: whether frames without all their recent source frames may be targets by baseline; not so of
             viewpoints, whose first frames were recorded to be source frames only.
         progress: told the number of sequences.
@@ -117,7 +119,7 @@ def verify_sequences(
     verdicts: dict[str, Verdicts] = {}
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the interpreter's lock
         for done, paths in enumerate(found, start=1):
-            verdicts[paths.name] = _verify_sequence(paths, settings, sparse, offsets, every_frame, pool)
+            verdicts[paths.name] = _verify_sequence(paths, settings, sparse, every_frame, pool)
             progress("verification", done, len(found))
     return verdicts
 
@@ -126,12 +128,11 @@ def _verify_sequence(
     paths: SequencePaths,
     settings: VerificationSettings,
     sparse: SparseSettings,
-    offsets: tuple[int, ...],
     every_frame: bool,
     pool: ThreadPoolExecutor,
 ) -> Verdicts:
     record, rule = paths.folder / "verification.json", SourceRule()
-    made_by = {"settings": asdict(settings), "sparse": asdict(sparse), "offsets": list(offsets), "rule": asdict(rule)}
+    made_by = {"settings": asdict(settings), "sparse": asdict(sparse), "offsets": list(_RECENT), "rule": asdict(rule)}
     if record.exists():
         earlier = read_json_object(record)
         if earlier.get("made_by") == made_by:
@@ -144,7 +145,7 @@ def _verify_sequence(
     else:
         results = pool.map(lambda name: _check(paths, name, intrinsics, settings, sparse), frames)
         checked = dict(zip(frames, results, strict=True))
-    recent = {target: tuple(sources) for target, *sources in neighbours(frames, offsets)}
+    recent = {target: tuple(sources) for target, *sources in neighbours(frames, _RECENT)}
     chosen = _choose(frames, checked, rule, frames if every_frame else list(recent))
     verdicts: Verdicts = {
         "recent": {target: _judge(target, sources, checked, settings, rule) for target, sources in recent.items()},

@@ -1,4 +1,4 @@
-"""Targets by what a view from there is expected to teach the depth model, for each action that it costs."""
+"""Targets chosen by the expected information for the depth model per action."""
 
 import math
 from collections import deque
@@ -21,24 +21,24 @@ from deux.mapping.surface_views import SurfaceViews
 from deux.mapping.view_fan import NOTHING, RAYS, cast_rays, headings, pixel_shares
 
 _SEEN_RAYS = 720
-"""Rays of a full circle along which a frame's view is remembered: at 5 m less than half a cell of 0.1 m apart."""
+"""Rays of a full circle by which a frame's view is recorded; at 5 m, they are less than half a cell of 0.1 m apart."""
 
 ResidualPlace = Literal["surface", "pose", "constant"]
 
 HEADINGS = 12
-"""Headings in which the robot may look at each place: one every 30 degrees."""
+"""Number of candidate headings at each place, one every 30 degrees."""
 
 
 @dataclass(frozen=True)
 class MapNow:
-    """The robot's map at the moment of a choice.
+    """The robot's map and pose when a target is chosen.
 
     Args:
         occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
-        frame: where the grid lies.
-        distance: rows x columns float64, path length from the robot in cells, inf where it cannot go.
+        frame: position, size and resolution of the grid.
+        distance: rows x columns float64, path length from the robot in cells, inf if unreachable.
         pose: 4 x 4, the camera's camera-to-world matrix.
-        frontier_places: N x 2 int64 (row, column), where the robot can stand to look at frontiers.
+        frontier_places: N x 2 int64 (row, column), places from which the robot can look at frontiers.
     """
 
     occupancy: np.ndarray
@@ -49,45 +49,45 @@ class MapNow:
 
 
 class InformativeTargets:
-    """Chooses the target from which, and on the way to which, the depth model learns the most for each action.
+    """Chooses the target whose views, there and on the path to it, are most informative per action.
 
-    A candidate is a place with a heading: known free floor and frontiers alike. The value of a view is the sum over
-    the rays of its field of view of
+    A candidate is a place with a heading, on known free floor or at a frontier. The value of a view is the sum over the
+    rays in its field of view of
 
-        share of the image x uncertainty of what the ray shows x what is left to learn from it,
+        share of the image x uncertainty of the ray's end point x its novelty,
 
-    where the last two are those of `deux.mapping.surface_views`. The views on the way, along the path, are added to
-    that of the target, and the sum is divided by the actions that lead there, turns included, and `overhead`. Each view
-    counts as the map is now: what several of them would show counts several times, which favours long straight ways.
-    Values are only compared with each other, so the unit of the uncertainty does not matter.
+    with uncertainty and novelty from `deux.mapping.surface_views`. The values of the views along the path are added to
+    that of the target, and the sum is divided by the number of actions, turns included, plus `overhead`. All views are
+    evaluated on the current map: a surface that several of them show is counted several times, which favours long
+    straight paths. Values are only compared, so that the unit of the uncertainty does not matter.
 
     Args:
-        episode: its camera and robot.
-        rng: draws the places.
-        residual_pose: what uncertainty belongs to: the "surface" that a ray shows, the "pose" from which it is seen
-            (the mean over frames nearby), or "constant", the same everywhere, so that only novelty counts.
+        episode: provides camera and robot.
+        rng: source of randomness for the places.
+        residual_pose: what uncertainty is assigned to: the "surface" that a ray hits; the "pose" of the camera (the
+            mean over frames nearby); or "constant", so that only novelty matters.
         per_action: whether the value is divided by the actions.
-        revisits: whether known floor is a candidate as long as there is a frontier to go to.
-        on_the_way: whether the views on the way count.
+        revisits: whether known floor is a candidate even if there are frontiers.
+        on_the_way: whether the views along the path are included.
     """
 
     max_range = 5.0
-    """Metres that a view reaches."""
+    """Range of a view in metres."""
 
     spacing = 0.5
-    """Metres between candidate places, and between the views that count on the way."""
+    """Metres between candidate places, and between views along a path."""
 
     most_places = 300
-    """Places that are looked at for one choice."""
+    """Maximal number of places that are compared."""
 
     least_way = 0.5
-    """Metres that a target is away at least, if any is: a turn on the spot gives no parallax."""
+    """Least path length to a target in metres, if any is that far: a turn on the spot gives no parallax."""
 
     overhead = 3.0
-    """Actions that are added to each way; without them the nearest view nearly always wins."""
+    """Actions added to the cost of each target; without them, the nearest view would nearly always win."""
 
     switch = 1.5
-    """A target is given up for another that teaches this many times as much for an action."""
+    """A target is abandoned for another with at least this many times its value per action."""
 
     def __init__(
         self,
@@ -109,19 +109,19 @@ class InformativeTargets:
         self._before: deque[np.ndarray] = deque(maxlen=SOURCES)
 
     def record(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
-        """Add one frame's uncertainty; arguments as of `ResidualField.update`."""
+        """Add one frame's uncertainty; see `ResidualField.update`."""
         if self._residual_pose == "surface":
             self._surfaces.record(pose, depth, residual)
         elif self._residual_pose == "pose":
             self._poses.update(pose, depth, residual, uncertainty)
 
     def mark_seen(self, pose: np.ndarray, occupancy: np.ndarray, frame: GridFrame) -> None:
-        """Remember what the frame at this pose showed, unless neither of the two before it has parallax to it.
+        """Record the view of the frame at this pose, unless it has no parallax to the two frames before it.
 
         Args:
             pose: 4 x 4 camera-to-world.
-            occupancy: rows x columns int8, with this frame in it.
-            frame: where the grid lies.
+            occupancy: rows x columns int8, which includes this frame.
+            frame: position, size and resolution of the grid.
         """
         before = list(self._before)
         self._before.append(pose)
@@ -131,7 +131,7 @@ class InformativeTargets:
         self._surfaces.mark_seen(rays, pixel_shares(self._camera, np.array([yaw_of(pose)]), _SEEN_RAYS) > 0.0)
 
     def choose(self, now: MapNow) -> Target | None:
-        """The target that teaches the most for an action; None where there is no place to go to."""
+        """The target with the highest value per action; None without any candidate."""
         cells, candidate = self._places(now)
         if not candidate.any():
             return None
@@ -142,7 +142,7 @@ class InformativeTargets:
         return Target((x, z), look_at=(x - math.sin(yaw), z - math.cos(yaw)))
 
     def is_outdone(self, target: Target, now: MapNow) -> bool:
-        """Whether another target is better than a chosen one by the factor `switch`; false if no way leads to it."""
+        """Whether another target is better than the current one by the factor `switch`; false if it is unreachable."""
         assert target.look_at is not None
         cell = now.frame.cell(*target.place)
         if not np.isfinite(now.distance[cell]):
@@ -154,7 +154,7 @@ class InformativeTargets:
         return bool(rates[1:][candidate].max(initial=0.0) > self.switch * rates[0, heading])
 
     def values(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
-        """What the views from N x 2 cells (row, column) are expected to teach, N x HEADINGS float64."""
+        """The values of the views from N x 2 cells (row, column), N x HEADINGS float64."""
         points = cell_centres(now.frame, cells)
         rays = cast_rays(now.occupancy, now.frame, points, self.max_range)
         worth = np.where(rays.kind == NOTHING, 0.0, self._surfaces.novelty(rays))
@@ -165,7 +165,7 @@ class InformativeTargets:
         return worth @ self._shares.T
 
     def _rates(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
-        """What each target teaches for an action, N x HEADINGS."""
+        """The value of each target per action, N x HEADINGS."""
         values = self.values(now, cells)
         worth = values + self._values_on_the_way(now, cells, values)[:, None] if self._on_the_way else values
         if not self._per_action:
@@ -175,7 +175,7 @@ class InformativeTargets:
         return worth / (actions.reshape(worth.shape) + self.overhead)
 
     def _values_on_the_way(self, now: MapNow, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Sum of the views along the path to each cell, N: each is taken to be that from the nearest of the cells."""
+        """The sum of the views' values along the path to each cell, N; each is approximated by the nearest cell's."""
         points = points_on_paths(now.distance, cells, self.spacing / now.frame.resolution)
         if len(points.goal) == 0:
             return np.zeros(len(cells))
@@ -185,7 +185,7 @@ class InformativeTargets:
         return np.bincount(points.goal, values[nearest, heading], minlength=len(cells))
 
     def _places(self, now: MapNow) -> tuple[np.ndarray, np.ndarray]:
-        """N x 2 places (row, column), one of each square of floor and of frontier, and which of them are candidates."""
+        """N x 2 places (row, column), one in each square of floor and frontier, and N bool: which are candidates."""
         side = self.spacing / now.frame.resolution
         frontier = _one_of_each_square(now.frontier_places, side, self._rng)
         floor = _one_of_each_square(np.argwhere(np.isfinite(now.distance)), side, self._rng)

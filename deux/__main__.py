@@ -31,19 +31,19 @@ from deux.task_sections import check_plugin_options, check_plugins
 from deux.thread_waiting import let_waiting_threads_sleep
 
 LAUNCHERS = ("joblib", "submitit", "ray")
-"""The packages behind `hydra/launcher=...`. They raise errors of their own for jobs that end without a word, such as
-those that the system killed for their memory."""
+"""The packages of `hydra/launcher=...`. They raise their own errors for jobs that die without a message, such as when
+the system kills them for lack of memory."""
 
 log = logging.getLogger("deux")
 
 
 class Jobs:
-    """What Hydra calls once for a run and once for each job of a sweep.
+    """Runs jobs for Hydra, which calls `run` once for a run and once for each job of a sweep.
 
-    A launcher such as `joblib` sends a copy to other processes, whose jobs are not counted here.
+    A launcher such as `joblib` sends copies to other processes; their jobs are not counted here.
 
     Attributes:
-        started: number of jobs begun in this process.
+        started: number of jobs started in this process.
         failed: number of a sweep's jobs that failed in this process.
     """
 
@@ -52,7 +52,7 @@ class Jobs:
         self.failed = 0
 
     def run(self, cfg: DictConfig) -> None:
-        """Run one job. Its error is reported at once; it ends a single run, and a sweep goes on to its next job."""
+        """Run one job and report its error; an error ends a single run, but a sweep continues with its next job."""
         self.started += 1
         try:
             check_unused(cfg, HydraConfig.get().overrides.task)
@@ -63,7 +63,7 @@ class Jobs:
         except Exception as error:
             if ended_by_sigterm(error):
                 raise Terminated from error
-            # At level INFO the log file gets the stack trace and the console does not.
+            # At level INFO, the stack trace goes to the log file but not to the console.
             log.info("the run ended with an error", exc_info=True)
             sentence = _report(error)
             _release_frames(error)
@@ -74,20 +74,20 @@ class Jobs:
 
 
 def main() -> int:
-    """Run the command line and return its exit code, or leave with it by `SystemExit`.
+    """Run the command line and return its exit code, or exit with it by `SystemExit`.
 
-    0: done; 1: a mistake of the user's, told in one sentence on stderr, or an error of the program, with its stack
-    trace, or a sweep in which some job failed; 130: interrupted by Ctrl-C; 143: ended by SIGTERM.
+    0: success. 1: a user's mistake, reported in one sentence on stderr; an error of the program, reported with its
+    stack trace; or a sweep with failed jobs. 130: interrupted by Ctrl-C. 143: ended by SIGTERM.
     """
     if problem := _unusable_surroundings():
         return _complain(problem)
     leave_out_working_folder()
     let_waiting_threads_sleep()
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises errors instead of printing them in a way of its own.
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # makes Hydra raise errors instead of printing them in its own format
     jobs = Jobs()
     try:
         register_configuration()
-        sys.argv[1:] = sorted((quoted_digits(argument) for argument in sys.argv[1:]), key=_goes_behind)
+        sys.argv[1:] = sorted((quoted_digits(argument) for argument in sys.argv[1:]), key=_follows_flags)
         check_names(argument for argument in sys.argv[1:] if "=" in argument and not argument.startswith("-"))
         with _quiet_log_writers(), termination_raised(), _help_unchecked():
             hydra.main(version_base="1.3", config_path=str(config_folder()), config_name=CONFIG_NAME)(jobs.run)()
@@ -95,8 +95,8 @@ def main() -> int:
         if _was_terminated(interrupt):
             return _complain("ended by SIGTERM; the same command goes on from here.", 143)
         return _complain("interrupted; the same command goes on from here.", 130)
-    except BrokenPipeError:  # the reader of the help page or configuration, such as `head`, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more as it ends
+    except BrokenPipeError:  # such as from `deux --help | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python reports it again at exit
         return 0
     except JobFailed as error:
         if jobs.failed:
@@ -113,16 +113,16 @@ def main() -> int:
     return 0
 
 
-def _goes_behind(argument: str) -> bool:
-    """Whether an argument is none of the flags that Hydra's parser knows before the first option only."""
+def _follows_flags(argument: str) -> bool:
+    """Sort key: false for the flags that Hydra's parser accepts only before the first override."""
     return argument not in ("-m", "--multirun")
 
 
 def sentence_of(error: Exception) -> str | None:
-    """The sentence for an error that is the user's mistake, or a place's that takes no files; None for the program's.
+    """The message for an error that is the user's mistake or the machine's limit; None for an error of the program.
 
     Args:
-        error: of the composition of a configuration, or of a job.
+        error: raised while composing a configuration, or by a job.
     """
     if mistake := _mistake(error):
         return str(mistake)
@@ -130,13 +130,12 @@ def sentence_of(error: Exception) -> str | None:
 
 
 def run_task(cfg: DictConfig) -> None:
-    """Import the task that the configuration names, and run it.
+    """Import the configuration's task and run it.
 
-    Importing a task takes longer than importing the plugins that have options: their mistakes are told first.
+    Plugins and their options are checked first, since importing a task is slow.
 
     Raises:
-        DeuxError: an unknown task, a plugin that is not installed or that does not have an option, or what the task
-            itself finds wrong.
+        DeuxError: the task is unknown, a plugin is not installed or does not have an option, or the task raises it.
     """
     check_plugins(cfg)
     check_plugin_options(cfg)
@@ -144,9 +143,9 @@ def run_task(cfg: DictConfig) -> None:
 
 
 def _stay_until_killed(interrupt: KeyboardInterrupt) -> None:
-    """Let a sweep's job whose training Slurm has ended by SIGTERM wait for the SIGKILL that follows.
+    """In a sweep's job that Slurm ends by SIGTERM, wait for the SIGKILL that follows.
 
-    A job that is preempted with a time of grace is queued again only if it is still there when that time is over.
+    Slurm requeues a job that is preempted with a grace period only if it is still running when that period ends.
     """
     if not (_was_terminated(interrupt) and in_sweep() and "SLURM_JOB_ID" in os.environ):
         return
@@ -158,7 +157,7 @@ def _stay_until_killed(interrupt: KeyboardInterrupt) -> None:
 
 
 def _was_terminated(interrupt: BaseException | None) -> bool:
-    """Whether SIGTERM is behind an interrupt: deux's own answer to it, or Lightning's, which it wraps in others."""
+    """Whether SIGTERM caused an interrupt, as raised by deux or by Lightning, which wraps it in other exceptions."""
     while interrupt is not None:
         if isinstance(interrupt, Terminated) or type(interrupt).__name__ == "SIGTERMException":
             return True
@@ -168,16 +167,16 @@ def _was_terminated(interrupt: BaseException | None) -> bool:
 
 @contextmanager
 def _help_unchecked() -> Iterator[None]:
-    """Let Hydra make its parser of the command line from Python 3.14 on, whose argparse checks help texts at once.
+    """Disable argparse's check of help texts while Hydra 1.3 creates its parser, which fails it on Python 3.14.
 
-    One of Hydra 1.3's is an object that becomes a text when it is shown (facebookresearch/hydra, issue 3121).
+    One of Hydra's help texts is an object that becomes text only when shown (facebookresearch/hydra, issue 3121).
     """
     module: Any = sys.modules["hydra.main"]
     parser: Any = argparse.ArgumentParser
     make = module.get_args_parser
 
     def make_unchecked() -> argparse.ArgumentParser:
-        parser._check_help = lambda *_: None  # in front of what it inherits
+        parser._check_help = lambda *_: None  # hides the inherited method
         try:
             return make()
         finally:
@@ -191,7 +190,7 @@ def _help_unchecked() -> Iterator[None]:
 
 
 def _unusable_surroundings() -> str | None:
-    """The sentence for a working folder or a locale in which no configuration can be composed; None for others."""
+    """The message about a working folder or locale in which no configuration can be composed, or None."""
     if sys.getfilesystemencoding().lower() != "utf-8":
         found = sys.getfilesystemencoding()
         return f"this Python takes file names and texts for {found}: start it with PYTHONUTF8=1, or in a UTF-8 locale."
@@ -206,9 +205,9 @@ def _unusable_surroundings() -> str | None:
 
 @contextmanager
 def _quiet_log_writers() -> Iterator[None]:
-    """Let no log file on a full disk bury the one sentence under the stack traces of its writer.
+    """Suppress the stack traces of log writers on a full disk, which would hide the one error message.
 
-    That is Python's logging, and TensorBoard's thread, whose error comes back with its next record.
+    The writers are Python's logging and TensorBoard's thread, whose error is raised again by its next record.
     """
     raise_exceptions, excepthook = logging.raiseExceptions, threading.excepthook
 
@@ -224,7 +223,7 @@ def _quiet_log_writers() -> Iterator[None]:
 
 
 def _report(error: Exception) -> str:
-    """Tell a job's error on stderr; return the sentence."""
+    """Report a job's error on stderr and return the message."""
     error = _first_failure(error)
     overrides = f"[{' '.join(HydraConfig.get().overrides.task)}] " if in_sweep() else ""
     if mistake := _mistake(error):
@@ -239,9 +238,9 @@ def _report(error: Exception) -> str:
 
 
 def _release_frames(error: BaseException) -> None:
-    """Free what an error's frames hold, and let no complaint of half-made objects follow the sentence.
+    """Free the local variables of an error's stack frames, suppressing errors of their finalizers.
 
-    A loader of torch's whose processes could not be started is one: it fails again when it is deleted.
+    For example, a torch data loader whose processes could not be started fails again when it is deleted.
     """
     earlier, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
@@ -255,16 +254,16 @@ def _release_frames(error: BaseException) -> None:
 
 
 def _first_failure(error: Exception) -> Exception:
-    """What ends this process: another one's failure, where several train together and it came first."""
-    failures = sys.modules.get("deux.training.rank_failures")  # only a training imports it, and it brings torch
+    """The error to report: if several processes train together, that of the process which failed first."""
+    failures = sys.modules.get("deux.training.rank_failures")  # imported only by trainings; it imports torch
     if failures is None:
         return error
     sentence = str(_mistake(error) or f"an error of the program, {type(error).__name__}: {error}")
-    return failures.told_to_all(error, sentence) or error
+    return failures.share_failure(error, sentence) or error
 
 
 def _mistake(error: Exception) -> DeuxError | None:
-    """The sentence for an error that is none of the program's: the user's mistake, or a limit of the machine's."""
+    """The error as a DeuxError if it is the user's mistake or a limit of the machine; None for the program's errors."""
     if isinstance(error, DeuxError):
         return error
     folder = None

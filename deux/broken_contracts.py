@@ -1,6 +1,6 @@
-"""The sentence about a plugin that gives something else than its contract says, which all checks of that share.
+"""The error about a plugin that returns something that its contract does not allow.
 
-Such a check looks at shapes and types alone where values lie on a device, so that nobody waits for it.
+Checks that raise it look at shapes and types only, since reading values from a GPU would wait for it.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from deux.registry import registry
 
 
 def broken_contract(plugin: object | str, gives: str, wanted: str, method: str = "") -> DeuxError:
-    """The error to be raised where a plugin gives what its contract does not allow.
+    """The error to raise if a plugin returns something that its contract does not allow.
 
     Args:
-        plugin: the plugin, which the message calls as `Registry.called` does; or how it is called.
-        gives: what it gives, such as `deux.errors.kind_of` says it, and for what.
-        wanted: what would be right.
-        method: what of the plugin gives it; left out where a plugin is called itself.
+        plugin: the plugin, named in the message by `Registry.called`; or its name in the message.
+        gives: description of what it returned, such as by `deux.errors.kind_of`.
+        wanted: description of what it must return.
+        method: the method that returned it; "" if the plugin itself was called.
     """
     called = plugin if isinstance(plugin, str) else registry().called(plugin)
     subject = f"the `{method}` of {called}" if method else called

@@ -1,7 +1,7 @@
-"""How a configuration is composed: the folder `conf/`, other packages' YAML, and one entry for each plugin.
+"""Composes the configuration from `conf/`, the YAML of other packages, and an entry for each plugin.
 
-A plugin needs no YAML: `model=<name>` selects `{name: <name>}`, and its further options are added as
-`model.<option>=value`, which `deux.options.construct` checks against the constructor.
+Plugins need no YAML: `model=<name>` selects `{name: <name>}`, and further options are added as `model.<option>=value`,
+which `deux.options.construct` checks against the constructor.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ from deux.task_sections import (
 CONFIG_NAME = "config"
 
 CALLBACK_GROUP = "callbacks"
-"""The config group of which any number of options may be chosen; each comes with its own options."""
+"""The config group of callbacks, of which any number can be chosen, each with its own options."""
 
 GIVEN_MODEL_TASKS = ("evaluate", "predict", "export", "report")
-"""The tasks whose run folders are named by the task: neither the model nor the explorer of the configuration made what
-they work on."""
+"""Tasks whose run folders are named after the task, since the configuration's model and explorer did not produce the
+model or runs that they work on."""
 
 OPEN_NODES = (
     "camera",
@@ -76,18 +76,18 @@ OPEN_NODES = (
     "explorer_training",
     "report",
 )
-"""The nodes that become constructor arguments. Hydra takes any key there without a "+"; misspelt ones are caught by
-`deux.options.construct`, which knows the constructor."""
+"""Nodes that are passed to constructors. Hydra accepts any key in them without "+"; `deux.options.construct` reports
+misspelt ones, since it knows the constructor."""
 
 _LONGEST_NAME = 60
-"""Characters of a plugin's name in the name of a run folder."""
+"""Longest part of a plugin's name in the name of a run folder, in characters."""
 
 _RECORDED = {
     "train": ("training_data",),
     "evaluate": ("evaluation.data",),
     "export_dataset": ("export_dataset.train", "export_dataset.validation", "export_dataset.test"),
 }
-"""The options that name folders of recorded frames, of tasks that work in scenes where none is named."""
+"""Options that name folders of recorded frames, for tasks that generate frames in scenes if none is named."""
 
 log = logging.getLogger(__name__)
 
@@ -95,8 +95,8 @@ log = logging.getLogger(__name__)
 def config_folder() -> Path:
     """The folder of the main configuration: the package `deux.conf`, or `conf/` beside the package `deux`.
 
-    The second is for `python -m deux` in a checkout while a wheel of deux is installed: Python then imports `deux`
-    from the checkout, where `deux.conf` is not one of its subfolders.
+    The latter serves `python -m deux` in a checkout while a wheel is installed: Python then imports `deux` from the
+    checkout, which has no subpackage `deux.conf`.
     """
     try:
         package = importlib.import_module("deux.conf")
@@ -106,30 +106,30 @@ def config_folder() -> Path:
 
 
 def config_folders() -> list[Path]:
-    """The folders of configuration: deux's own, then those of other packages."""
+    """The configuration folders: deux's own, then those of other packages."""
     return [config_folder(), *package_folders().values()]
 
 
 def package_folders() -> dict[str, Path]:
-    """The YAML folders of other packages (entry-point group `deux.conf`), by the name of their package.
+    """The configuration folders of other packages (entry-point group `deux.conf`), by package name.
 
-    A folder that cannot be found is left out with a warning, so that a broken package does not stop the command.
+    A folder that cannot be found is skipped with a warning, so that a broken package does not stop the command.
     """
     folders = {}
     for entry in registry().entry_points("deux.conf"):
         package = entry.dist.name if entry.dist else entry.name
         try:
             folders[package] = Path(str(resources.files(entry.value)))
-        except Exception as error:  # the foreign package is imported here, which may raise anything
+        except Exception as error:  # this imports the third-party package, which may raise anything
             log.warning("the configuration of %s is left out, %s cannot be imported: %s", package, entry.value, error)
     return folders
 
 
 class PrintableFormatter(logging.Formatter):
-    """Warnings on the console (`conf/hydra/default.yaml`), without characters that a terminal would obey."""
+    """Formats warnings for the console (`conf/hydra/default.yaml`), with terminal control characters escaped."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The record's lines."""
+        """Format a record, with unprintable characters of each line escaped."""
         return "\n".join(printable(line) for line in super().format(record).split("\n"))
 
 
@@ -143,19 +143,19 @@ class PackageSearchPath(SearchPathPlugin):
 
 
 class ForgetJobs(Callback):
-    """Lets go of the configuration of each job that has ended; part of conf/hydra/default.yaml.
+    """Frees the configuration of each job that has ended; used by conf/hydra/default.yaml.
 
-    Hydra's launchers keep what a job returned until the whole sweep is done, its two configurations included: a quarter
-    of a MiB for each job. Sweepers that look at a job's result need its overrides and its return value only.
+    Hydra's launchers keep each job's result, with its two configurations, until the sweep ends: a quarter of a MiB per
+    job. Sweepers only need a result's overrides and return value.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
-        """Called by Hydra when a job has ended."""
+        """Drop both configurations."""
         job_return.cfg = job_return.hydra_cfg = None
 
 
 def register_configuration() -> None:
-    """Make the plugins known to Hydra. Call it before anything is composed; calling it again does no harm."""
+    """Register the plugins with Hydra. Call it before composing; repeated calls have no effect."""
     Plugins.instance().register(PackageSearchPath)
     store = ConfigStore.instance()
     open_nodes = OmegaConf.create()
@@ -165,27 +165,27 @@ def register_configuration() -> None:
     store.store(name="open_nodes", node=open_nodes, provider="deux")
     folders = config_folders()
     for group, kind in PLUGIN_SECTIONS.items():
-        # Hydra merges a stored node into YAML of the same name and warns, so a plugin that has YAML gets no node.
+        # Plugins with YAML get no node: Hydra would merge the node into the YAML, and warn.
         described = group_files(group, folders)
         for name in registry().names(kind):
             if name not in described:
                 store.store(group=group, name=name, node={"name": name}, provider="deux")
     for name in callback_names():
-        if name != ACTIVE_COLLECTION:  # which has YAML
+        if name != ACTIVE_COLLECTION:  # it has YAML
             package = f"{CALLBACK_GROUP}.{name}"
             store.store(group=CALLBACK_GROUP, name=name, node={}, package=package, provider="deux")
 
 
 def group_files(group: str, folders: Iterable[Path]) -> set[str]:
-    """The names of a config group's YAML files in the given folders of configuration."""
+    """The names of a config group's YAML files in the given configuration folders."""
     return {path.stem for folder in folders for path in (folder / group).glob("*.yaml")}
 
 
 def compose(overrides: Sequence[str] = ()) -> DictConfig:
-    """The configuration that the command line would get from these overrides; also within a running command.
+    """Compose the configuration that the command line would use for these overrides; works within a running command.
 
     Raises:
-        DeuxError: an override that names nothing, or a plugin that is not installed.
+        DeuxError: an override refers to nothing, or a plugin is not installed.
 
     Example:
         >>> cfg = compose(["model=voiced", "camera.width=256"])
@@ -210,14 +210,14 @@ def compose(overrides: Sequence[str] = ()) -> DictConfig:
 
 
 def check_unused(cfg: DictConfig, overrides: Iterable[str]) -> None:
-    """Raise DeuxError if an override would be without effect where one expects the most of it.
+    """Raise DeuxError if an override has no effect although the user probably relies on it.
 
-    These are epochs, where the training has a number of steps, recorded frames, where the task takes none, and a reader
-    of recorded frames, where none are named: a forgotten folder would be minutes of work on generated scenes.
+    Checked are: epochs of a training that is limited by steps; recorded frames for a task that takes none; and a reader
+    of recorded frames without their folder, where the task would spend minutes on generated scenes instead.
 
     Args:
-        cfg: what the overrides were composed to.
-        overrides: of the command line.
+        cfg: the composed configuration.
+        overrides: the overrides of the command line.
     """
     task, steps = task_name(cfg), OmegaConf.select(cfg, "training.steps")
     for override in overrides:
@@ -238,30 +238,30 @@ def check_unused(cfg: DictConfig, overrides: Iterable[str]) -> None:
 
 
 def _names_recorded_frames(cfg: DictConfig, task: str) -> bool:
-    """Whether a folder of recorded frames is named, or the task has its own word on that."""
+    """Whether the configuration names a folder of recorded frames; also true for tasks that check this themselves."""
     return task not in _RECORDED or any(OmegaConf.select(cfg, option) for option in _RECORDED[task])
 
 
 def in_sweep() -> bool:
-    """Whether this job is one of a sweep (`-m`): it then shows no progress bar."""
+    """Whether this job belongs to a sweep (`-m`); such jobs show no progress bar."""
     return HydraConfig.initialized() and HydraConfig.get().mode == RunMode.MULTIRUN
 
 
 def run_folder() -> Path:
-    """The folder of the run that is under way, absolute. There is one only inside a Hydra job."""
+    """The absolute path of the current run's folder; only within a Hydra job."""
     return Path(HydraConfig.get().runtime.output_dir)
 
 
 def job_overrides() -> list[str]:
-    """The overrides of the run that is under way, as they were written; of a sweep's job, its own values."""
+    """The current run's overrides as they were written; in a sweep, with the job's own values."""
     return list(HydraConfig.get().overrides.task)
 
 
 def user_path(path: str | Path) -> Path:
-    """A path as the user meant it: relative to the folder in which the command was started, ~ being the home folder.
+    """Resolve a path that the user gave, relative to the folder in which the command was started; ~ is expanded.
 
     Raises:
-        DeuxError: no path can be called so.
+        DeuxError: it is not a valid path.
     """
     if "\0" in str(path):
         raise DeuxError(f"{shown(str(path))} is no path: it holds a zero byte.")
@@ -272,13 +272,12 @@ def user_path(path: str | Path) -> Path:
 
 
 def run_id(cfg: DictConfig) -> str:
-    """The name of a configuration's run folder: "<model>-<explore>-<hash>", or with the task where that says more.
+    """The name of a configuration's run folder: "<model>-<explore>-<hash>", for some tasks with the task's name.
 
-    The hash is of everything that makes the run what it is: the same command finds its folder again and goes on where
-    it was.
+    The hash covers all options that affect the results, so that the same command finds its folder again and resumes.
     """
     task = task_name(cfg)
-    outputs_folder(cfg)  # which the run folder lies in by default
+    outputs_folder(cfg)  # checks it: by default, it contains the run folder
     content = {name: section(cfg, name) for name in TASKS[task].sections}
     hashed = {name: without_means(name, found) for name, found in content.items()}
     return f"{_run_name(task, content)}-{_hash({'task': task, **hashed})}"
@@ -288,7 +287,7 @@ def outputs_folder(cfg: DictConfig) -> Path:
     """The folder of runs, datasets and shared models.
 
     Raises:
-        DeuxError: `paths.outputs` is no path.
+        DeuxError: `paths.outputs` is not a path.
     """
     outputs = section(cfg, "paths").get("outputs")
     if not (isinstance(outputs, str) and outputs.strip()):
@@ -297,7 +296,7 @@ def outputs_folder(cfg: DictConfig) -> Path:
 
 
 def sections_of(cfg: DictConfig) -> Sections:
-    """The sections that the configuration's task names."""
+    """The sections of the configuration that its task reads."""
     return Sections(cfg, outputs_folder(cfg))
 
 
@@ -305,7 +304,7 @@ def _run_name(task: str, content: Mapping[str, Any]) -> str:
     if task in (*GIVEN_MODEL_TASKS, "compare_explorers"):
         return task
     names = (str(content.get(name, {}).get("name")) for name in ("model", "explore"))
-    # A part of a folder's name, also where there is no plugin of that name, which is told later.
+    # Made safe for a folder's name; that a plugin does not exist is reported later.
     model, explorer = (re.sub(r"[^\w-]", "_", name)[:_LONGEST_NAME] for name in names)
     if task == "train_explorer":
         return f"{task}-{explorer}"
@@ -319,8 +318,7 @@ def _hash(content: Any) -> str:
 
 def _sweep_id() -> str:
     overrides = (argument for argument in sys.argv[1:] if "=" in argument)
-    # Whatever launches its jobs, by whatever means they do their work and wherever their outputs are kept, it is the
-    # same sweep.
+    # The launcher, options that do not affect results and the place of the outputs do not make it another sweep.
     return _hash(
         sorted(
             override
@@ -343,10 +341,10 @@ def _task_list() -> str:
     return "\n".join(f"  {name:<17} {purpose}" for name, (purpose, _) in TASKS.items())
 
 
-# At import, not in register_configuration: launchers that start other processes import this module there and no more.
+# Registered at import: launchers import this module in their processes, but do not call register_configuration there.
 OmegaConf.register_new_resolver("deux.run_id", _run_id, replace=True)
 OmegaConf.register_new_resolver("deux.record_folder", record_folder, replace=True)
-# Cached: Hydra hands the cache on to the sweep's jobs, so those in other processes name the same folder.
+# Cached: Hydra passes the cache on to the sweep's jobs, so that jobs in other processes use the same folder.
 OmegaConf.register_new_resolver("deux.sweep_id", _sweep_id, use_cache=True, replace=True)
 OmegaConf.register_new_resolver("deux.plugins", _names, replace=True)
 OmegaConf.register_new_resolver("deux.tasks", _task_list, replace=True)

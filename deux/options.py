@@ -1,6 +1,6 @@
-"""Settings from the configuration, checked against the constructor that they are meant for.
+"""Options from the configuration, checked against the constructor that they are passed to.
 
-A plugin ships no schema: the names, types and defaults of its options are those of its constructor's parameters.
+Plugins need no schema: an option's name, type and default are those of a parameter of the constructor.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Option:
 
     Args:
         name: the parameter's name.
-        annotation: its declared type; `Any` where it has none or where the name cannot be resolved.
+        annotation: its declared type; `Any` if there is none, a string if it cannot be resolved.
         default: its default, or `REQUIRED`.
     """
 
@@ -40,7 +40,7 @@ class Option:
 
 
 def options(target: Callable[..., Any], given: Collection[str] = ()) -> dict[str, Option]:
-    """The options that `target` takes, by name, in the order of its parameters; those in `given` are none."""
+    """The options of `target` by name, in the order of its parameters; parameters in `given` are not options."""
     named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
     return {
         p.name: Option(p.name, Any if p.annotation is p.empty else p.annotation, p.default)
@@ -50,45 +50,45 @@ def options(target: Callable[..., Any], given: Collection[str] = ()) -> dict[str
 
 
 def positional_only(target: Callable[..., Any]) -> list[str]:
-    """The parameters of `target` that have no name to give them by, which no option can be."""
+    """The positional-only parameters of `target`, which cannot be options."""
     return [p.name for p in _signature(target).parameters.values() if p.kind is p.POSITIONAL_ONLY]
 
 
 def takes(target: Callable[..., Any], name: str) -> bool:
-    """Whether `target` can be given something by that name, be it one of its parameters or of any others."""
+    """Whether `target` accepts a keyword argument of that name, by a parameter or by **kwargs."""
     return name in options(target) or _is_open_ended(target)
 
 
 def construct(
     target: Callable[..., T], settings: Mapping[str, Any], where: str, given: Mapping[str, Any] | None = None
 ) -> T:
-    """Call `target` with the settings, after checking their names and simple types.
+    """Call `target` with options, after checking their names and types.
 
-    Whole numbers are taken for floats and lists for tuples; a mapping becomes the dataclass that is asked for.
+    Values are converted where that loses nothing: integers to floats, lists to tuples, mappings to dataclasses.
 
     Args:
         target: a class or function, such as a plugin's class or a dataclass of the framework.
-        settings: option values by name, plain or as OmegaConf holds them.
-        where: the settings' place in the configuration, such as "camera", or "" for its top; it begins every message.
-        given: arguments that are no options, such as objects of the framework; they are passed on as they are.
+        settings: values of options by name, plain or as OmegaConf nodes.
+        where: their path in the configuration, such as "camera", or "" for the root; error messages begin with it.
+        given: arguments that are not options, such as objects of the framework; they are passed unchecked.
 
     Raises:
-        DeuxError: an option that `target` does not have, a required one that is missing, or a value of another type.
+        DeuxError: an option is unknown or of the wrong type, or a required one is missing.
     """
     filled = dict(given or {})
     return target(**filled, **_checked(target, settings, where, filled))
 
 
 def converted(value: Any, annotation: Any, where: str) -> Any:
-    """A value as a type, checked as options are: a simple type, a list, a tuple or dict of them, or a dataclass.
+    """Convert a plain value to a type, checked as options are.
 
     Args:
-        value: plain, such as JSON has it.
-        annotation: the type.
-        where: what the value is called; it begins every message.
+        value: a plain value, such as from JSON.
+        annotation: a simple type, an enum, a list, tuple or dict of these, or a dataclass.
+        where: what error messages call the value.
 
     Raises:
-        DeuxError: the value, or one in it, is of another type.
+        DeuxError: the value, or an element of it, is of another type.
 
     Example:
         >>> converted([1, 2], tuple[float, float], "size")
@@ -104,14 +104,13 @@ def converted(value: Any, annotation: Any, where: str) -> Any:
 def full_settings(
     target: Callable[..., Any], settings: Mapping[str, Any], where: str = "settings", given: Collection[str] = ()
 ) -> dict[str, Any]:
-    """The settings together with the constructor's defaults, as JSON can hold them, in the parameters' order.
+    """The settings together with the constructor's defaults, as JSON values in the order of the parameters.
 
-    Equal settings give equal results however they were written (1 or 1.0, list or tuple), so this is what hashes and
-    saved configurations are made of. An enum's member is there by its name, and what else JSON cannot hold as text: a
-    default is made from the constructor alone, and not from here.
+    Equal settings give equal results however they were written (1 or 1.0, list or tuple), so hashes and saved
+    configurations use them. Enum members are represented by their names, and other objects by their `str`.
 
     Raises:
-        DeuxError: as `construct`; or a value's text is another one at each start, as that of a function is.
+        DeuxError: as `construct`; or a value's `str` differs from process to process, as that of a function does.
     """
     checked = _checked(target, settings, where, given)
     known = options(target, given)
@@ -124,15 +123,15 @@ def full_settings(
         except _Mismatch:
             default = "" if name in checked else " by default"
             raise DeuxError(
-                f"{where}.{name} of {getattr(target, '__name__', target)} is {shown(value)}{default}, which reads "
-                "otherwise at each start, so that no dataset would be found again: let it be a number, text, an enum's "
-                "member, a list or None, and make the object in the constructor."
+                f"{where}.{name} of {getattr(target, '__name__', target)} is {shown(value)}{default}, whose text "
+                "differs at each start, so that no dataset would be found again: make the option a number, text, an "
+                "enum's member, a list or None, and create the object in the constructor."
             ) from None
     return written
 
 
 def without_defaults(target: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as `full_settings` wrote them, without those that the constructor would fill in alike."""
+    """The result of `full_settings` without the values that equal the constructor's defaults."""
     known = options(target)
 
     def is_default(name: str, value: Any) -> bool:
@@ -174,18 +173,19 @@ class _Mismatch(Exception):
 def _signature(target: Callable[..., Any]) -> inspect.Signature:
     try:
         return inspect.signature(target, eval_str=True)
-    except NameError:  # an annotation that exists for type checkers only
+    except NameError:  # an annotation that is imported for type checkers only
         return inspect.signature(target)
 
 
 def _is_open_ended(target: Callable[..., Any]) -> bool:
-    """Whether `target` takes any name, by a parameter such as **settings."""
+    """Whether `target` has a parameter such as **settings."""
     return any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
 
 
 def _checked(
     target: Callable[..., Any], settings: Mapping[str, Any], where: str, given: Collection[str] = ()
 ) -> dict[str, Any]:
+    """The settings as the declared types. Raises DeuxError as `construct` does."""
     known = options(target, given)
     open_ended = _is_open_ended(target)
     name = getattr(target, "__name__", str(target))
@@ -216,7 +216,7 @@ def _option_value(value: Any, annotation: Any, where: str) -> Any:
 
 
 def _converted(value: Any, annotation: Any, where: str) -> Any:
-    """The value as the declared type; types that no configuration can hold are let through as they are."""
+    """The value as the declared type; not checked if no configuration can hold a value of that type."""
     if _is_union(annotation):
         return _first_match(value, alternatives(annotation), where)
     if get_origin(annotation) is Literal:
@@ -230,7 +230,7 @@ def _converted(value: Any, annotation: Any, where: str) -> Any:
         whole = number and (annotation is float or isinstance(value, int) or value.is_integer())
         try:
             return annotation(_expect(value, whole))
-        except OverflowError:  # a whole number beyond the floats
+        except OverflowError:  # an integer too large for a float
             raise _Mismatch from None
     if annotation is Path:
         return Path(_expect(value, isinstance(value, str | Path)))
@@ -254,9 +254,9 @@ def _expect(value: Any, matches: bool) -> Any:
 
 
 def _first_match(value: Any, kinds: Sequence[Any], where: str) -> Any:
-    """The value as the first of the types that it fits, its own before others.
+    """The value as the first type that accepts it; its own type comes first.
 
-    Where both are taken, 1 and 1.0 may mean different things: to Lightning one batch, and all of them.
+    Of int | float, the value's own type matters: Lightning takes 1 for one batch and 1.0 for all of them.
     """
     for kind in sorted(kinds, key=lambda one: one is not type(value)):
         try:
@@ -267,7 +267,7 @@ def _first_match(value: Any, kinds: Sequence[Any], where: str) -> Any:
 
 
 def _member(value: Any, kind: type[Enum]) -> Enum:
-    """The member that a name in any case or a value tells; names come first."""
+    """The member with this name, in any case, or else with this value."""
     named = {member.name.lower(): member for member in kind}
     if isinstance(value, str) and not isinstance(value, Enum) and value.lower() in named:
         return named[value.lower()]
@@ -294,7 +294,7 @@ def _mapping(values: Mapping[Any, Any], annotation: Any, where: str) -> dict[str
 
 
 def alternatives(annotation: Any) -> tuple[Any, ...]:
-    """The types of a union; of any other type itself."""
+    """The types of a union; for any other type, the type itself."""
     return get_args(annotation) if _is_union(annotation) else (annotation,)
 
 
@@ -315,6 +315,7 @@ def _is_mapping(annotation: Any) -> bool:
 
 
 def _json(value: Any) -> Any:
+    """The value as JSON can hold it. Raises _Mismatch if its text contains a memory address."""
     if isinstance(value, Enum):
         return value.name
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -324,9 +325,11 @@ def _json(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_json(item) for item in value]
     if isinstance(value, set | frozenset):
-        return sorted((_json(item) for item in value), key=repr)  # text is in another order at each start
+        return sorted(
+            (_json(item) for item in value), key=repr
+        )  # sets of text iterate in another order in each process
     if callable(to_list := getattr(value, "tolist", None)) and not isinstance(value, type):
-        return _json(to_list())  # numpy's arrays, and its scalars, some of which are floats as well
+        return _json(to_list())  # numpy's arrays and scalars; float64 is also a float
     if isinstance(value, bool | int | float | str | None):
         return value
     text = str(value)

@@ -1,4 +1,4 @@
-"""Settings as OmegaConf holds them, made plain: dictionaries and lists, with references by ${...} resolved."""
+"""OmegaConf nodes as plain dictionaries and lists, with interpolations (${...}) resolved."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -11,7 +11,11 @@ from deux.errors import DeuxError, shown
 
 
 def plain(settings: Any, where: str) -> Any:
-    """Settings as plain dictionaries and lists, interpolations resolved, values that are still "???" left out."""
+    """Convert settings to plain dictionaries and lists; interpolations are resolved, missing values ("???") left out.
+
+    Raises:
+        DeuxError: an interpolation cannot be resolved.
+    """
     if OmegaConf.is_config(settings):
         with references_resolved(where):
             settings = OmegaConf.to_container(settings, resolve=True)
@@ -21,10 +25,10 @@ def plain(settings: Any, where: str) -> Any:
 
 
 def plain_options(settings: Any, where: str) -> dict[str, Any]:
-    """As `plain`, of a node that must hold options by name.
+    """As `plain`, for a node that must be a mapping.
 
     Raises:
-        DeuxError: it is a single value or a list.
+        DeuxError: as `plain`; or it is a single value or a list.
     """
     found = plain(settings, where)
     if not isinstance(found, Mapping):
@@ -34,10 +38,10 @@ def plain_options(settings: Any, where: str) -> dict[str, Any]:
 
 @contextmanager
 def references_resolved(where: str) -> Iterator[None]:
-    """Say in a sentence which reference of a configuration, by ${...}, cannot be followed inside.
+    """Turn OmegaConf's errors about interpolations into DeuxErrors that name the option.
 
     Args:
-        where: the place in the configuration that is read, such as "camera".
+        where: path of the node that is read, such as "camera".
     """
     try:
         yield
@@ -52,7 +56,7 @@ def references_resolved(where: str) -> Iterator[None]:
 
 
 def unresolved_reference(error: InterpolationKeyError, where: str = "an option") -> str:
-    """What is wrong with an option that refers to another one that is not there; `where`, if the error does not say."""
+    """The message about an interpolation of an option that does not exist; `where` if the error names no option."""
     return (
         f"{error.full_key or where} refers by ${{...}} to an option that is not there: where the text itself is "
         "meant, write \\${...}."

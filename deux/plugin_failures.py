@@ -1,4 +1,4 @@
-"""Which installed package an unexpected error comes from, so that who wrote it can be asked."""
+"""Finds the third-party package in which an unexpected error was raised."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from deux.registry import OWN_PACKAGE, registry
 
 
 def raised_in(error: BaseException) -> str | None:
-    """The package that brings plugins, is not deux's own and was called last before an error; None without one.
+    """The third-party plugin package whose code is innermost in an error's stack trace, or None.
 
     Args:
-        error: as it was caught, with its stack trace.
+        error: the error as caught, with its stack trace.
 
     Returns:
-        The package with its version, and the file and line of it that the stack trace has last.
+        The package, its version, and the file and line of its innermost frame.
     """
     plugins = (plugin for kind in KINDS for plugin in registry().plugins(kind) if plugin.package != OWN_PACKAGE)
     packages = {plugin.target.partition(":")[0].partition(".")[0]: plugin for plugin in plugins}

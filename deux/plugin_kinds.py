@@ -1,4 +1,4 @@
-"""The kinds of plugins, and what is known of a plugin before it is imported."""
+"""The kinds of plugins, and plugins as they are known before they are imported."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ class Kind:
 
     Args:
         name: the registry's name of the kind; its entry-point group is "deux.<name>".
-        noun: how messages call one plugin of the kind.
-        contract: the class in `deux.contracts` that a plugin derives from.
-        settings: where the options of the plugin called {name} stand in the configuration.
-        given: the constructor's parameters that the framework fills in; the others are options.
-        common: options that every plugin of the kind has, which configuration files of deux set.
-        reserved: options of the framework among the plugin's in the configuration, beside "name", which is one in those
-            of every kind; no plugin has their names.
-        declared: attributes of a plugin that hold frozensets, and of what: a class in `deux.contracts`, or "str".
-        attributes: what else a plugin that was made has, which its class or its constructor sets.
-        ascending: two of these that are numbers, the first 0 or more and below the second.
+        noun: what messages call a plugin of the kind.
+        contract: the base class of its plugins, in `deux.contracts`.
+        settings: path of a plugin's options in the configuration; "{name}" stands for the plugin's name.
+        given: constructor parameters that the framework passes; all others are options.
+        common: options that every plugin of the kind must have, because the configuration files of deux set them.
+        reserved: options at that path that belong to the framework, besides "name"; no plugin may use these names.
+        declared: attributes that must be frozensets, each with the type of the elements: a class in `deux.contracts`,
+            or "str".
+        attributes: attributes that every instance must have.
+        ascending: two of these that must be numbers, the first 0 or more and less than the second.
     """
 
     name: str
@@ -79,15 +79,15 @@ KINDS = {
 
 
 GROUPS = (*(kind.group for kind in KINDS.values()), "deux.conf", "deux.weights")
-"""The entry-point groups of deux; the last two hold configuration files and trained models."""
+"""The entry-point groups of deux; the last two are for configuration files and trained models."""
 
 
 @dataclass(frozen=True)
 class Plugin:
-    """A plugin and the package that brought it. Nothing is imported until `load` is called.
+    """A plugin and the package that provides it. Nothing is imported until `load` is called.
 
     Args:
-        name: the name under which it is chosen.
+        name: its registered name.
         kind: a key of `KINDS`.
         package: name of the distribution.
         version: version of the distribution.
@@ -109,5 +109,5 @@ class Plugin:
 
     @property
     def called(self) -> str:
-        """How messages call it: kind, name and origin."""
+        """What messages call it: kind, name and origin."""
         return f"the {KINDS[self.kind].noun} {self.name!r} of {self.origin}"

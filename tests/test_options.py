@@ -194,9 +194,9 @@ def test_defaults_that_json_cannot_hold_are_written_alike_at_each_start():
 
 @pytest.mark.parametrize("value", [lambda x: x, object(), [object()]])
 def test_a_value_whose_text_holds_an_address_is_refused(value):
-    with pytest.raises(DeuxError, match=r"^explore\.shape of Lazy is .* at 0x\w+>\]?, which reads otherwise at each"):
+    with pytest.raises(DeuxError, match=r"^explore\.shape of Lazy is .* at 0x\w+>\]?, whose text differs at each"):
         full_settings(Lazy, {"shape": value}, "explore")
-    with pytest.raises(DeuxError, match=r"^explore\.shape of Lazy is <function .*> by default, which reads otherwise"):
+    with pytest.raises(DeuxError, match=r"^explore\.shape of Lazy is <function .*> by default, whose text differs"):
         full_settings(Lazy, {"gain": 2}, "explore")
     assert without_defaults(Lazy, {"shape": "x"}) == {"shape": "x"}
 

@@ -19,16 +19,16 @@ class CollectSettings:
     Args:
         steps: actions in an episode.
         episodes: episodes in each training scene.
-        uncertainty: the measure by which the depth model's predictions are judged (Eq. 8).
+        uncertainty: the uncertainty measure for the depth model's predictions (Eq. 8).
         uncertainty_options: options of its constructor.
-        correct_depth: correct the predicted depth that explorers are given by the sparse points of the frame
-            (`deux.geometry.depth_correction`); the uncertainty stays that of the model's own prediction.
-        batch_size: robots that explore in lock-step, sharing each call of the depth model.
-        processes: processes of this machine that explore at the same time where `executor` is "local", each with a copy
-            of the depth model; other executors have an option of their own for it.
-        executor: what hands out the episodes: "local" for processes of this machine, or "ray".
+        correct_depth: correct the predicted depth that explorers receive by the frame's sparse points
+            (`deux.geometry.depth_correction`); the uncertainty is still computed for the model's own prediction.
+        batch_size: number of robots that explore in lock-step and share each call of the depth model.
+        processes: number of parallel processes on this machine if `executor` is "local", each with a copy of the depth
+            model; other executors have an option of their own.
+        executor: what runs the episodes: "local" for processes of this machine, or "ray".
         executor_options: options of its constructor; the local one has none.
-        viewer: "rerun" for recordings of the first episodes that its viewer plays; None for none.
+        viewer: "rerun" to record the first episodes for the Rerun viewer; None for no recordings.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -53,15 +53,15 @@ class CollectSettings:
 
     @property
     def measure(self) -> PluginChoice:
-        """The measure of uncertainty with its options.
+        """The uncertainty measure with its options.
 
         Raises:
-            DeuxError: there is no such measure, or an option that it does not have.
+            DeuxError: there is no such measure, or it does not have an option.
         """
         return registry().choose("uncertainties", {"name": self.uncertainty, **self.uncertainty_options})
 
     def make_executor(self) -> Executor:
-        """What hands out the jobs of an exploration.
+        """Create the executor that runs the jobs of a collection.
 
         Raises:
             DeuxError: there is no such executor, an option is wrong, or its libraries are missing.

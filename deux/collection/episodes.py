@@ -1,4 +1,4 @@
-"""One robot's episode on disk: what is planned, its frames as they come, and its record when it is over."""
+"""A robot's episode on disk: its plan, its frames as they are recorded, and its record at the end."""
 
 import io
 from collections.abc import Callable
@@ -22,15 +22,15 @@ from deux.io.frames import FrameWriter, prepare_folders, read_frame
 from deux.io.layout import SequencePaths
 
 MakeSimulator = Callable[[SceneReference], Simulator]
-"""Makes the simulator of a scene."""
+"""Creates the simulator of a scene."""
 
 MakeExplorer = Callable[[], Explorer]
-"""Makes one explorer, for one episode."""
+"""Creates an explorer, for one episode."""
 
 
 @dataclass(frozen=True)
 class EpisodePlan(Plan):
-    """An episode that is to be collected.
+    """An episode to collect.
 
     Args:
         folder: where its sequence is written.
@@ -46,34 +46,34 @@ class EpisodePlan(Plan):
 
     @property
     def paths(self) -> SequencePaths:
-        """Where the sequence's files lie."""
+        """The paths of the sequence's files."""
         return SequencePaths(self.folder)
 
     @property
     def size(self) -> int:
-        """Number of frames that it has at most."""
+        """Maximal number of frames."""
         return self.steps
 
     @property
     def finished(self) -> bool:
-        """Whether the episode is over, and all of it on disk."""
+        """Whether the whole episode is on disk."""
         return self.record.exists()
 
     @property
     def record(self) -> Path:
-        """The file that is written when the episode is over."""
+        """The file that is written at the end of the episode, after all others."""
         return self.folder / "episode.json"
 
 
 class EpisodeFiles:
-    """The files of an episode under way.
+    """Reads and writes the files of an episode that is in progress.
 
-    Frames that an earlier run finished are read, all others written. For the two to agree exactly, a walk shows depth
-    as the files hold it.
+    Frames that an earlier run wrote are read, all others are written. So that both are equal, a walk quantises depth as
+    the files do.
 
     Args:
         plan: the episode.
-        camera: the robot's; its matrix becomes `K.txt`.
+        camera: the robot's camera; its intrinsics are written to `K.txt`.
         labels: whether the frames have labels.
         writer: writes the frames.
     """
@@ -86,28 +86,28 @@ class EpisodeFiles:
         prepare_folders(plan.paths, camera.intrinsics, labels)
 
     def read(self, number: int, pose: np.ndarray) -> Frame | None:
-        """The frame of that number, or None where it must be rendered.
+        """Read the frame of that number; None if it must be rendered.
 
         Raises:
-            DeuxError: the frame on disk was taken from another pose than the robot's.
+            DeuxError: the frame on disk has another pose than the robot.
         """
         frame = read_frame(self._plan.paths, number, self._labels)
         if frame is not None and not np.array_equal(frame.pose, pose):
             raise DeuxError(
-                f"{self._plan.folder} cannot be continued: the robot now comes to another pose at step {number} than "
-                "when that frame was written, so something that made it has changed; delete the folder."
+                f"{self._plan.folder} cannot be continued: at step {number}, the robot's pose differs from that of the "
+                "frame written earlier, so something that determines it has changed; delete the folder."
             )
         return frame
 
     def add(self, step: Step) -> None:
-        """Write the frame of a step, unless it was read, and keep its uncertainty."""
+        """Write the frame of a step, unless it was read, and remember its uncertainty."""
         if step.rendered:
             self._writer.put(self._plan.paths, step.number, step.frame)
         if step.percept is not None and step.percept.uncertainty is not None:
             self._uncertainty.append(step.percept.uncertainty)
 
     def finish(self, walk: Walk) -> None:
-        """Write what is known only at the end, the record last. All frames must be on disk."""
+        """Write the files that follow the last frame, the record last. All frames must be on disk."""
         if self._uncertainty:
             values = torch.stack(self._uncertainty).tolist()
             rows = [f"{number},{value!r}" for number, value in enumerate(values)]
@@ -130,10 +130,10 @@ class EpisodeFiles:
 def begin_episode(
     plan: EpisodePlan, simulator: Simulator, explorer: Explorer, writer: FrameWriter
 ) -> tuple[Walk, EpisodeFiles]:
-    """Begin an episode, or go on with one of which some frames are on disk.
+    """Begin an episode, or continue one of which some frames are on disk.
 
     Returns:
-        The walk, and where its steps go.
+        The walk, and the files that its steps are added to.
     """
     files = EpisodeFiles(plan, simulator.camera, Need.LABELS in explorer.needs, writer)
     return Walk(simulator, explorer, plan.seed, plan.steps, plan.floor, files.read), files

@@ -1,4 +1,4 @@
-"""What hands out the jobs of an exploration (`collect.executor`), made by its name."""
+"""The executors of collection jobs (`collect.executor`), created by name."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -12,16 +12,16 @@ EXECUTORS = {
     "local": "deux.collection.local_execution:LocalExecutor",
     "ray": "deux.collection.ray_execution:RayExecutor",
 }
-"""The executors by name, imported only when chosen, so that one works without the other's libraries."""
+"""The executors by name; each is imported only when chosen, since it may need optional libraries."""
 
 
 def make_executor(name: str, options: Mapping[str, Any], processes: int = 1) -> Executor:
-    """Make an executor by name.
+    """Create an executor by name.
 
     Args:
         name: one of `EXECUTORS` (`collect.executor`).
-        options: of its constructor (`collect.executor_options`).
-        processes: number of processes of the local executor (`collect.processes`); no other one is given it.
+        options: options of its constructor (`collect.executor_options`).
+        processes: number of processes of the local executor (`collect.processes`); ignored by others.
 
     Raises:
         DeuxError: the name is unknown, an option is wrong, or the executor's libraries are missing.

@@ -17,14 +17,14 @@ from deux.io.progress import Progress, ignore_progress
 
 @dataclass(frozen=True)
 class EpisodeRunner:
-    """Runs jobs of episodes in lock-step; it takes the depth model along to each process that collects.
+    """Runs jobs of episodes in lock-step; pickled with its depth model for each process that collects.
 
-    What PyTorch computes on the CPU for a job is computed on one thread: the frames would depend on their number.
+    On the CPU, PyTorch uses a single thread: its results, and so the frames, depend on the number of threads.
 
     Args:
         make_simulator: makes the simulator of a scene; one for each episode.
         make_explorer: makes an explorer; one for each episode.
-        perception: the depth model; None for explorers that need none.
+        perception: the depth model and its uncertainty measure; None for explorers that need none.
     """
 
     make_simulator: MakeSimulator
@@ -32,11 +32,12 @@ class EpisodeRunner:
     perception: Perception | None = None
 
     def __call__(self, job: Job[EpisodePlan], count: Count) -> None:
-        """Run a job's episodes and write their files; what an earlier run has finished is not rendered again.
+        """Run a job's episodes and write their files; frames on disk are not rendered again.
 
         Args:
             job: the episodes.
-            count: told of frames as they come; the frames of an episode that ends early are counted at the end.
+            count: called with the number of new frames; frames that an episode lacks because it ended early are counted
+                at the end.
 
         Raises:
             DeuxError: a scene cannot be loaded, or a file cannot be written.
@@ -67,26 +68,26 @@ def explore(
     execute: Executor = run_here,
     progress: Progress = ignore_progress,
 ) -> None:
-    """Collect episodes. What an earlier run has finished is neither rendered nor written again.
+    """Collect episodes. Frames and episodes on disk are neither rendered nor written again.
 
     Args:
         plans: the episodes.
         make_simulator: makes the simulator of a scene; one for each episode.
         make_explorer: makes an explorer; one for each episode.
-        predict_depth: the depth model, for explorers that need what it predicts; called for all robots of a job at
-            once, on its `device` if it has one.
-        sparse: how the depth model's sparse points are taken.
-        uncertainty: how the depth model's prediction is judged (Eq. 8), for explorers that need the residual.
-        correct_depth: correct the depth that these explorers are given by the sparse points (`Perception`).
-        batch_size: number of episodes that run in lock-step where a depth model guides them, and so of frames that it
-            is given at once and of scenes in memory. The first `batch_size` plans are one job, and so on, whoever runs
-            them; where `predict_depth` has a true `batch_invariant`, jobs may be smaller.
-        execute: hands out the jobs. Where they run in other processes, all that is given must be picklable. The frames
-            are the same wherever they run.
-        progress: told the number of frames.
+        predict_depth: the depth model, for explorers that need its predictions; called for all robots of a job at once,
+            on its `device` if it has one.
+        sparse: how sparse points are sampled for the depth model.
+        uncertainty: the uncertainty measure (Eq. 8), for explorers that need the residual.
+        correct_depth: correct the depth that these explorers receive by the sparse points (`Perception`).
+        batch_size: number of episodes that run in lock-step if a depth model guides them; this is also the number of
+            frames in a batch and of scenes in memory. Each `batch_size` consecutive plans form a job, whatever executes
+            it; jobs may be smaller if `predict_depth.batch_invariant` is true.
+        execute: runs the jobs. If it uses other processes, all arguments must be picklable. The frames do not depend on
+            where they are rendered.
+        progress: called with the number of frames.
 
     Raises:
-        DeuxError: the explorer needs a depth model or a measure of uncertainty and there is none, the disk is full, or
+        DeuxError: the explorer needs a depth model or an uncertainty measure and there is none, the disk is full, or
             a process that ran a job has died.
     """
     explorer = make_explorer()
@@ -95,7 +96,7 @@ def explore(
     if guided and predict_depth is not None:
         perception = Perception(predict_depth, sparse, uncertainty, correct_depth)
     check_perception(explorer, perception)
-    size = batch_size if guided else 1  # without a model the robots do not touch each other
+    size = batch_size if guided else 1  # without a model, episodes are independent
     divisible = perception is None or perception.batch_invariant
     jobs = [Job(tuple(plans[first : first + size]), divisible) for first in range(0, len(plans), size)]
     run_unfinished("exploration", EpisodeRunner(make_simulator, make_explorer, perception), jobs, execute, progress)

@@ -1,4 +1,4 @@
-"""What an episode explored: its explorer's own map, or one made from its stored frames."""
+"""The map of an episode: its explorer's own, or one built from its stored frames."""
 
 from collections.abc import Iterable
 
@@ -19,15 +19,15 @@ from deux.mapping.occupancy import OccupancyMap
 
 
 def episode_poses(sequence: SequencePaths) -> np.ndarray:
-    """Camera-to-world matrices of an episode's frames, N x 4 x 4, in order of time."""
+    """Camera-to-world matrices of an episode's frames in order of time, N x 4 x 4."""
     return np.stack([read_pose(sequence.file("absolute_pose", frame)) for frame in sequence.frames()])
 
 
 def map_of(explorer: Explorer) -> ExplorerMap | None:
-    """The map that an explorer keeps, as it stands; None if it keeps none.
+    """The current map of an explorer; None if it keeps none.
 
     Raises:
-        DeuxError: its `map` gives something else, or grids of another size or type than the contract's.
+        DeuxError: its `map` returns something else, or grids of the wrong size or type.
     """
     found: object = explorer.map()
     if found is None:
@@ -47,7 +47,7 @@ def map_of(explorer: Explorer) -> ExplorerMap | None:
 
 
 def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> ExplorerMap:
-    """The map that the explorer kept; where it kept none, one built from the frames' true depth.
+    """The explorer's stored map; without one, a map built from the frames' true depth.
 
     Raises:
         DeuxError: a file is damaged.
@@ -65,7 +65,7 @@ def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> Explo
 
 
 def mean_uncertainty(episodes: Iterable[SequencePaths]) -> float | None:
-    """Mean of Eq. 8 over all frames that have one; None where the explorers were shown none."""
+    """Mean of Eq. 8 over all frames that have a value; None without any."""
     values: list[float] = []
     for sequence in episodes:
         record = sequence.folder / "uncertainty.csv"

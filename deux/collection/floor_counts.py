@@ -1,4 +1,4 @@
-"""How many floors scenes have, where episodes take place on all of them: each is loaded once to find out."""
+"""Counts the floors of scenes whose episodes take place on all floors; each scene is loaded once."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from deux.io.progress import Progress, ignore_progress
 
 @dataclass(frozen=True)
 class FloorsPlan(Plan):
-    """A scene whose floors are to be counted."""
+    """A scene whose floors to count."""
 
     @property
     def size(self) -> int:
@@ -24,7 +24,7 @@ class FloorsPlan(Plan):
 
     @property
     def file(self) -> Path:
-        """The number of floors, in JSON."""
+        """The JSON file with the number of floors."""
         return self.folder / "floors.json"
 
     @property
@@ -38,7 +38,7 @@ class FloorCounter:
     """Counts the floors of a job's scenes.
 
     Args:
-        make_simulator: makes the simulator of a scene.
+        make_simulator: creates the simulator of a scene.
     """
 
     make_simulator: MakeSimulator
@@ -62,16 +62,17 @@ def count_all_floors(
     execute: Executor = run_here,
     progress: Progress = ignore_progress,
 ) -> Mapping[str, int]:
-    """The number of floors on which episodes take place, of each scene by its name.
+    """The number of floors on which episodes take place, by the name of the scene.
 
-    Only scenes whose `area` asks for all floors are loaded, and of those only such as no earlier call has counted.
+    Only scenes whose `area` selects all floors are loaded, unless an earlier call has counted their floors.
 
     Args:
-        scenes: no two of one name.
-        folder: where the counts are kept, a folder for each scene; for these scenes, areas and this simulator only.
-        make_simulator: makes the simulator of a scene.
-        execute: hands out the scenes.
-        progress: told the number of scenes.
+        scenes: scenes with different names.
+        folder: where the counts are stored, in a folder for each scene; use it only for these scenes and areas and this
+            simulator.
+        make_simulator: creates the simulator of a scene.
+        execute: runs the jobs.
+        progress: called with the number of scenes.
 
     Raises:
         DeuxError: a scene cannot be loaded.

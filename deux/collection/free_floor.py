@@ -1,4 +1,4 @@
-"""The true free floor of each place, kept with a dataset to judge it by, and how much of it a map knows."""
+"""The true free floor of each place, stored with a dataset for evaluation, and how much of it a map covers."""
 
 import io
 from collections.abc import Mapping
@@ -14,12 +14,12 @@ from deux.io.layout import SequencePaths
 from deux.mapping.occupancy import FREE, OccupancyMap
 
 FREE_FLOOR_FILE = "free_floor.npz"
-"""In a sequence's folder: where the robot's centre could be on its floor. Privileged: no explorer and no model reads
-it."""
+"""File in a sequence's folder: the positions on its floor that the robot's centre can take. Privileged: neither
+explorers nor models read it."""
 
 
 def write_free_floor(sequence: Path, space: FreeSpace) -> None:
-    """Write where a floor is free into a sequence's folder."""
+    """Write the free cells of a floor to a sequence's folder."""
     content, frame = io.BytesIO(), space.frame
     np.savez_compressed(
         content,
@@ -31,10 +31,11 @@ def write_free_floor(sequence: Path, space: FreeSpace) -> None:
 
 
 def read_free_floor(sequence: SequencePaths) -> tuple[GridFrame, np.ndarray] | None:
-    """Where the floor of a sequence is free: the grid's place in the world, and rows x columns bool.
+    """Read the free floor of a sequence.
 
     Returns:
-        None where it is not kept: of recorded frames, and of datasets of earlier versions.
+        The grid's frame, and rows x columns bool; None if there is no file, such as for recorded frames and datasets
+        of earlier versions.
 
     Raises:
         DeuxError: the file is damaged.
@@ -50,32 +51,32 @@ def read_free_floor(sequence: SequencePaths) -> tuple[GridFrame, np.ndarray] | N
 
 
 def stored_grid(arrays: Mapping[str, np.ndarray], cells: np.ndarray) -> GridFrame:
-    """The grid of stored cells, by the arrays "origin" (x and z) and "resolution" beside them.
+    """The frame of a stored grid, from the arrays "origin" (x and z) and "resolution".
 
     Args:
-        arrays: by name.
-        cells: rows x columns.
+        arrays: arrays by name.
+        cells: the grid, rows x columns.
 
     Raises:
         KeyError: an array is missing.
-        ValueError: one has another shape or a value that is no place or size.
+        ValueError: an array has the wrong shape or invalid values.
     """
     origin, resolution = arrays["origin"], arrays["resolution"]
     kinds = {origin.dtype.kind, resolution.dtype.kind}
     if cells.ndim != 2 or origin.shape != (2,) or resolution.shape != () or "c" in kinds:
-        raise ValueError("its arrays have other shapes or types than those of a grid")
+        raise ValueError("its arrays have the wrong shapes or types for a grid")
     if not (np.isfinite(origin).all() and np.isfinite(resolution) and resolution > 0):
-        raise ValueError("its origin and resolution are no places and sizes")
+        raise ValueError("its origin and resolution are not valid")
     (x, z), (rows, columns) = origin, cells.shape
     return GridFrame(float(x), float(z), rows, columns, float(resolution))
 
 
 def known_free_cells(known: OccupancyMap, frame: GridFrame, free: np.ndarray) -> int:
-    """How many cells of the true free floor have their centres where a map is free.
+    """The number of cells of the true free floor whose centres lie in free cells of a map.
 
     Args:
         known: the map.
-        frame: where the grid of the free floor lies.
+        frame: frame of the grid of the free floor.
         free: rows x columns bool.
     """
     rows, columns = np.nonzero(free)

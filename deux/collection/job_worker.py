@@ -1,4 +1,4 @@
-"""Runs jobs in a process of a cluster, and hands over what it has done as it goes."""
+"""Runs jobs in a worker process of a cluster, and streams their results."""
 
 import os
 import platform
@@ -20,19 +20,19 @@ from deux.plugin_kinds import KINDS
 from deux.registry import registry
 
 _SECONDS = 0.5
-"""Between two parts of a job's results."""
+"""Seconds between two parts of a job's results."""
 
 _PART_BYTES = 32 * 2**20
-"""From which size on a part is handed over."""
+"""Size from which on a part is sent."""
 
 
 class SentFile(NamedTuple):
-    """A file of a plan, on its way to the process that hands the jobs out.
+    """A plan's file that is sent to the main process.
 
     Args:
-        plan: number of the plan in its job.
+        plan: index of the plan in its job.
         name: path relative to the plan's folder.
-        content: all of the file.
+        content: the file's content.
     """
 
     plan: int
@@ -41,11 +41,11 @@ class SentFile(NamedTuple):
 
 
 class JobPart(NamedTuple):
-    """What has been done of a job since the part before.
+    """The results of a job since the previous part.
 
     Args:
-        done: what is newly done, as progress counts it.
-        files: files that are finished, to be written in this order; none where they are written in place.
+        done: new progress.
+        files: finished files, to be written in this order; empty if the worker writes them itself.
     """
 
     done: int
@@ -53,35 +53,38 @@ class JobPart(NamedTuple):
 
 
 def package_versions() -> dict[str, str]:
-    """The versions, by name, that must be the same wherever frames of one dataset are made; those of plugins too."""
+    """The versions of Python and of all packages that affect frames, including plugins, by name."""
     packages = ("deux", "torch", "numpy", "scipy", "numba", "kornia", "opencv-python-headless", "embreex")
     plugins = {plugin.package: plugin.version for kind in KINDS for plugin in registry().plugins(kind)}
     return {"Python": platform.python_version(), **plugins, **{name: version(name) for name in packages}}
 
 
 class JobWorker:
-    """Runs jobs one after the other. The methods are called in the order `check`, `load`, and `run` for each job.
+    """Runs jobs one after the other. Call `check`, then `load`, then `run` for each job.
 
     Args:
-        threads: threads that it computes with.
-        card: whether a graphics card, or a share of one, is reserved for it; otherwise it uses none.
+        threads: number of threads to compute with.
+        card: whether a GPU, or a share of one, is reserved for it; otherwise it uses none.
     """
 
     def __init__(self, threads: int = 1, card: bool = False) -> None:
         if not card:
             os.environ["CUDA_VISIBLE_DEVICES"] = ""
         limit_threads(threads)
-        # Jobs run on one thread of their own, as an OpenGL context belongs to the thread that made it.
+        # All jobs run on the same thread, since an OpenGL context belongs to the thread that created it.
         self._thread = ThreadPoolExecutor(1, initializer=limit_threads, initargs=(threads,))
         self._run: JobRunner[Any] | None = None
 
     def check(self, expected: dict[str, str]) -> str:
-        """The name of this machine, if its packages are those of the process that hands the jobs out.
+        """Check that this machine has the main process's versions of all packages.
 
-        A plugin's package that is missing here is no error: a job that needs it will say so.
+        A plugin's package that is not installed here is no error; a job that needs it will raise one.
 
         Args:
-            expected: the `package_versions` of that process.
+            expected: the `package_versions` of the main process.
+
+        Returns:
+            The name of this machine.
 
         Raises:
             DeuxError: a version differs.
@@ -91,27 +94,27 @@ class JobWorker:
         if different:
             name = different[0]
             raise DeuxError(
-                f"The worker on {socket.gethostname()} has {name} {here[name]}, but the process that hands out the "
-                f"jobs has {name} {expected[name]}: install the same versions on all machines of the cluster."
+                f"The worker on {socket.gethostname()} has {name} {here[name]}, but the main process has "
+                f"{name} {expected[name]}: install the same versions on all machines of the cluster."
             )
         return socket.gethostname()
 
     def load(self, run: JobRunner[Any]) -> None:
-        """Keep what runs the jobs, the depth model included."""
+        """Set the job runner, which contains the depth model."""
         self._run = run
 
     def run(self, job: Job[Any], streamed: bool) -> Iterator[JobPart]:
         """Run a job.
 
         Args:
-            job: its plans.
-            streamed: whether files are handed over in the parts; otherwise they are written to the plans' folders.
+            job: the job.
+            streamed: whether to send files in the parts; otherwise they are written to the plans' folders.
 
         Yields:
-            What has been done, about twice a second.
+            The new results, about twice a second.
 
         Raises:
-            DeuxError: as the job's runner.
+            DeuxError: raised by the job's runner.
         """
         if not streamed:
             yield from (JobPart(done) for done in self._counts(job))
@@ -129,7 +132,7 @@ class JobWorker:
             shutil.rmtree(scratch, ignore_errors=True)
 
     def _counts(self, job: Job[Any]) -> Iterator[int]:
-        """Run a job; yield now and then, and once at the end, what was done since the last time."""
+        """Run a job; yield the new progress at intervals, and once at the end."""
         assert self._run is not None
         done: SimpleQueue[int] = SimpleQueue()
         task = self._thread.submit(self._run, job, done.put)
@@ -142,11 +145,11 @@ class JobWorker:
 
 
 def _take_files(folders: Sequence[Path]) -> Iterator[tuple[SentFile, ...]]:
-    """Take the finished files of plans out of their folders, in an order that tells when a frame is complete.
+    """Remove and yield the finished files of plans, so that a frame's pose and an episode's record come last.
 
-    An episode's record is written after everything else of it, a frame's pose after all else of the frame. Records
-    are looked for first, then poses, then the rest, and sent the other way round: what makes a record or a pose count
-    is sent before it.
+    An episode's record is written after its other files, and a frame's pose after the frame's other files. Listing
+    records first, then poses, then all others, and sending them in the opposite order, ensures that everything that a
+    listed record or pose belongs to is sent before it.
     """
     records = [(k, folder / "episode.json") for k, folder in enumerate(folders) if (folder / "episode.json").exists()]
     poses = [(k, path) for k, folder in enumerate(folders) for path in sorted(folder.glob("absolute_pose/[!.]*"))]
@@ -171,6 +174,7 @@ def _take_files(folders: Sequence[Path]) -> Iterator[tuple[SentFile, ...]]:
 
 
 def _sum(done: "SimpleQueue[int]") -> int:
+    """Empty a queue and return the sum of its values."""
     total = 0
     while True:
         try:

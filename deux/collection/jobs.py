@@ -1,4 +1,4 @@
-"""Collection as jobs: the smallest pieces of work that processes take, and who hands them out."""
+"""Collection jobs, which can run in different processes, and the protocol of the executors that run them."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -15,10 +15,10 @@ from deux.io.progress import Progress
 
 @dataclass(frozen=True)
 class Plan(ABC):
-    """What is to be written into one folder. Equal plans write equal files, wherever they are carried out.
+    """A unit of work that writes one folder. Equal plans write equal files, wherever they are executed.
 
     Args:
-        folder: where all its files are written.
+        folder: the folder of its files.
         scene: the scene that it takes place in.
     """
 
@@ -28,7 +28,7 @@ class Plan(ABC):
     @property
     @abstractmethod
     def size(self) -> int:
-        """What progress counts of it, such as its frames."""
+        """Its size in units of progress, such as frames."""
 
     @property
     @abstractmethod
@@ -41,12 +41,12 @@ P = TypeVar("P", bound=Plan)
 
 @dataclass(frozen=True)
 class Job(Generic[P]):
-    """Plans that one process carries out; what a job writes depends on no other.
+    """Plans that one process executes together; its results do not depend on other jobs.
 
     Args:
-        plans: what is to be written.
-        divisible: whether its plans may be carried out in other groups as well, and write the same. Those that a depth
-            model guides may not where the number of frames in a batch changes the last bits of what it predicts.
+        plans: the plans.
+        divisible: whether the plans give the same results in other groups. They do not if a depth model guides them
+            whose predictions depend, in their last bits, on the size of the batch.
     """
 
     plans: tuple[P, ...]
@@ -54,7 +54,7 @@ class Job(Generic[P]):
 
     @property
     def size(self) -> int:
-        """What progress counts of all its plans."""
+        """The sum of its plans' sizes."""
         return sum(plan.size for plan in self.plans)
 
     @property
@@ -68,21 +68,21 @@ class Job(Generic[P]):
 
 
 JobRunner = Callable[[Job[P], Count], None]
-"""Runs a job, and counts what is done of it. Pickled, it travels once to each process that collects."""
+"""Runs a job and reports its progress. It is pickled and sent once to each process that collects."""
 
 
 class Executor(Protocol):
-    """Hands jobs out to whatever runs them, and returns when all are done."""
+    """Runs jobs, in this process or in others, and returns when all are done."""
 
     def __call__(self, run: JobRunner[P], jobs: Sequence[Job[P]], count: Count) -> None:
-        """Run all jobs, in any order and any number at a time.
+        """Run all jobs, in any order and any number in parallel.
 
-        An executor knows how many jobs it runs at a time, and so divides them by `share_out` first.
+        Executors first divide the jobs among their workers by `share_out`.
 
         Args:
-            run: runs one; pickled where the jobs run in other processes.
-            jobs: none of them finished.
-            count: told here of what is done, as it comes.
+            run: runs a job; pickled if jobs run in other processes.
+            jobs: unfinished jobs.
+            count: called in this process with new progress.
 
         Raises:
             DeuxError: a job failed, or a process that ran one has died.
@@ -90,21 +90,21 @@ class Executor(Protocol):
 
 
 def run_here(run: JobRunner[P], jobs: Sequence[Job[P]], count: Count) -> None:
-    """The executor that runs one job after the other in this process."""
+    """Executor that runs the jobs one after the other in this process."""
     for job in share_out(jobs, 1, count):
         run(job, count)
 
 
 def share_out(jobs: Sequence[Job[P]], workers: int, count: Count) -> list[Job[P]]:
-    """Divide jobs so that all workers have something to do, evenly.
+    """Regroup divisible jobs so that all workers are evenly busy.
 
-    Divisible jobs are made anew of their plans: no larger than the largest of them is, and as many for each worker. Of
-    their plans those that are finished are counted, and left out.
+    The new jobs are no larger than the largest given one, and each worker gets equally many. Finished plans are
+    reported as progress and left out.
 
     Args:
-        jobs: none of them finished; all divisible, or none.
-        workers: number of jobs that run at the same time.
-        count: told of the plans that are finished.
+        jobs: unfinished jobs; they are returned unchanged unless all are divisible.
+        workers: number of jobs that run in parallel.
+        count: called with the size of finished plans.
     """
     if not all(job.divisible for job in jobs):
         return list(jobs)
@@ -123,17 +123,17 @@ def share_out(jobs: Sequence[Job[P]], workers: int, count: Count) -> list[Job[P]
 def run_unfinished(
     stage: str, run: JobRunner[P], jobs: Sequence[Job[P]], execute: Executor, progress: Progress
 ) -> None:
-    """Have the jobs run of which not all is on disk.
+    """Run the jobs that are not finished.
 
     Args:
-        stage: what progress calls the work.
-        run: runs one job.
-        jobs: all of them.
-        execute: hands them out.
-        progress: told how much is done; what an earlier run has finished counts.
+        stage: the name of the work in progress reports.
+        run: runs a job.
+        jobs: all jobs.
+        execute: executes the unfinished ones.
+        progress: called with the progress, which includes work of earlier runs.
 
     Raises:
-        DeuxError: as `execute`.
+        DeuxError: raised by `execute`.
     """
     unfinished = [job for job in jobs if not job.finished]
     total = sum(job.size for job in jobs)

@@ -11,18 +11,17 @@ from deux.io.processes import Count, in_processes
 
 
 class LocalExecutor:
-    """Hands jobs out to processes of this machine, which load the depth model once each.
+    """Runs jobs in processes of this machine, each of which loads the depth model once.
 
     Args:
-        processes: number of processes that run jobs at the same time; with one, or where there is one job that cannot
-            be divided, this process runs them itself.
+        processes: number of parallel processes; with one, or for a single indivisible job, none is started.
     """
 
     def __init__(self, processes: int = 1) -> None:
         self.processes = processes
 
     def __call__(self, run: JobRunner[P], jobs: Sequence[Job[P]], count: Count) -> None:
-        """Run all jobs; as `deux.collection.jobs.Executor`.
+        """Run all jobs; see `deux.collection.jobs.Executor`.
 
         Raises:
             DeuxError: a job failed, or a process has died.
@@ -36,12 +35,12 @@ class LocalExecutor:
 
 
 def prepare_process(processes: int) -> Callable[[], None]:
-    """What each of several processes that share this machine does first; picklable.
+    """The picklable initialiser of several processes that share this machine.
 
-    They share the threads that PyTorch takes in this process, and use its graphics card if it uses one.
+    They divide this process's PyTorch threads among them, and use its GPU if it uses one.
 
     Args:
-        processes: their number.
+        processes: number of processes.
     """
     card = torch.cuda.current_device() if torch.cuda.is_initialized() else None
     return partial(_prepare, max(1, torch.get_num_threads() // processes), card)

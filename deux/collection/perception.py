@@ -1,4 +1,4 @@
-"""What the depth model sees in the frames that robots are collecting, all robots in one call."""
+"""Depth predictions and their uncertainty for the frames of all exploring robots, in one batch."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -17,28 +17,28 @@ from deux.inference.precision import tf32_convolutions
 from deux.registry import PluginChoice
 
 MODEL_NEEDS = frozenset({Need.PREDICTED_DEPTH, Need.RESIDUAL})
-"""The needs of an explorer that take a depth model."""
+"""The needs of an explorer that require a depth model."""
 
 SOURCES = 2
-"""Source frames, those before the present one, that it is rebuilt from."""
+"""Number of source frames, which precede the current frame."""
 
 
 def needs_model(explorer: PluginChoice) -> bool:
-    """Whether the explorer asks for what only a depth model can give."""
+    """Whether the explorer needs a depth model."""
     return bool(explorer.create().needs & MODEL_NEEDS)
 
 
 @dataclass(frozen=True)
 class Percept:
-    """What the depth model makes of one robot's frame; the tensors are on the model's device.
+    """The depth model's prediction for one robot's frame; tensors are on the model's device.
 
     Args:
         view: the frame, its source frames and its predicted depth, a batch of one. An episode's first two frames have
             fewer source frames than `SOURCES`.
         residual: H x W float32, the uncertainty of each pixel; NaN where the measure has no value, and everywhere
-            before the third frame. None where no measure was chosen.
-        uncertainty: a single float32, delta of Eq. 8: the same as one number.
-        corrected_depth: H x W float32 metres, the view's depth corrected by the sparse points; None where it is not.
+            before the third frame. None without an uncertainty measure.
+        uncertainty: scalar float32, delta of Eq. 8: the residual reduced to one number.
+        corrected_depth: H x W float32 metres, the view's depth corrected by the sparse points; None without correction.
     """
 
     view: View
@@ -48,24 +48,24 @@ class Percept:
 
     @property
     def depth_error(self) -> Tensor:
-        """A single float32: `error_at_points` of the model's own prediction."""
+        """Scalar float32: `error_at_points` of the model's own prediction."""
         return error_at_points(self.view.depth[0, 0], self.view.sparse_depth[0, 0])
 
     @property
     def predicted_depth(self) -> Tensor:
-        """H x W float32 metres, what explorers map: corrected where it was asked for, else as the model predicts it."""
+        """H x W float32 metres, the depth that explorers map: corrected if requested, else the model's prediction."""
         return self.view.depth[0, 0] if self.corrected_depth is None else self.corrected_depth
 
 
 @dataclass(frozen=True)
 class HostPercept:
-    """What an explorer is given of a `Percept`, on the host; what it does not need is None.
+    """The parts of a `Percept` that an explorer needs, on the host; others are None.
 
     Args:
-        predicted_depth: H x W float32 metres, as of `Percept`.
-        residual: H x W float32, as of `Percept`.
+        predicted_depth: H x W float32 metres, see `Percept`.
+        residual: H x W float32, see `Percept`.
         uncertainty: delta of Eq. 8.
-        depth_error: as of `Percept`.
+        depth_error: see `Percept`.
     """
 
     predicted_depth: np.ndarray | None = None
@@ -75,18 +75,18 @@ class HostPercept:
 
 
 class Perception:
-    """The depth model as robots see with it, and how its predictions are judged.
+    """The depth model and the uncertainty measure that guide robots.
 
-    All frames of a step go to the model's device in one transfer of bytes; conversions, predictions and their judgement
-    are made there, in float32 without TensorFloat-32 but for the network, and stay there until `on_host` asks for them.
-    The sparse points are taken on the host: OpenCV's Harris corners have no counterpart on a card with equal results.
+    All frames of a step are copied to the model's device in one transfer. Predictions and uncertainty are computed
+    there, in float32 (outside the network, without TensorFloat-32), and stay there until `on_host` copies them. Sparse
+    points are sampled on the host, since no GPU implementation equals OpenCV's Harris corners exactly.
 
     Args:
-        predict_depth: the depth model. Where it has a `device`, as `FastPredictor` has, all is computed there.
-        sparse: how the depth model's sparse points are taken.
-        uncertainty: the measure of uncertainty, which may call the model again; None for none.
-        correct_depth: give explorers the predicted depth corrected by its sparse points
-            (`deux.geometry.depth_correction`). The view, and so the residual, stays the model's own prediction.
+        predict_depth: the depth model. If it has a `device`, as `FastPredictor` has, everything is computed there.
+        sparse: how the depth model's sparse points are sampled.
+        uncertainty: the uncertainty measure, which may call the model again; or None.
+        correct_depth: also correct the predicted depth by its sparse points (`deux.geometry.depth_correction`). View
+            and residual remain those of the model's own prediction.
     """
 
     def __init__(
@@ -103,26 +103,26 @@ class Perception:
 
     @property
     def batch_invariant(self) -> bool:
-        """Whether what is made of a frame depends on it alone, to the last bit, and not on the frames beside it.
+        """Whether the result for a frame is bitwise independent of the other frames of its batch.
 
-        The depth model says so of its predictions; all else is computed frame by frame, as measures of uncertainty are.
+        The depth model declares this of its predictions; everything else is computed frame by frame.
         """
         return bool(getattr(self._predict_depth, "batch_invariant", False))
 
     @property
     def _device(self) -> torch.device:
-        """The depth model's; not kept, as it may be another one in the process to which this travels."""
+        """The depth model's device; not stored, since it can be another one after unpickling in another process."""
         device: torch.device = getattr(self._predict_depth, "device", torch.device("cpu"))
         return device
 
     @torch.inference_mode()
     @tf32_convolutions(False)
     def __call__(self, histories: Sequence[Sequence[Frame]], intrinsics: np.ndarray) -> list[Percept]:
-        """Predict the depth of every robot's newest frame in one batch, and judge it with the frames before.
+        """Predict the depth of every robot's newest frame in one batch, and compute its uncertainty.
 
         Args:
             histories: each robot's latest frames, newest first; all of the same length, 1 to 1 + `SOURCES`.
-            intrinsics: 3 x 3, of all robots' cameras.
+            intrinsics: 3 x 3, the same for all robots.
         """
         view = self._view(histories, intrinsics)
         views = [frame_of(view, i) for i in range(len(histories))]
@@ -151,11 +151,11 @@ class Perception:
 
 @torch.inference_mode()
 def on_host(percepts: Sequence[Percept], needs: Collection[Need]) -> list[HostPercept]:
-    """Copy what explorers need to the host: one transfer, and so one wait, for all robots together.
+    """Copy what explorers need to the host, in one transfer for all robots.
 
     Args:
-        percepts: of one call of `Perception`.
-        needs: of all explorers together.
+        percepts: the result of one call of `Perception`.
+        needs: the union of all explorers' needs.
     """
     columns: list[list[Tensor | None]] = [
         [percept.predicted_depth if Need.PREDICTED_DEPTH in needs else None for percept in percepts],
@@ -174,21 +174,22 @@ def on_host(percepts: Sequence[Percept], needs: Collection[Need]) -> list[HostPe
 def error_at_points(depth: Tensor, sparse_depth: Tensor) -> Tensor:
     """The median relative error of a predicted depth at the sparse points, |predicted - measured| / measured.
 
-    The model was given these points. All over the image, corrected by them, its median error is as large: with
-    `kbnet-indoor` 0.022 at the points and 0.020 in flats at 128 x 128 pixels, 0.062 and 0.070 in houses at 64 x 64.
+    These points are the model's input. After correction by them, the median error over the whole image is about as
+    large: with `kbnet-indoor`, 0.022 at the points and 0.020 over the image in flats at 128 x 128 pixels, 0.062 and
+    0.070 in houses at 64 x 64.
 
     Args:
         depth: H x W metres.
         sparse_depth: H x W metres, 0 = none.
 
     Returns:
-        A tensor without dimensions; NaN without points.
+        A scalar tensor; NaN without points.
     """
     errors = torch.where(sparse_depth > 0, (depth - sparse_depth).abs() / sparse_depth, torch.nan)
     return errors.nanmedian()
 
 
 def _motions(history: Sequence[Frame]) -> np.ndarray:
-    """S x 4 x 4, from the newest frame's camera to those of the frames before it."""
+    """S x 4 x 4, the transforms from the newest frame's camera to those of the earlier frames."""
     motions = [source_from_target(history[0].pose, earlier.pose) for earlier in history[1:]]
     return np.array(motions).reshape(-1, 4, 4)

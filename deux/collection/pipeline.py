@@ -1,4 +1,4 @@
-"""The four stages in one: from a specification to a finished dataset, once."""
+"""Builds a dataset from its specification, in four stages, unless it exists."""
 
 import logging
 import os
@@ -26,7 +26,7 @@ from deux.io.locking import clear_abandoned, locked
 from deux.io.progress import Progress, ignore_progress
 
 _FLOORS = "floors"
-"""Folder of an unfinished dataset, whose name follows from scenes, areas and simulator: the floors of each scene."""
+"""Folder of an unfinished dataset with the number of floors of each scene."""
 
 log = logging.getLogger(__name__)
 
@@ -40,19 +40,19 @@ def build_dataset(
     progress: Progress = ignore_progress,
     execute: Executor = run_here,
 ) -> Path:
-    """Return the folder `<root>/<name>-<hash>` of the dataset, making it first if it is not there.
+    """Return the folder `<root>/<name>-<hash>` of a dataset, which is collected first if it does not exist.
 
-    It is made in a hidden folder beside, `.<name>-<hash>.partial`, and gets its name when it is complete. A build that
-    was killed goes on where it was. Two processes that ask for the same dataset make it once: the second waits.
+    It is collected in the hidden folder `.<name>-<hash>.partial` beside it, which is renamed when it is complete. A
+    build that was killed is resumed. If two processes request the same dataset, the second waits for the first.
 
     Args:
-        spec: what the dataset is; its hash is all that decides whether it exists.
+        spec: the specification; its hash alone decides whether the dataset exists.
         root: the folder of all datasets.
-        make_simulator: makes the simulator of one of the specification's scenes.
-        make_explorer: makes an explorer; needed unless the specification asks for viewpoints.
+        make_simulator: creates the simulator of one of the specification's scenes.
+        make_explorer: creates an explorer; required unless the specification is for viewpoints.
         predict_depth: the depth model, for explorers that need it.
-        progress: told how far each stage is.
-        execute: hands out the episodes or viewpoints, as of `explore`.
+        progress: called with each stage's progress.
+        execute: runs the jobs of episodes or viewpoints, see `explore`.
 
     Raises:
         DeuxError: the dataset cannot be made, such as on a full disk, or no frame of it passes verification.
@@ -79,7 +79,7 @@ def build_dataset(
 
 
 def read_manifest(dataset: Path) -> dict[str, Any]:
-    """The manifest of a dataset that was made here.
+    """Read the manifest of a dataset that `build_dataset` made.
 
     Raises:
         DeuxError: there is none.
@@ -93,10 +93,10 @@ def read_manifest(dataset: Path) -> dict[str, Any]:
 
 
 def frame_count(dataset: Path, choice: SourceChoice) -> int:
-    """How many frames of a dataset that was made here can be trained on with source frames chosen so.
+    """The number of frames of a dataset that can be trained on, for a choice of source frames.
 
     Raises:
-        DeuxError: there is no manifest, or it does not say so.
+        DeuxError: there is no manifest, or it lacks the number.
     """
     manifest = read_manifest(dataset)
     counted = manifest if choice == "recent" else manifest.get("baseline", manifest)  # absent before version 6
@@ -169,7 +169,7 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
 
 
 def _counted(verdicts: Mapping[str, Verdicts], choice: SourceChoice) -> dict[str, Any]:
-    """What became of the frames, for the manifest."""
+    """The numbers of accepted and rejected frames, for the manifest."""
     judged = [one for verdict in verdicts.values() for one in verdict[choice].values()]
     accepted = [one for one in judged if one.rejection is None]
     return {
@@ -181,18 +181,18 @@ def _counted(verdicts: Mapping[str, Verdicts], choice: SourceChoice) -> dict[str
 
 
 def write_lists(dataset: Path, name: str, split: str, verdicts: Mapping[str, Verdicts]) -> None:
-    """Stage 4: write a split's six list files as the VOID release has them and the two triplet lists.
+    """Stage 4: write a split's six list files, as in the VOID release, and its two triplet lists.
 
-    A line of a list file names one target frame's file, from the dataset's own folder name on. A line of a triplet
-    list names the images of a target and of its source frames, separated by tabs. The six lists and that of the recent
-    source frames have the same order; that of the source frames by baseline has targets of its own, since a frame may
-    have moved against one kind of source frames and not against the other.
+    Each line of a list file is the path of a target frame's file, relative to the dataset's parent folder. Each line of
+    a triplet list contains the image paths of a target and its source frames, separated by tabs. The six lists and the
+    triplet list of recent source frames have the same targets in the same order; the list by baseline has its own
+    targets, since verification depends on the source frames.
 
     Args:
-        dataset: the dataset's folder, as it is now.
-        name: the name of that folder once it is complete.
+        dataset: the dataset's current folder.
+        name: the final name of that folder.
         split: "train", "validation" or "test".
-        verdicts: of each sequence, by its name.
+        verdicts: the verdicts of each sequence, by its name.
     """
     lines: dict[str, list[str]] = {kind: [] for kind in (*PUBLISHED_KINDS, "intrinsics", *TRIPLET_LISTS.values())}
     for sequence, verdict in verdicts.items():
@@ -244,7 +244,7 @@ def _check_names(spec: DatasetSpec, names: list[str]) -> None:
 
 
 class _Clock:
-    """Seconds of each stage in this run; a resumed build counts from where it was resumed."""
+    """Measures the seconds of each stage; only this run's, if the build was resumed."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

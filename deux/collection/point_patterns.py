@@ -1,6 +1,6 @@
-"""Sparse depth as other sensors have it: which pixels of a depth map are measured, and how wrongly.
+"""Simulated sparse depth of different sensors: patterns of measured pixels, and measurement errors.
 
-`deux.collection.sparse` has the corners of the paper; these patterns are for models that are to work with any sensor.
+`deux.collection.sparse` samples the paper's corners; these patterns are for models that should work with any sensor.
 """
 
 from typing import Literal, get_args
@@ -10,14 +10,14 @@ import numpy as np
 from deux.collection.sparse import SparseSettings, sample_sparse
 
 Pattern = Literal["corners", "uniform", "grid", "lines", "clusters"]
-"""Where the points lie: at Harris corners, as visual odometry has them; anywhere; on a grid, as a time-of-flight sensor
-has them; on scan lines, as a LiDAR has them; in clusters, as features on a few textured objects."""
+"""Where the points lie: at Harris corners, as in visual odometry; uniformly distributed; on a grid, as in a
+time-of-flight sensor; on scan lines, as in a LiDAR; in clusters, as features on a few textured objects."""
 
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
 """All patterns."""
 
 CORNER_CHOICE = 1.5
-"""Corners among which the points are drawn, for each point: a tracker does not keep the same ones in every frame."""
+"""Candidate corners per drawn point: a tracker does not keep the same corners in every frame."""
 
 POINTS_OF_A_CLUSTER = 12
 """Mean number of points in a cluster."""
@@ -26,10 +26,10 @@ CLUSTER_SPREAD = 0.06
 """Standard deviation of a cluster's points from its centre, as a fraction of the image's shorter side."""
 
 LINE_RATIO = 3.0
-"""Distance between scan lines, in distances between the points on a line."""
+"""Distance between scan lines, relative to the distance between points on a line."""
 
 LARGEST_TILT = 0.1
-"""Slope of scan lines: a robot's LiDAR is not quite level."""
+"""Largest slope of scan lines: a robot's LiDAR is not exactly level."""
 
 OUTLIER_FACTOR = 2.5
 """An outlier's depth is the true one times up to this factor, or divided by it."""
@@ -41,12 +41,12 @@ def draw_points(
     """Keep the depth at about `count` pixels.
 
     Args:
-        pattern: where they lie.
-        image: H x W x 3 uint8; only corners look at it.
-        depth: H x W float32 metres, 0 = none; no point lies there.
-        count: number of points, 1 or more. Grids and lines hit it on average over images without holes; fewer come out
-            where pixels without depth are hit, or where there are fewer pixels with depth.
-        rng: of all that is drawn.
+        pattern: where the points lie.
+        image: H x W x 3 uint8; used for corners only.
+        depth: H x W float32 metres, 0 = none.
+        count: number of points, 1 or more. Grids and lines have this number on average in images without missing depth;
+            points at pixels without depth are dropped.
+        rng: source of randomness.
 
     Returns:
         H x W float32 metres, 0 = none.
@@ -74,16 +74,16 @@ def draw_points(
 
 
 def disturb(sparse_depth: np.ndarray, noise: float, outliers: float, rng: np.random.Generator) -> np.ndarray:
-    """Measure wrongly: d (1 + e) with e from N(0, noise^2), and some points by a factor of up to `OUTLIER_FACTOR`.
+    """Add measurement errors: d (1 + e) with e from N(0, noise^2), and outliers by factors up to `OUTLIER_FACTOR`.
 
     Args:
         sparse_depth: H x W float32 metres, 0 = none.
         noise: standard deviation relative to the depth.
         outliers: fraction of the points, rounded, whose depth is multiplied by exp(u), u uniform in [-log f, log f].
-        rng: of all that is drawn.
+        rng: source of randomness.
 
     Returns:
-        H x W float32 metres; the points are where they were.
+        H x W float32 metres, with points at the same pixels.
     """
     points = np.flatnonzero(sparse_depth)
     values = sparse_depth.flat[points].astype(np.float64)
@@ -102,7 +102,7 @@ def _corners(image: np.ndarray, depth: np.ndarray, count: int, rng: np.random.Ge
 
 
 def _grid(shape: tuple[int, ...], count: int, rng: np.random.Generator) -> np.ndarray:
-    """Rows and columns at equal distances, the first at random."""
+    """Rows and columns at equal distances, with a random offset."""
     height, width = shape
     step = max(1.0, np.sqrt(height * width / count))
     rows, columns = (np.arange(rng.uniform(0, min(step, side)), side, step).astype(int) for side in shape)
@@ -110,7 +110,7 @@ def _grid(shape: tuple[int, ...], count: int, rng: np.random.Generator) -> np.nd
 
 
 def _lines(shape: tuple[int, ...], count: int, rng: np.random.Generator) -> np.ndarray:
-    """Nearly horizontal lines at equal distances, with points at equal distances on each, the first at random."""
+    """Nearly horizontal lines at equal distances, with points at equal distances on each, with random offsets."""
     height, width = shape
     step = max(1.0, np.sqrt(height * width / count / LINE_RATIO))
     gap = min(max(1.0, height * width / count / step), height)
@@ -125,12 +125,12 @@ def _lines(shape: tuple[int, ...], count: int, rng: np.random.Generator) -> np.n
 
 
 def _phased(lines: int, width: int, step: float, rng: np.random.Generator) -> np.ndarray:
-    """Columns of the points on each line, L x P; those beyond the image are left out later."""
+    """Columns of the points on each line, L x P; some may lie beyond the image."""
     return rng.uniform(0, step, (lines, 1)) + np.arange(0, width, step)[None]
 
 
 def _clusters(depth: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Normally distributed points around pixels with depth, as many as are asked for if there is room around them."""
+    """Normally distributed points around random pixels with depth; fewer than `count` if there is no room."""
     height, width = depth.shape
     known = np.flatnonzero(depth)
     if not len(known):

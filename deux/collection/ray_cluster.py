@@ -20,20 +20,20 @@ except ImportError as error:
 log = logging.getLogger(__name__)
 
 _ATTEMPTS = 3
-"""Of starting Ray on this machine: with a busy neighbour it may take longer than Ray waits."""
+"""Attempts to start Ray on this machine; on a busy machine, starting may take longer than Ray's own timeout."""
 
 
 @contextmanager
 def connected(address: str | None) -> Iterator[None]:
-    """Connect to a Ray cluster, in silence, unless this process is part of one.
+    """Connect to a Ray cluster without console output, unless this process is already connected.
 
     Raises:
-        DeuxError: there is none at the address.
+        DeuxError: there is no cluster at the address.
     """
     if ray.is_initialized():
         yield
         return
-    # Where a machine is lost, Ray prints the end of its log to the console.
+    # When a machine is lost, Ray prints the end of its log to the console.
     with patch("ray._private.worker.print_to_stdstream", _to_log):
         _connect(address)
         try:
@@ -53,7 +53,7 @@ def _connect(address: str | None) -> None:
         try:
             ray.init(address or "local", log_to_driver=False, logging_level=logging.ERROR, **settings)
             break
-        except Exception as error:  # Ray raises Exception itself where its processes do not come up in 30 s
+        except Exception as error:  # Ray raises a bare Exception if its processes do not start within 30 s
             ray.shutdown()
             reason = str(error).splitlines()[0].split(". ")[0].rstrip(".")
             if address is None and attempt < _ATTEMPTS - 1:
@@ -66,7 +66,7 @@ def _connect(address: str | None) -> None:
                 "`ray start --head`."
             ) from error
     if terminate is not None and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, terminate)  # Ray's own outlives the connection
+        signal.signal(signal.SIGTERM, terminate)  # Ray's handler would remain after disconnecting
 
 
 def _check_answers(address: str) -> None:
@@ -77,16 +77,16 @@ def _check_answers(address: str) -> None:
     except (OSError, ValueError) as error:
         raise DeuxError(
             f"collect.executor_options.address is {address!r}, but no Ray cluster answers there ({error}): it must be "
-            "the host:port that `ray start --head` has told."
+            "the host:port that `ray start --head` printed."
         ) from error
 
 
 def room(cpus: int, gpus: float) -> int:
-    """The number of workers that the machines of the cluster hold, whatever else runs there.
+    """The number of workers that fit on the machines of the cluster, ignoring what else runs there.
 
     Args:
-        cpus: cores that each worker takes.
-        gpus: share of a graphics card that each worker takes.
+        cpus: cores of each worker.
+        gpus: share of a GPU of each worker.
     """
     return sum(
         min(
@@ -99,5 +99,5 @@ def room(cpus: int, gpus: float) -> int:
 
 
 def _to_log(data: dict[str, Any], ignore_prefix: bool) -> None:
-    """In place of Ray's function that prints what its processes say."""
+    """Replacement of Ray's function that prints its processes' output."""
     log.debug("Ray: %s", "\n".join(data["lines"]))

@@ -20,31 +20,31 @@ from deux.io.processes import Count
 log = logging.getLogger(__name__)
 
 _PARTS_AHEAD = 8
-"""Parts of its results that a worker may be ahead of this process."""
+"""Number of result parts that a worker may produce before this process has read them."""
 
 _PATIENCE = 30.0
-"""Seconds without any worker after which the log says what is being waited for."""
+"""Seconds without any ready worker after which a warning is logged."""
 
 _VISIBLE_AFTER = 60.0
-"""Seconds that a shared folder has for showing here what another machine has written."""
+"""Seconds within which files that another machine wrote to shared storage must become visible here."""
 
 
 class RayExecutor:
-    """Runs jobs on a Ray cluster: each worker is a process that loads the depth model once and takes job after job.
+    """Runs jobs on a Ray cluster, whose workers load the depth model once and run one job after the other.
 
-    A worker that dies, or whose machine does, is replaced and its job is done again. The frames are the same as those
-    of one process. Machines of the cluster need the same packages as this one; scenes that lie in files here are sent
-    to them, once to each machine, but simulators that read files themselves (habitat) need shared storage.
+    If a worker or its machine dies, it is replaced and its job is run again. The frames are the same as those of a
+    single process. All machines need the same versions of packages. Scenes in files of this machine are sent once to
+    each other machine, but simulators that read files themselves (habitat) need shared storage.
 
     Args:
-        address: the cluster: null starts one of this machine alone, for as long as it is needed; "auto" takes the one
-            that `ray start` has made this machine a part of; or the host:port of its head.
-        workers: number of processes; null takes as many as the cluster has room for.
-        cpus: CPU cores that each worker reserves, and the threads that it computes with.
-        gpus: share of a graphics card that each worker reserves: 0.25 puts four workers on a card.
-        results: "streamed" sends the frames back here as they come, and this process writes them; "shared" lets the
-            workers write to the dataset's folder, which all machines must see under the same path.
-        attempts: how many workers a job may cost until collection ends with an error.
+        address: the cluster: null starts a temporary one on this machine, "auto" uses the one that this machine joined
+            by `ray start`; or the host:port of the head node.
+        workers: number of processes; null for as many as fit on the cluster.
+        cpus: CPU cores, and threads, of each worker.
+        gpus: share of a GPU that each worker reserves: with 0.25, four workers share a GPU.
+        results: "streamed" sends frames to this process, which writes them; "shared" lets the workers write to the
+            dataset's folder, which must have the same path on all machines.
+        attempts: number of workers that may die running the same job before collection ends with an error.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -71,10 +71,10 @@ class RayExecutor:
         self.results, self.attempts = results, attempts
 
     def __call__(self, run: JobRunner[P], jobs: Sequence[Job[P]], count: Count) -> None:
-        """Run all jobs; as `deux.collection.jobs.Executor`.
+        """Run all jobs; see `deux.collection.jobs.Executor`.
 
         Raises:
-            DeuxError: there is no such cluster or no room on it, a job failed, or it has cost too many workers.
+            DeuxError: there is no such cluster or no room on it, a job failed, or too many workers died running it.
         """
         if not jobs:
             return
@@ -88,14 +88,14 @@ class RayExecutor:
 
 @dataclass(eq=False)
 class _Task:
-    """A job, and how far it is.
+    """A job and its progress.
 
     Args:
-        job: its plans.
-        attempts: number of workers that have begun it.
-        done: what the attempt that is under way has done, as progress counts it.
-        counted: what was counted: the most that an attempt has done.
-        known: for each plan, whether it was finished before the attempt began.
+        job: the job.
+        attempts: number of workers that have started it.
+        done: progress of the current attempt.
+        counted: progress reported so far: the maximum over all attempts.
+        known: for each plan, whether it was finished before the current attempt.
     """
 
     job: Job[Any]
@@ -108,16 +108,16 @@ class _Task:
         return str(self.job)
 
     def begin(self, streamed: bool) -> None:
-        """Note a new attempt, which begins unfinished plans anew if the worker cannot see what there is of them."""
+        """Start a new attempt; with streamed results, unfinished plans start anew: workers cannot see their files."""
         self.attempts += 1
         self.done = 0
         self.known = tuple(plan.finished for plan in self.job.plans)
         for plan, known in zip(self.job.plans, self.known, strict=True):
-            if streamed and not known:  # another kind of CPU may lead the robot elsewhere: frames must not mix
+            if streamed and not known:  # on another CPU the robot may take another path
                 shutil.rmtree(plan.folder, ignore_errors=True)
 
     def add(self, part: JobPart) -> int:
-        """Write a part's files; return how much farther it is than any attempt before."""
+        """Write a part's files; return the progress beyond that of all attempts so far."""
         for plan, name, content in part.files:
             if not self.known[plan]:
                 path = self.job.plans[plan].folder / name
@@ -131,14 +131,14 @@ class _Task:
 
 @dataclass(eq=False)
 class _Worker:
-    """A worker as this process sees it.
+    """This process's view of a worker.
 
     Args:
-        actor: made of `JobWorker`.
-        checked: the reference to its machine's name.
-        awaited: that it has loaded the model, then the next part of its job; None if it has nothing to do.
+        actor: Ray actor of `JobWorker`.
+        checked: reference to the result of `check`, its machine's name.
+        awaited: reference to the result of `load`, then to the next part of its job; None if it is idle.
         machine: the name of its machine, once it has started.
-        task: what it is at.
+        task: its current task.
     """
 
     actor: Any
@@ -149,7 +149,7 @@ class _Worker:
 
 
 class _Collection:
-    """Hands out jobs until all are done; arguments as of `RayExecutor`."""
+    """Distributes jobs to workers until all are done; arguments as for `RayExecutor.__call__`."""
 
     def __init__(self, settings: RayExecutor, run: JobRunner[Any], jobs: Sequence[Job[Any]], count: Count) -> None:
         self._settings, self._count = settings, count
@@ -158,10 +158,10 @@ class _Collection:
         if not there and settings.workers is None:
             raise DeuxError(
                 f"The Ray cluster has no machine with {settings.cpus} CPUs and {settings.gpus:g} graphics cards, which "
-                "collect.executor_options asks for each worker."
+                "collect.executor_options requires for each worker."
             )
         workers = settings.workers or there
-        if not settings.gpus:  # a card, which this process may lack, predicts whole batches
+        if not settings.gpus:  # on a GPU, which this process may lack, larger batches are faster
             jobs = share_out(jobs, workers, count)
         self._most = min(workers, len(jobs))
         self._run = ray.put(run)
@@ -170,10 +170,10 @@ class _Collection:
         self._tasks = deque(_Task(job) for job in jobs)
         self._workers: list[_Worker] = []
         self._never_started = 0
-        self._heard = time.monotonic()
+        self._last_ready = time.monotonic()
 
     def run(self) -> None:
-        """Until all jobs are done."""
+        """Run until all jobs are done."""
         while self._tasks or self._at_work:
             self._start_workers()
             awaited = {worker.awaited: worker for worker in self._workers if worker.awaited is not None}
@@ -181,7 +181,7 @@ class _Collection:
             for reference in ready:
                 worker = awaited[reference]
                 try:
-                    self._hear(worker)
+                    self._receive(worker)
                 except ray.exceptions.RayTaskError as error:
                     if isinstance(error.cause, DeuxError):
                         raise DeuxError(str(error.cause)) from None
@@ -190,7 +190,7 @@ class _Collection:
                     self._lose(worker, error.cause)
                 except ray.exceptions.RayError as error:
                     self._lose(worker, error)
-            self._watch(bool(ready))
+            self._warn_without_workers(bool(ready))
 
     def close(self) -> None:
         """End all workers."""
@@ -203,7 +203,7 @@ class _Collection:
         return sum(worker.task is not None for worker in self._workers)
 
     def _start_workers(self) -> None:
-        """Start workers for the jobs that wait, if there are none with nothing to do."""
+        """Give waiting jobs to idle workers, and start new workers for the others."""
         for worker in self._workers:
             if self._tasks and worker.awaited is None:
                 self._next_task(worker)
@@ -214,8 +214,8 @@ class _Collection:
             checked = actor.check.remote(self._versions)
             self._workers.append(_Worker(actor, checked, actor.load.remote(self._run)))
 
-    def _hear(self, worker: _Worker) -> None:
-        """Take what a worker has to say, and tell it what to do next.
+    def _receive(self, worker: _Worker) -> None:
+        """Process a worker's result, and give it its next job if it has finished one.
 
         Raises:
             RayError: it has failed or died.
@@ -235,7 +235,7 @@ class _Collection:
             self._count(worker.task.add(part))
 
     def _next_task(self, worker: _Worker) -> None:
-        """Give a worker the next job; where there is none it is kept, as another worker may still die."""
+        """Give a worker the next job; without one it stays idle, to replace other workers that die."""
         if not self._tasks:
             worker.task = worker.awaited = None
             return
@@ -250,8 +250,8 @@ class _Collection:
         while not task.job.finished:
             if time.monotonic() > until:
                 raise DeuxError(
-                    f"A worker has finished {task}, but nothing of it has appeared in {task.job.plans[0].folder}: that "
-                    "is no storage that the machines share, so set collect.executor_options.results=streamed."
+                    f"A worker has finished {task}, but its files have not appeared in {task.job.plans[0].folder}: "
+                    "that is not shared storage, so set collect.executor_options.results=streamed."
                 )
             for plan in task.job.plans:  # listing a folder makes NFS look for new files
                 os.listdir(plan.folder.parent)
@@ -273,18 +273,18 @@ class _Collection:
             return
         if task.attempts >= self._settings.attempts:
             raise DeuxError(
-                f"{task} has cost {task.attempts} workers, the last one on {worker.machine}: if memory ran out, let "
-                "fewer run on a machine with more collect.executor_options.cpus for each; what is finished is kept."
+                f"{task.attempts} workers died running {task}, the last one on {worker.machine}: if memory ran out, "
+                "run fewer on each machine by raising collect.executor_options.cpus; finished work is kept."
             )
-        log.warning("The worker on %s is lost; %s is done again.", worker.machine, task)
+        log.warning("The worker on %s is lost; %s is run again.", worker.machine, task)
         log.info("The worker on %s is lost: %s", worker.machine, error)
         self._tasks.appendleft(task)
 
-    def _watch(self, heard: bool) -> None:
-        """Say after a while that no worker has been heard of."""
-        if heard or self._at_work:
-            self._heard = time.monotonic()
-        elif time.monotonic() - self._heard > _PATIENCE:
+    def _warn_without_workers(self, received: bool) -> None:
+        """Log a warning if no worker has been ready for some time."""
+        if received or self._at_work:
+            self._last_ready = time.monotonic()
+        elif time.monotonic() - self._last_ready > _PATIENCE:
             there = room(self._settings.cpus, self._settings.gpus)
             log.warning("No worker is ready yet: the Ray cluster has room for %d if nothing else runs there.", there)
-            self._heard = time.monotonic() + 20 * _PATIENCE
+            self._last_ready = time.monotonic() + 20 * _PATIENCE

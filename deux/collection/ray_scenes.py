@@ -1,4 +1,4 @@
-"""Scenes that lie in files of one machine, for the other machines of a Ray cluster."""
+"""Sends scenes in files of one machine to the other machines of a Ray cluster."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -20,16 +20,16 @@ _LOADS_AT_A_TIME = 4
 
 @dataclass(frozen=True)
 class SentScene(SceneReference):
-    """A scene that is loaded on the machine of its files and fetched from there, once by each machine.
+    """A scene that is loaded on the machine that has its files, and fetched once by each other machine.
 
-    The arrays of the scene that `load` returns lie in memory that the processes of a machine share, and are read-only.
-    Simulators that read the file themselves find it only where the machines share their storage.
+    The arrays of the loaded scene are read-only and in memory that the processes of a machine share. Simulators that
+    read the file themselves need shared storage.
 
     Args:
         name: the scene's name.
-        original: the reference that loads it where the files are.
-        made_from: its identity, known without the files.
-        store: the actor made of `SceneStore`.
+        original: the reference that loads it on the machine of its files.
+        made_from: its identity, so that the files are not needed.
+        store: Ray actor of `SceneStore`.
     """
 
     original: SceneReference
@@ -57,7 +57,7 @@ class SentScene(SceneReference):
         return self.original.scale
 
     def load(self) -> Scene:
-        """Fetch the scene, which is loaded now unless another worker has asked for it before.
+        """Fetch the scene; it is loaded now unless another worker has requested it before.
 
         Raises:
             DeuxError: it cannot be loaded.
@@ -73,7 +73,7 @@ class SentScene(SceneReference):
 
 
 class SceneStore:
-    """Loads scenes into Ray's object store, each once. An actor on the machine of the files is made of it."""
+    """Loads scenes into Ray's object store, each once. It runs as an actor on the machine of the files."""
 
     def __init__(self) -> None:
         self._guard = Lock()
@@ -81,7 +81,7 @@ class SceneStore:
         self._kept: dict[SceneReference, Any] = {}
 
     def scene(self, reference: SceneReference) -> list[Any]:
-        """The scene's place in the object store, in a list, without which Ray would send the scene itself.
+        """A reference to the scene in the object store; in a list, since Ray would otherwise resolve it.
 
         Raises:
             DeuxError: it cannot be loaded.
@@ -94,15 +94,15 @@ class SceneStore:
             return [self._kept[reference]]
 
     def forget(self, reference: SceneReference) -> None:
-        """Give the scene's memory back as soon as no worker uses it."""
+        """Free the scene's memory as soon as no worker uses it."""
         self._kept.pop(reference, None)
 
 
 class SceneSender:
-    """Replaces references to scenes in files by such as work on every machine of the cluster.
+    """Replaces references to scenes in files by ones that work on every machine of the cluster.
 
     Args:
-        scenes: those of all jobs, one for each episode.
+        scenes: the scenes of all jobs, one for each episode.
     """
 
     def __init__(self, scenes: Sequence[SceneReference]) -> None:
@@ -121,7 +121,7 @@ class SceneSender:
             self._store = actor.remote()
 
     def sent(self, scene: SceneReference) -> SceneReference:
-        """The reference that a worker gets; a scene in no file is made on the worker's machine."""
+        """The reference to send to a worker; a scene without a file is generated on the worker's machine."""
         if scene.file is None:
             return scene
         if scene not in self._sent:
@@ -129,7 +129,7 @@ class SceneSender:
         return self._sent[scene]
 
     def done(self, scene: SceneReference) -> None:
-        """Note that an episode in the scene is over; after the last one its memory is given back."""
+        """Note the end of an episode in the scene; after the last one, its memory is freed."""
         self._episodes[scene] -= 1
         if scene in self._sent and not self._episodes[scene]:
             self._store.forget.remote(scene)
@@ -141,7 +141,7 @@ class SceneSender:
 
 
 def _without_textures(scene: Scene) -> Scene:
-    """The scene without the textures that its mip pyramids hold too."""
+    """The scene without the textures that are also in its mip pyramids."""
     mesh = scene.mesh
     if mesh.pyramids is None:
         return scene

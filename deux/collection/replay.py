@@ -1,4 +1,4 @@
-"""A stored episode step by step, as its explorer went through it: for whoever wants to see why it went there."""
+"""Replays a stored episode step by step, to show why its explorer acted as it did."""
 
 from collections.abc import Iterator
 
@@ -16,7 +16,7 @@ from deux.io.layout import SequencePaths
 
 
 class ReplayDiverged(DeuxError):
-    """An explorer goes another way than in the episode that it takes again."""
+    """An explorer acts differently than in the episode that is replayed."""
 
 
 def replay(
@@ -27,41 +27,41 @@ def replay(
     make_explorer: MakeExplorer,
     perception: Perception | None = None,
 ) -> Iterator[Step]:
-    """Run a finished episode again on its stored frames: the explorer, and its map, at each step.
+    """Run the explorer of a finished episode again on its stored frames, and yield each step.
 
-    Nothing is rendered and nothing is written. An explorer is decided by its seed and by what it sees, so that it takes
-    the same actions; the depth model, if it needs one, predicts again. On a card its predictions differ in their last
-    bits with the number of frames that are predicted together, here one, and the explorer may come to go another way.
+    Nothing is rendered or written. An explorer's actions depend only on its seed and observations, so that it repeats
+    them; its depth model, if any, predicts again. On a GPU, the last bits of predictions depend on the batch size,
+    which is one here, so that the explorer may diverge.
 
     Args:
         sequence: a collected episode.
         scene: the scene it took place in.
-        steps: number of actions that it was given.
-        make_simulator: makes the simulator of the scene, as it was made then.
-        make_explorer: likewise the explorer.
-        perception: likewise the depth model; None for explorers that need none.
+        steps: the episode's maximal number of actions.
+        make_simulator: creates the simulator of the scene, as for the collection.
+        make_explorer: creates the explorer, as for the collection.
+        perception: the depth model, as for the collection; None for explorers that need none.
 
     Raises:
-        ReplayDiverged: the explorer goes another way; after the steps in which it did not.
+        ReplayDiverged: the explorer acts differently; raised after the steps that agree.
         DeuxError: the episode is not finished.
     """
     try:
         record = read_json_object(sequence.folder / "episode.json")
         seed, floor = int(record["seed"]), int(record["floor"])
     except (DeuxError, ValueError, KeyError, TypeError, OverflowError) as error:
-        raise DeuxError(f"{sequence.folder} holds no finished episode that could be watched.") from error
+        raise DeuxError(f"{sequence.folder} holds no finished episode to replay.") from error
     explorer = make_explorer()
     labels = Need.LABELS in explorer.needs
     reason = "so something that made it has changed"
     if perception is not None and not perception.batch_invariant:
-        reason = "as the depth model here predicts a frame a little differently beside others than alone"
+        reason = "as the depth model's predictions here depend slightly on the batch size"
 
     def stored(number: int, pose: np.ndarray) -> Frame:
         frame = read_frame(sequence, number, labels)
         if frame is None or not np.array_equal(frame.pose, pose):
             raise ReplayDiverged(
-                f"{sequence.folder} cannot be watched beyond step {number}: the explorer now goes another way than "
-                f"when it was collected, {reason}."
+                f"{sequence.folder} cannot be replayed beyond step {number}: the explorer acts differently than when "
+                f"it was collected, {reason}."
             )
         return frame
 

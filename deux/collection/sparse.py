@@ -1,4 +1,4 @@
-"""Stage 2: sparse depth, as a visual odometry system would have it, at Harris corners."""
+"""Stage 2: sparse depth at Harris corners, as a visual odometry system would measure it."""
 
 import os
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ from deux.io.layout import SequencePaths
 from deux.io.progress import Progress, ignore_progress
 
 _GRID = 8
-"""Corners are spread over a grid of this many cells along either side of the image."""
+"""Number of cells along each side of the grid over which corners are spread."""
 
 _QUALITY = 1e-4
-"""A corner is strong from this part of the image's greatest response on; weaker ones come later."""
+"""Least response of a strong corner, relative to the image's maximum; weaker corners are chosen later."""
 
 _SHARE = 256
-"""Frames that a pool of threads is given at once."""
+"""Number of frames that are submitted to the thread pool at once."""
 
 
 @dataclass(frozen=True)
@@ -43,17 +43,17 @@ class SparseSettings:
 
 
 def point_count(shape: tuple[int, int], settings: SparseSettings) -> int:
-    """Number of sparse points that a frame of H x W pixels is to have."""
+    """Number of sparse points to sample in a frame of H x W pixels."""
     return round(settings.density * shape[0] * shape[1])
 
 
 def sample_sparse(image: np.ndarray, depth: np.ndarray, settings: SparseSettings) -> np.ndarray:
     """Keep the depth at the image's Harris corners (Harris and Stephens, 1988).
 
-    Corners are local maxima of the response where depth is known. They are taken in turn from the cells of a
-    grid, each cell's strongest first and weak ones later, so that one rich texture does not take them all; other
-    pixels fill up the count, so that it is reached wherever enough pixels have depth. The result depends on the
-    arguments alone: exploration and the stored files see the same points.
+    Corners are local maxima of the response at pixels with depth. They are chosen from the cells of a grid in turn,
+    the strongest of each cell first and weak ones later, so that not all lie on one rich texture. If there are too few,
+    other pixels with depth are added. The result depends only on the arguments, so that exploration and stored files
+    have the same points.
 
     The published set-up code of the depth models instead clusters the pixels of most negative response (edges, by
     an ascending sort) with scikit-learn's MiniBatchKMeans. It is not reproduced here.
@@ -61,7 +61,7 @@ def sample_sparse(image: np.ndarray, depth: np.ndarray, settings: SparseSettings
     Args:
         image: H x W x 3 uint8.
         depth: H x W float32 metres, 0 = none.
-        settings: how many points.
+        settings: number of points.
 
     Returns:
         H x W float32 metres, 0 = none.
@@ -74,7 +74,7 @@ def sample_sparse(image: np.ndarray, depth: np.ndarray, settings: SparseSettings
     """
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     response = cv2.cornerHarris(gray, blockSize=3, ksize=3, k=0.04)
-    # The noise is far below any corner: it only decides, evenly, between the pixels of a surface without texture.
+    # The noise is far below any corner's response and only breaks ties between pixels without texture.
     score = response / max(float(response.max()), 1e-12) + _tie_breaker(gray.shape)
     score[depth <= 0] = -np.inf
     chosen = _spread_maxima(score, point_count(gray.shape, settings))
@@ -90,8 +90,8 @@ def sample_sequences(
 
     Args:
         found: the sequences.
-        settings: how many points.
-        progress: told the number of frames.
+        settings: number of points.
+        progress: called with the number of frames.
 
     Raises:
         DeuxError: an image or depth map cannot be read, or the disk is full.
@@ -101,8 +101,8 @@ def sample_sequences(
     def sample(task: tuple[SequencePaths, str]) -> None:
         _sample_frame(*task, settings)
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding and encoding release the interpreter's lock
-        # Not all at once: the pool keeps 2 kB for each frame that it is given.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding and encoding release the GIL
+        # In portions, since the pool keeps 2 kB for each submitted frame.
         shares = (tasks[first : first + _SHARE] for first in range(0, len(tasks), _SHARE))
         sampled = (done for share in shares for done in pool.map(sample, share))
         for number, _ in enumerate(sampled, start=1):
@@ -121,17 +121,17 @@ def _sample_frame(paths: SequencePaths, frame: str, settings: SparseSettings) ->
     for kind in ("sparse_depth", "validity_map"):
         make_folder(paths.folder / kind)
     write_depth(paths.file("sparse_depth", frame), sparse)
-    # The release stores validity as a depth map of ones.
+    # VOID stores validity as a depth map of ones.
     write_depth(paths.file("validity_map", frame), (sparse > 0).astype(np.float32))
 
 
 def _spread_maxima(score: np.ndarray, count: int) -> np.ndarray:
-    """Flat indices of `count` pixels of finite score (or all of them, if fewer), in the order of preference."""
+    """Flat indices of `count` pixels with finite score, or of all if there are fewer, in order of preference."""
     maxima = np.flatnonzero((score == cv2.dilate(score, np.ones((3, 3)))) & np.isfinite(score))
     maxima = maxima[np.argsort(-score.flat[maxima], kind="stable")]
     turn = _turn_in_cell(maxima, score.shape)
     weak = score.flat[maxima] < _QUALITY
-    # Weak ones wait for as many turns as an even spread would take; among equals the better score goes first.
+    # Weak corners come after the number of turns that an even spread would need; ties are broken by score.
     handicap = -(-count // _GRID**2)
     chosen = maxima[np.argsort(turn + weak * handicap, kind="stable")[:count]]
     if len(chosen) == count:
@@ -139,13 +139,13 @@ def _spread_maxima(score: np.ndarray, count: int) -> np.ndarray:
     others = np.isfinite(score).ravel()
     others[chosen] = False
     left = np.flatnonzero(others)
-    # Evenly spread rather than by score, whose next best are all neighbours of the maxima.
+    # In random order rather than by score, since the next best pixels are all neighbours of the maxima.
     preferred = np.argsort(_tie_breaker(score.shape).flat[left], kind="stable")[: count - len(chosen)]
     return np.concatenate([chosen, left[preferred]])
 
 
 def _turn_in_cell(pixels: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """How many pixels (flat indices, best first) of the same grid cell come before each of the pixels."""
+    """For each pixel (flat indices, best first), the number of earlier pixels in the same grid cell."""
     rows, columns = np.divmod(pixels, shape[1])
     cell = (rows * _GRID // shape[0] * _GRID + columns * _GRID // shape[1]).astype(np.uint8)
     order = np.argsort(cell, kind="stable")

@@ -1,4 +1,4 @@
-"""Everything that makes a dataset what it is, and the hash that names it."""
+"""The specification of a dataset: everything that determines its content, and the hash that names it."""
 
 import hashlib
 import json
@@ -18,20 +18,20 @@ from deux.scenes.splits import identity_of
 from deux.simulator.simulation import Simulation
 
 DATASET_VERSION = 6
-"""Raised by every change of the code that changes the datasets it makes."""
+"""Incremented by every code change that changes datasets."""
 
 VIEWPOINTS = "viewpoints"
-"""In place of an explorer's name: free poses spread uniformly over the scenes, for evaluation or as a ceiling."""
+"""In place of an explorer's name: free poses spread uniformly over the scenes, for evaluation or as an upper bound."""
 
 IDEAL_SOURCES = {"sources": "ideal"}
-"""The settings of `VIEWPOINTS` whose source frames are chosen by true depth around each viewpoint: the ceiling."""
+"""Settings of `VIEWPOINTS` for source frames chosen by true depth around each viewpoint: the upper bound."""
 
 Split = Literal["train", "validation", "test"]
 
 
 @dataclass(frozen=True)
 class DatasetSpec:
-    """What is collected, by whom and how.
+    """Specifies a dataset.
 
     Args:
         name: short name, the first part of the dataset's folder name.
@@ -40,13 +40,13 @@ class DatasetSpec:
         simulation: simulator, camera and robot.
         steps: actions, and so frames, of an episode; for `VIEWPOINTS` the number of viewpoints on each floor.
         episodes: episodes on each floor of each scene; a scene has one floor unless its `area` asks for all.
-        sparse: how many sparse points a frame has.
+        sparse: number of sparse points of a frame.
         verification: which frames are rejected.
         seed: seed of the starts, the explorers and the viewpoints.
-        model: what identifies the depth model that guides the explorer; None without one.
-        uncertainty: how that model's predictions are judged (Eq. 8); None without one.
-        correct_depth: whether the explorer is given that model's depth corrected by the sparse points.
-        batch_size: episodes that run in lock-step (`collect.batch_size`).
+        model: identity of the depth model that guides the explorer, or None.
+        uncertainty: uncertainty measure of that model's predictions (Eq. 8), or None.
+        correct_depth: whether the explorer receives that model's depth corrected by the sparse points.
+        batch_size: number of episodes that run in lock-step (`collect.batch_size`).
         split: the prefix of the list files.
         explorer_settings: all the explorer's options, defaults included; JSON values only.
     """
@@ -85,7 +85,7 @@ class DatasetSpec:
         }
 
     def key(self) -> str:
-        """Twelve hexadecimal digits that any change of the specification changes."""
+        """Hash of the specification, twelve hexadecimal digits."""
         canonical = json.dumps(self.description(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(canonical.encode()).hexdigest()[:12]
 
@@ -95,20 +95,20 @@ class DatasetSpec:
         return f"{self.name}-{self.key()}"
 
     def episode_seed(self, scene: SceneReference, episode: int) -> int:
-        """Seed of one episode. It depends on nothing but seed, scene and number: all explorers start alike."""
+        """Seed of one episode, which depends only on seed, scene and number: all explorers start at the same poses."""
         return episode_seed(self.seed, scene, episode)
 
 
 def episode_seed(seed: int, scene: SceneReference, episode: int) -> int:
-    """Seed of one episode. It depends on nothing but a run's seed, the scene and the episode's number there."""
+    """Seed of one episode, which depends only on the run's seed, the scene and the episode's number in it."""
     return zlib.crc32(f"{seed}/{identity_of(scene)}/{episode}".encode())
 
 
 def fingerprint_of(explorer: Explorer) -> str | None:
-    """What besides its options decides how an explorer acts, for `DatasetSpec.explorer_settings`; None for nothing.
+    """The `Explorer.fingerprint` of an explorer, for `DatasetSpec.explorer_settings`.
 
     Raises:
-        DeuxError: its `fingerprint` is no text.
+        DeuxError: it is not text or None.
     """
     found: object = explorer.fingerprint()
     if found is None or isinstance(found, str):
@@ -122,22 +122,22 @@ def _plain(area: SceneArea) -> dict[str, Any]:
 
 
 def place_name(scene: SceneReference, floor: int) -> str:
-    """The name under which what is recorded on one floor of a scene is kept: the scene's on its main floor."""
+    """The name of one floor of a scene, under which its frames are stored; for the main floor, the scene's name."""
     return scene.name if floor == 0 else f"{scene.name}-floor{floor}"
 
 
 def scene_of_place(place: str) -> str:
-    """The scene that a `place_name` is of: floors of one building are one scene.
+    """The scene of a `place_name`.
 
     Example:
         >>> scene_of_place("house_1-floor2"), scene_of_place("house_1")
         ('house_1', 'house_1')
     """
-    return re.sub(r"(-floor\d+)+$", "", place)  # twice where the scene's own name ends in it
+    return re.sub(r"(-floor\d+)+$", "", place)  # twice if the scene's own name ends like that
 
 
 def place_of_sequence(sequence: str) -> str:
-    """The `place_name` that a collected sequence's own name begins with, before the number of episode or viewpoint.
+    """The `place_name` of a collected sequence: its name without the number of the episode or viewpoint.
 
     Example:
         >>> place_of_sequence("house_1-floor1-02"), place_of_sequence("house_1-view0012")

@@ -1,4 +1,4 @@
-"""Arrays to and from the depth model's device, all in one transfer: each by itself would make the host wait."""
+"""Copies of several arrays to and from a device in one transfer, since each separate transfer makes the host wait."""
 
 from collections.abc import Sequence
 
@@ -7,18 +7,18 @@ import torch
 from torch import Tensor
 
 _ALIGNMENT = 16
-"""Bytes that the place of an array in the transfer is a multiple of, so that any type of number may be read there."""
+"""Alignment of the arrays in the transfer, in bytes; enough for any dtype."""
 
 
 def upload(arrays: Sequence[np.ndarray], device: torch.device) -> list[Tensor]:
-    """Copy arrays to a device; to a graphics card from pinned memory, without waiting for it.
+    """Copy arrays to a device; to a GPU from pinned memory, without waiting for the copy.
 
     Args:
-        arrays: of any shapes and types.
-        device: where the tensors are to be; on the CPU they are copies, too.
+        arrays: arrays of any shapes and types.
+        device: the device; on the CPU, the tensors are copies as well.
 
     Returns:
-        Tensors of the same shapes and types. They share their memory, but no part of it.
+        Tensors of the same shapes and types: disjoint parts of one block of memory.
     """
     sizes = [-(-array.nbytes // _ALIGNMENT) * _ALIGNMENT for array in arrays]
     places = [sum(sizes[:number]) for number in range(len(sizes))]
@@ -34,13 +34,13 @@ def upload(arrays: Sequence[np.ndarray], device: torch.device) -> list[Tensor]:
 
 
 def download(tensors: Sequence[Tensor]) -> list[np.ndarray]:
-    """Copy tensors to the host; waits once.
+    """Copy tensors to the host in one transfer.
 
     Args:
-        tensors: on one device, float32.
+        tensors: float32, on one device.
 
     Returns:
-        Arrays of the same shapes, each in memory of its own.
+        Arrays of the same shapes, which share no memory.
     """
     if not tensors:
         return []

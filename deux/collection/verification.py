@@ -1,4 +1,4 @@
-"""Stage 3: frames that a depth model cannot learn from, or be judged by, are rejected and the reason is kept."""
+"""Stage 3: rejects frames that are unsuitable for training or evaluation, and stores the reason."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ from deux.options import converted
 
 
 class Rejection(StrEnum):
-    """Why a frame is no target."""
+    """Why a frame is rejected as a target."""
 
     UNREADABLE = "unreadable"
     INCONSISTENT = "inconsistent"
@@ -37,14 +37,14 @@ class Rejection(StrEnum):
 
 @dataclass(frozen=True)
 class VerificationSettings:
-    """What a frame must have.
+    """The requirements on a target frame.
 
     Args:
-        min_points: least number of sparse points, as a fraction of those asked for (the published NYUv2 set-up
-            asks 1,100 of 1,500).
-        min_depth: least fraction of pixels with ground truth; not checked where a dataset has no ground truth.
-        min_distance: metres that the camera must have moved since one of the source frames, or
-        min_angle: degrees that it must have turned.
+        min_points: least number of sparse points, as a fraction of the requested number (the published NYUv2 setup
+            requires 1,100 of 1,500).
+        min_depth: least fraction of pixels with ground truth; not checked without ground truth.
+        min_distance: least distance in metres to one of the source frames, unless
+        min_angle: the camera has turned by at least this angle in degrees since that frame.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -63,12 +63,12 @@ class VerificationSettings:
 
 
 class Judged(NamedTuple):
-    """A target with the source frames that it was judged by.
+    """The verdict on a target, with its source frames.
 
     Args:
         sources: names of its source frames.
         rejection: why it is rejected, or None.
-        parallax: whether a source frame qualifies by `deux.geometry.source_frames.SourceRule`.
+        parallax: whether a source frame satisfies `deux.geometry.source_frames.SourceRule`.
     """
 
     sources: tuple[str, ...]
@@ -77,12 +77,16 @@ class Judged(NamedTuple):
 
 
 Verdicts = Mapping[SourceChoice, Mapping[str, Judged]]
-"""For each way to choose source frames, the judged targets of a sequence by name, in the order of time."""
+"""The verdicts on a sequence's targets by name, in the order of time, for each choice of source frames."""
+
+
+_RECENT = (-1, -2)
+"""The recent source frames, in frames from the target."""
 
 
 @dataclass(frozen=True)
 class _Checked:
-    """What was found of one frame by itself; no view if it could not be read."""
+    """The result of checking one frame by itself; without a view if it could not be read."""
 
     rejection: Rejection | None
     view: SourceView | None = None
@@ -92,32 +96,30 @@ def verify_sequences(
     found: Sequence[SequencePaths],
     settings: VerificationSettings,
     sparse: SparseSettings,
-    offsets: tuple[int, ...] = (-1, -2),
     every_frame: bool = True,
     progress: Progress = ignore_progress,
 ) -> dict[str, Verdicts]:
-    """Judge every frame by its source frames, and note the result in the sequence's `verification.json`.
+    """Verify every frame with its source frames, and store the verdicts in the sequence's `verification.json`.
 
-    It is judged twice: "recent" by the frames at the offsets, if it has them all, and "baseline" by those that
-    `deux.geometry.source_frames` chooses around it. A sequence that was judged before by the same settings is not read
+    Each frame is verified twice: "recent" by t-1 and t-2, if both exist, and "baseline" by the source frames that
+    `deux.geometry.source_frames` chooses around it. Sequences with verdicts for the same settings are not read
     again.
 
     Args:
         found: the sequences.
-        settings: what a frame must have.
-        sparse: how many sparse points were asked for.
-        offsets: the recent source frames, in frames from the target.
-        every_frame: whether frames without all their recent source frames may be targets by baseline; not so of
-            viewpoints, whose first frames were recorded to be source frames only.
-        progress: told the number of sequences.
+        settings: requirements on a frame.
+        sparse: requested number of sparse points.
+        every_frame: whether frames without recent source frames can be targets by baseline; false for viewpoints, whose
+            first frames serve only as source frames.
+        progress: called with the number of sequences.
 
     Returns:
         The verdicts of each sequence, by its name.
     """
     verdicts: dict[str, Verdicts] = {}
-    with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the interpreter's lock
+    with ThreadPoolExecutor(os.cpu_count()) as pool:  # decoding releases the GIL
         for done, paths in enumerate(found, start=1):
-            verdicts[paths.name] = _verify_sequence(paths, settings, sparse, offsets, every_frame, pool)
+            verdicts[paths.name] = _verify_sequence(paths, settings, sparse, every_frame, pool)
             progress("verification", done, len(found))
     return verdicts
 
@@ -126,12 +128,11 @@ def _verify_sequence(
     paths: SequencePaths,
     settings: VerificationSettings,
     sparse: SparseSettings,
-    offsets: tuple[int, ...],
     every_frame: bool,
     pool: ThreadPoolExecutor,
 ) -> Verdicts:
     record, rule = paths.folder / "verification.json", SourceRule()
-    made_by = {"settings": asdict(settings), "sparse": asdict(sparse), "offsets": list(offsets), "rule": asdict(rule)}
+    made_by = {"settings": asdict(settings), "sparse": asdict(sparse), "offsets": list(_RECENT), "rule": asdict(rule)}
     if record.exists():
         earlier = read_json_object(record)
         if earlier.get("made_by") == made_by:
@@ -144,7 +145,7 @@ def _verify_sequence(
     else:
         results = pool.map(lambda name: _check(paths, name, intrinsics, settings, sparse), frames)
         checked = dict(zip(frames, results, strict=True))
-    recent = {target: tuple(sources) for target, *sources in neighbours(frames, offsets)}
+    recent = {target: tuple(sources) for target, *sources in neighbours(frames, _RECENT)}
     chosen = _choose(frames, checked, rule, frames if every_frame else list(recent))
     verdicts: Verdicts = {
         "recent": {target: _judge(target, sources, checked, settings, rule) for target, sources in recent.items()},
@@ -156,7 +157,7 @@ def _verify_sequence(
 
 
 def _read_verdicts(stored: Any, record: Path) -> Verdicts:
-    """Verdicts as `verification.json` holds them."""
+    """Parse the verdicts of a `verification.json`."""
     kept = checked_record(stored, dict[str, dict[str, dict[str, Any]]], record)
 
     def judged(one: Mapping[str, Any]) -> Judged:
@@ -172,7 +173,7 @@ def _read_verdicts(stored: Any, record: Path) -> Verdicts:
 def _choose(
     frames: Sequence[str], checked: Mapping[str, _Checked], rule: SourceRule, targets: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
-    """The source frames by baseline of each target that has enough frames around it."""
+    """The source frames by baseline of each target for which suitable frames exist."""
     place = {name: number for number, name in enumerate(frames)}
     chosen: dict[str, tuple[str, ...]] = {}
     for name in targets:
@@ -192,7 +193,7 @@ def _choose(
 def _check(
     paths: SequencePaths, name: str, intrinsics: np.ndarray, settings: VerificationSettings, sparse: SparseSettings
 ) -> _Checked:
-    """Judge one frame by itself."""
+    """Check one frame by itself."""
     files = {kind: paths.file(kind, name) for kind in ("image", "sparse_depth", "validity_map", "ground_truth")}
     if not (paths.folder / "ground_truth").is_dir():
         del files["ground_truth"]
@@ -208,7 +209,7 @@ def _check(
     if any(depth.shape != image.shape[:2] for depth in maps.values()) or (points != (maps["validity_map"] > 0)).any():
         return _Checked(Rejection.INCONSISTENT)
     view = SourceView.of(pose, intrinsics, maps["sparse_depth"])
-    if (image == image[0, 0]).all():  # no photometric error tells one depth from another
+    if (image == image[0, 0]).all():  # the photometric error is the same for any depth
         return _Checked(Rejection.ONE_COLOR, view)
     if points.sum() < settings.min_points * point_count(points.shape, sparse):
         return _Checked(Rejection.TOO_FEW_POINTS, view)
@@ -224,7 +225,7 @@ def _judge(
     settings: VerificationSettings,
     rule: SourceRule,
 ) -> Judged:
-    """Judge a target together with its source frames, of which only image, pose and points are used."""
+    """Verify a target with its source frames, of which only image, pose and points are used."""
     views = []
     for name in (target, *sources):
         view = checked[name].view

@@ -1,7 +1,7 @@
-"""Frames that no explorer chose: free poses spread uniformly over a scene.
+"""Viewpoints: frames at free poses spread uniformly over a scene, chosen by no explorer.
 
-Each is recorded as a sequence of three frames whose last is the target. The two before it are those on the robot's way
-to it, or, of ideal viewpoints, the best pair of source frames among free poses around it.
+Each is stored as a sequence of three frames, whose last is the target. The other two precede it on a short path of the
+robot or, for ideal viewpoints, are the best pair of source frames among free poses around it.
 """
 
 import math
@@ -34,30 +34,30 @@ MOTIONS = (
     (Action.FORWARD, Action.LEFT),
     (Action.FORWARD, Action.RIGHT),
 )
-"""The two actions that may lead to a viewpoint; each moves the camera, so that the frames differ in parallax."""
+"""The pairs of actions that may lead to a viewpoint; each moves the camera, so that there is parallax."""
 
 _ATTEMPTS = 50
-"""Random poses that are tried in a viewpoint's own part of the floor, and then anywhere, before giving up."""
+"""Number of random poses that are tried in a viewpoint's own part of the floor, and then on the whole floor."""
 
 _CANDIDATES = 12
-"""Free poses around an ideal viewpoint among which its two source frames are chosen."""
+"""Number of poses around an ideal viewpoint from which its two source frames are chosen."""
 
 _FEW = 256
-"""Viewpoints in generated scenes that are made here rather than in processes, which take as long to start."""
+"""Fewer viewpoints than this in generated scenes are rendered in this process: starting others takes as long."""
 
 
 @dataclass(frozen=True)
 class ViewpointPlan(Plan):
-    """A viewpoint that is to be recorded, as a sequence of three frames.
+    """A viewpoint to record, as a sequence of three frames.
 
     Args:
         folder: where its sequence is written.
         scene: the scene.
         seed: seed of the poses, the same for all viewpoints of the floor.
         index: number of the viewpoint on its floor.
-        count: number of viewpoints that spread over the floor.
+        count: number of viewpoints on the floor.
         floor: the floor of the scene, an index into `Simulator.floors`.
-        ideal: whether its source frames are ideal ones instead of those on the robot's way.
+        ideal: whether its source frames are ideal instead of on a path of the robot.
     """
 
     seed: int
@@ -73,7 +73,7 @@ class ViewpointPlan(Plan):
 
     @property
     def paths(self) -> SequencePaths:
-        """Where the sequence's files lie."""
+        """The paths of the sequence's files."""
         return SequencePaths(self.folder)
 
     @property
@@ -93,7 +93,7 @@ def plan_viewpoints(
         seed: seed of the poses.
         count: number of viewpoints.
         floor: the floor of the scene, an index into `Simulator.floors`.
-        ideal: whether their source frames are ideal ones.
+        ideal: whether their source frames are ideal.
     """
     place = place_name(scene, floor)
     return tuple(
@@ -107,7 +107,7 @@ class ViewpointRunner:
     """Records the viewpoints of a job, floor by floor.
 
     Args:
-        make_simulator: makes the simulator of a scene; one for each floor.
+        make_simulator: creates the simulator of a scene, once for each floor.
     """
 
     make_simulator: MakeSimulator
@@ -116,8 +116,8 @@ class ViewpointRunner:
         """Render a job's viewpoints and write their files.
 
         Args:
-            job: the viewpoints, those of a floor one after the other.
-            count: told of viewpoints as they come.
+            job: the viewpoints, grouped by floor.
+            count: called for each viewpoint.
 
         Raises:
             DeuxError: a scene has no free floor, or no room for one step forward on it; or the disk is full.
@@ -131,7 +131,7 @@ class ViewpointRunner:
                 for plan in plans:
                     frames = draw(simulator, plan, parts)
                     prepare_folders(plan.paths, simulator.camera.intrinsics, labels=False)
-                    if plan.ideal and plan.index == 0:  # a training set is judged by its floor, which one of them holds
+                    if plan.ideal and plan.index == 0:  # one of them stores the floor, for evaluation
                         write_free_floor(plan.folder, simulator.free_space(plan.floor))
                     for number, frame in enumerate(frames):
                         writer.put(plan.paths, number, frame)
@@ -144,17 +144,16 @@ def collect_viewpoints(
     execute: Executor = run_here,
     progress: Progress = ignore_progress,
 ) -> None:
-    """Store each viewpoint as a sequence of three frames: the pose and the two before it, two actions back.
+    """Record each viewpoint as a sequence of three frames.
 
-    Viewpoints that an earlier run finished are not rendered again. What they see is not judged here: verification
-    rejects those that see too little.
+    Viewpoints on disk are not rendered again. Viewpoints that see too little are rejected later, by verification.
 
     Args:
-        floors: the viewpoints of each floor, as of `plan_viewpoints`.
-        make_simulator: makes the simulator of a scene.
-        execute: hands out the floors, or parts of them, unless they are few and their scenes in no file, which takes
-            seconds to load. The frames are the same wherever they are made.
-        progress: told the number of viewpoints.
+        floors: the viewpoints of each floor, from `plan_viewpoints`.
+        make_simulator: creates the simulator of a scene.
+        execute: runs the jobs, one or more for each floor; not used for few viewpoints in generated scenes, which load
+            fast. The frames do not depend on where they are rendered.
+        progress: called with the number of viewpoints.
 
     Raises:
         DeuxError: a scene has no free floor, or no room for one step forward on it; or the disk is full.
@@ -167,7 +166,7 @@ def collect_viewpoints(
 
 
 def _parts(simulator: Simulator, plan: ViewpointPlan) -> list[np.ndarray]:
-    """The cells of the floor from which each viewpoint is drawn."""
+    """The part of the floor, as cells, from which each viewpoint is drawn."""
     try:
         return stratify(simulator.free_space(plan.floor).free, plan.count)
     except DeuxError as error:
@@ -175,7 +174,7 @@ def _parts(simulator: Simulator, plan: ViewpointPlan) -> list[np.ndarray]:
 
 
 def _frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndarray]) -> list[Frame]:
-    """Draw poses in the viewpoint's part of the floor until the robot can come to one of them."""
+    """Draw poses in the viewpoint's part of the floor until the robot can reach one of them by a motion."""
     rng = np.random.default_rng([plan.seed, plan.index])
     space = simulator.free_space(plan.floor)
     for cells in (parts[plan.index], np.concatenate(parts)):
@@ -196,9 +195,9 @@ def _frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndarray]) 
 
 
 def _ideal_frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndarray]) -> list[Frame]:
-    """Draw poses in the viewpoint's part of the floor until two free poses around one are good source frames.
+    """Draw poses in the viewpoint's part of the floor until one has two good source frames among free poses around it.
 
-    Both meet `SourceRule`, with visibility by true depth, and are the pair with the highest score of those drawn.
+    These satisfy `SourceRule`, with visibility by true depth, and have the highest scores.
     """
     rng, rule = np.random.default_rng([plan.seed, plan.index]), SourceRule()
     space, intrinsics = simulator.free_space(plan.floor), simulator.camera.intrinsics
@@ -232,7 +231,7 @@ def _ideal_frames(simulator: Simulator, plan: ViewpointPlan, parts: list[np.ndar
 def _poses_around(
     target: tuple[float, float, float], rule: SourceRule, rng: np.random.Generator
 ) -> list[tuple[float, float, float]]:
-    """Random poses (x, z, yaw) at the rule's distances from the target, turned by half its largest angle at most."""
+    """Random poses (x, z, yaw) at the rule's distances from the target, turned by at most half its largest angle."""
     x, z, yaw = target
     distances = rng.uniform(rule.min_distance, rule.max_distance, _CANDIDATES)
     directions = rng.uniform(-math.pi, math.pi, _CANDIDATES)
@@ -246,7 +245,7 @@ def _poses_around(
 def poses_before(
     x: float, z: float, yaw: float, motion: Sequence[Action], robot: Robot
 ) -> list[tuple[float, float, float]]:
-    """The poses (x, z, yaw) from which `motion` leads to a final pose, first to last, that one included."""
+    """The poses (x, z, yaw) along `motion` that end at the given pose, first to last, including that one."""
     poses = [(x, z, yaw)]
     for action in reversed(motion):
         if action == Action.FORWARD:  # yaw 0 looks along -Z
@@ -266,7 +265,7 @@ def _is_free(space: FreeSpace, x: float, z: float) -> bool:
 def _camera_poses(
     simulator: Simulator, start: tuple[float, float, float], motion: Sequence[Action], floor: int
 ) -> np.ndarray | None:
-    """The camera's poses along a motion, N x 4 x 4, or None if something stood in the way."""
+    """The camera's poses along a motion, N x 4 x 4, or None if the robot collided."""
     simulator.reset(*start, floor)
     poses = [simulator.pose]
     for action in motion:

@@ -1,6 +1,6 @@
-"""The walk driver: explorers in simulators, several episodes in lock-step, for whoever follows their steps.
+"""Rollouts of explorers in simulators: several episodes in lock-step, as an iterator of their steps.
 
-Collector, comparison of explorers and study of uncertainty are all loops over `run_walks`. Nothing is written here.
+Collection, comparison of explorers and study of uncertainty are loops over `run_walks`. Nothing is written here.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -17,20 +17,20 @@ from deux.registry import registry
 from deux.simulator.starts import random_starts
 
 StoredFrames = Callable[[int, np.ndarray], Frame | None]
-"""The frames that an earlier run stored: number and camera pose to the frame, or None where it must be rendered."""
+"""Looks up a frame of an earlier run, by number and camera pose; returns None if it must be rendered."""
 
 
 class Walk:
     """One episode of one explorer.
 
     Args:
-        simulator: where it takes place; the robot is put at the start.
-        explorer: who chooses the actions; it is reset.
-        seed: of the start and of the explorer.
-        steps: number of actions; the last one is not carried out, as no frame would follow it.
+        simulator: the simulator; the robot is placed at the start.
+        explorer: the explorer; it is reset.
+        seed: seed of the start and of the explorer.
+        steps: number of actions; the last one is not executed, as no frame would follow it.
         floor: the floor on which it takes place, an index into `Simulator.floors`.
-        stored: frames of an earlier run, which are not rendered again; None if there are none. Simulator and explorer
-            take every step all the same, so whatever is random in them stands where it would in an unbroken run.
+        stored: frames of an earlier run, which are not rendered again; or None. Simulator and explorer still take every
+            step, so that their random state is the same as in an uninterrupted run.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Walk:
         self.explorer = explorer
         self.steps = steps
         self.actions: list[Action] = []
-        """What was chosen so far."""
+        """The actions chosen so far."""
         self.frames: tuple[Frame, ...] = ()
         """The latest frames, newest first, at most 1 + `SOURCES`."""
         self._stored = stored
@@ -54,7 +54,7 @@ class Walk:
         self._collided = False
         free_space = simulator.free_space(floor)
         self.start = random_starts(free_space, 1, np.random.default_rng(seed))[0]
-        """Where it began: world x and z in metres, and the heading in radians."""
+        """The start: world x and z in metres, and the heading in radians."""
         simulator.reset(*self.start, floor)
         shown = free_space if Need.FREE_SPACE in explorer.needs else None
         names = simulator.label_names if Need.LABELS in explorer.needs else ()
@@ -62,14 +62,14 @@ class Walk:
 
     @property
     def over(self) -> bool:
-        """Whether the last action is chosen."""
+        """Whether the last action has been chosen."""
         return len(self.actions) == self.steps or self.actions[-1:] == [Action.STOP]
 
     def observe(self) -> None:
-        """Take the next frame, in arrays of its own, the depth as the files of a dataset hold it.
+        """Record the next frame, in arrays of its own, with depth quantised as in a dataset's files.
 
         Raises:
-            DeuxError: the simulator's frame is not of its camera's size, or of other types.
+            DeuxError: the simulator's frame has the wrong size or types.
         """
         frame = self._stored(len(self.actions), self.simulator.pose) if self._stored else None
         self._rendered = frame is None
@@ -80,14 +80,14 @@ class Walk:
         self.frames = (frame, *self.frames[:SOURCES])
 
     def act(self, percept: Percept | None = None, seen: HostPercept | None = None) -> "Step":
-        """Let the explorer choose an action by the newest frame, and carry it out.
+        """Let the explorer choose an action for the newest frame, and execute it.
 
         Args:
-            percept: what the depth model makes of that frame; None without a model.
-            seen: what the explorer needs of it, in arrays of its own.
+            percept: the depth model's output for that frame; None without a model.
+            seen: the parts of it that the explorer needs, in arrays of its own.
 
         Raises:
-            DeuxError: what the explorer chose is no action.
+            DeuxError: the explorer did not return an action.
         """
         number, collided = len(self.actions), self._collided
         action = _action(self.explorer, number, self.explorer.act(self._observation(seen or HostPercept())))
@@ -97,7 +97,7 @@ class Walk:
         return Step(self, number, self.frames, self._rendered, collided, percept, action)
 
     def _observation(self, seen: HostPercept) -> Observation:
-        """Exactly what the explorer declared, in arrays of its own."""
+        """The observation with exactly what the explorer declared in `needs`, in arrays of its own."""
         needs, frame = self.explorer.needs, self.frames[0]
         judged = Need.RESIDUAL in needs
         return Observation(
@@ -116,16 +116,16 @@ class Walk:
 
 @dataclass(frozen=True)
 class Step:
-    """One step of a walk: a frame, and the action that the explorer chose by it.
+    """One step of a walk: a frame, and the action that the explorer chose for it.
 
     Args:
-        walk: whose step it is.
-        number: 0 for the first.
-        frames: the frame and those before it, newest first, at most 1 + `SOURCES`; their arrays stay as they are.
-        rendered: whether the frame was rendered now, and not read from those of an earlier run.
-        collided: whether the action before this frame was cut short by an obstacle.
-        percept: what the depth model makes of the frame; None without a model.
-        action: the explorer's choice. It is carried out unless it is the walk's last one.
+        walk: the walk.
+        number: number of the step, from 0.
+        frames: the frame and those before it, newest first, at most 1 + `SOURCES`; their arrays are never modified.
+        rendered: whether the frame was rendered, and not read from an earlier run.
+        collided: whether an obstacle stopped the action before this frame early.
+        percept: the depth model's output for the frame; None without a model.
+        action: the explorer's choice, which is executed unless it is the walk's last one.
     """
 
     walk: Walk
@@ -146,14 +146,14 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
     """Run walks in lock-step: all observe, the depth model is called once, all act.
 
     Args:
-        walks: newly made; the robots have the same camera.
+        walks: new walks, of robots with the same camera.
         perception: the depth model; None for explorers that need none.
 
     Yields:
         The next step of each walk that is not over, until all are.
 
     Raises:
-        DeuxError: an explorer needs more than `perception` gives, or a measure of uncertainty gives values below 0.
+        DeuxError: an explorer needs more than `perception` provides, or an uncertainty measure returns negative values.
     """
     for walk in walks:
         check_perception(walk.explorer, perception)
@@ -173,7 +173,7 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
 
 
 def check_perception(explorer: Explorer, perception: Perception | None) -> None:
-    """Raise DeuxError if the explorer needs a depth model or a measure of uncertainty that is not there."""
+    """Raise DeuxError if the explorer needs a depth model or an uncertainty measure that `perception` lacks."""
     needs = explorer.needs & MODEL_NEEDS
     if needs and perception is None:
         raise DeuxError(
@@ -188,7 +188,7 @@ def check_perception(explorer: Explorer, perception: Perception | None) -> None:
 
 
 def _action(explorer: Explorer, number: int, chosen: object) -> Action:
-    """What an explorer chose as an action; its number does as well."""
+    """An explorer's choice as an action; its number is accepted as well."""
     if isinstance(chosen, int | np.integer) and not isinstance(chosen, bool) and chosen in list(Action):
         return Action(int(chosen))
     raise DeuxError(

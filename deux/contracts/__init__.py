@@ -1,8 +1,8 @@
 """The contracts between the framework and its plugins: one for each of the eight kinds.
 
-Read these files first. Nothing here computes; the rest of `deux` provides what is declared here and the plugins
-answer to it. Conventions: camera axes are OpenCV's (x right, y down, z forward), poses are camera-to-world in
-metres, the world is Y-up, depth runs along the optical axis and 0 means "no value".
+Read these files first. They hold the abstract classes that plugins implement and the types that the framework passes
+to them. Conventions: camera axes are OpenCV's (x right, y down, z forward), poses are camera-to-world in metres, the
+world is Y-up, depth is measured along the optical axis and 0 means "no value".
 """
 
 from deux.contracts.depth_model import Augmentation, DepthModel, Foundation, LossSettings, Prediction

@@ -20,7 +20,7 @@ class Prediction:
 
     Args:
         depth: N x 1 x H x W float32, metres.
-        extras: further N x C x H x W tensors for the model's own losses, by name (such as "prior").
+        extras: further N x C x H x W tensors by name (such as "prior"), for loss terms that declare them.
     """
 
     depth: Tensor
@@ -29,12 +29,12 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Foundation:
-    """A depth model inside another one: trained before it, and frozen while it trains.
+    """A depth model inside another one: it is trained first, and frozen while the outer model trains.
 
     Args:
-        name: the registered name under which it is made and trained by itself.
-        settings: the options that make it such that its weights fit the module.
-        module: where its weights go; part of the model that is built on it.
+        name: its registered name, under which it is also trained on its own.
+        settings: the options for which its weights match the module's.
+        module: the submodule of the outer model that its weights are loaded into.
     """
 
     name: str
@@ -59,7 +59,7 @@ class DepthModel(nn.Module, ABC):
     """
 
     pretrained: ClassVar[bool] = False
-    """Whether the constructor loads trained weights: such a model needs no checkpoint and no training."""
+    """Whether the constructor loads trained weights; such a model needs neither a checkpoint nor training."""
 
     objective: ClassVar[LossSettings] = {}
     """The published loss terms and weights."""
@@ -71,7 +71,7 @@ class DepthModel(nn.Module, ABC):
     """Farthest depth in metres that the model predicts."""
 
     save_pretrained: Callable[..., Path]
-    """Writes the model as a folder to share, see `deux.deployment.model_folders`; a model that was loaded has it."""
+    """Writes the model to a folder for sharing (`deux.deployment.model_folders`). Set on models that were loaded."""
 
     @abstractmethod
     def forward(
@@ -88,46 +88,53 @@ class DepthModel(nn.Module, ABC):
         """
 
     def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
-        """Further inputs computed on the CPU in the data workers, from H x W metres; each C x H x W float32."""
+        """Compute further inputs of `forward`, on the CPU in the data loader's workers.
+
+        Args:
+            sparse_depth: H x W metres, 0 = none.
+
+        Returns:
+            C x H x W float32 arrays by the name of `forward`'s parameter.
+        """
         return {}
 
     @property
     def prepares(self) -> bool:
-        """Whether it has further inputs. Where it has none, `predict` leaves the points on their device."""
+        """Whether the model overrides `prepare`. If it does not, `predict` keeps the points on their device."""
         return type(self).prepare is not DepthModel.prepare
 
     def augmentation(self) -> Sequence[Augmentation]:
-        """The published augmentation: applied in order to each training sample, after the crop, never in evaluation.
+        """The published augmentation, applied in order to each training sample after the crop; not used in evaluation.
 
-        torchvision is best imported inside: it takes as long as all the rest that a model needs for inference.
+        Import torchvision inside this method: that takes as long as all other imports of inference together.
         """
         return ()
 
     def pose_network(self) -> nn.Module | None:
-        """The model's published pose network, newly made, or None if the model has none.
+        """A new instance of the model's published pose network, or None if the model has none.
 
-        Called as `network(target_image, source_image)`, each N x 3 x H x W, it returns N x 4 x 4: the matrix that
-        carries points of the target camera into the source camera.
+        It is called as `network(target_image, source_image)`, each N x 3 x H x W, and returns N x 4 x 4: the transform
+        from the target camera's coordinates to the source camera's.
         """
         return None
 
     def foundation(self) -> Foundation | None:
-        """The depth model that this one is built on, or None if it stands alone.
+        """The depth model that this one is built on, or None.
 
-        Before this model is trained, the framework fills the foundation's module with trained weights
-        (`foundation.checkpoint`) or trains such a model first.
+        Before this model is trained, the framework loads trained weights into the foundation's module: those of
+        `foundation.checkpoint`, or those of a foundation that it trains first.
         """
         return None
 
     def published_modules(self) -> dict[str, nn.Module]:
-        """The published checkpoint's sub-dictionaries and the modules whose state they hold, key by key."""
+        """The modules whose state the published checkpoint holds, by the key of their state dict in it."""
         return {}
 
     published_prefix: ClassVar[str] = ""
-    """What the published code has before every name in these: "module." where it wraps modules in DataParallel."""
+    """Prefix of every parameter name in the published state dicts, such as "module." from DataParallel."""
 
     published_options: ClassVar[Mapping[str, Any]] = {}
-    """Options that a model with published weights has, unless others are asked for, to compute what that code does."""
+    """Options that reproduce the published code; the defaults of a model that is loaded with published weights."""
 
     size_multiple: ClassVar[int] = 1
     """`predict` pads images to a multiple of this many pixels and crops the result."""

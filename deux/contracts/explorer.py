@@ -1,4 +1,4 @@
-"""The contract of an explorer: what it sees, and that it chooses the robot's next action."""
+"""The contract of an explorer: it receives observations and chooses the robot's actions."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from deux.geometry.robot import Robot
 
 
 class Need(StrEnum):
-    """What an explorer may ask the collector for, beyond the pose and the colour image."""
+    """What an explorer may request from the collector besides the pose and the colour image."""
 
     SENSOR_DEPTH = "sensor_depth"
     PREDICTED_DEPTH = "predicted_depth"
@@ -25,16 +25,16 @@ class Need(StrEnum):
 
 @dataclass(frozen=True)
 class Episode:
-    """What an explorer is told once, before its first step in a scene.
+    """What an explorer receives once, before its first step in a scene.
 
     Args:
-        seed: seed of everything random in the explorer; the same seed gives the same actions.
-        steps: number of actions that the episode lasts.
+        seed: random seed of the explorer; the same seed gives the same actions.
+        steps: length of the episode, in actions.
         camera: the robot's camera.
         robot: the robot's body and motion.
         free_space: the true free floor; None unless the explorer declared `Need.FREE_SPACE`.
-        label_names: what the numbers in `Observation.labels` stand for; empty unless it declared `Need.LABELS`.
-        floor: the floor of the scene on which it takes place, an index into `Simulator.floors`; 0 is the main floor.
+        label_names: names of the classes that `Observation.labels` indexes; empty unless it declared `Need.LABELS`.
+        floor: the floor that is explored, an index into `Simulator.floors`; 0 is the main floor.
     """
 
     seed: int
@@ -48,7 +48,7 @@ class Episode:
 
 @dataclass(frozen=True)
 class Observation:
-    """What an explorer sees before each action. What it did not declare in `needs` is None.
+    """What an explorer receives before each action. Fields that it did not declare in `needs` are None.
 
     Args:
         step: 0 before the first action.
@@ -57,14 +57,14 @@ class Observation:
         rgb: H x W x 3 uint8.
         sensor_depth: H x W float32, metres, 0 = none.
         predicted_depth: H x W float32, metres: the depth model's output for this frame, corrected by its sparse points
-            where `collect.correct_depth` asks for it.
-        residual: H x W float32, not negative, the uncertainty of each pixel by the measure that `collect.uncertainty`
-            chooses (an `Uncertainty`), the paper's being the mean absolute photometric error of both reconstructions
-            of this frame, images in [0, 1]. NaN where the measure has no value, all NaN before the third frame.
-        uncertainty: delta of Eq. 8 in [0, 1], the residual as one number; NaN where the residual has no values.
-            Comes with `residual`.
+            if `collect.correct_depth` is set.
+        residual: H x W float32, not negative: the uncertainty of each pixel, by the measure `collect.uncertainty` (an
+            `Uncertainty`). The paper's is the mean absolute photometric error of both reconstructions of this frame,
+            with images in [0, 1]. NaN where the measure has no value; all NaN before the third frame.
+        uncertainty: delta of Eq. 8 in [0, 1], the residual reduced to one number; NaN if the residual is all NaN. Set
+            together with `residual`.
         depth_error: median relative error of the predicted depth at the frame's sparse points, before any correction;
-            NaN without points. Comes with `predicted_depth`.
+            NaN without points. Set together with `predicted_depth`.
         labels: H x W int32, -1 = unlabelled.
     """
 
@@ -82,13 +82,13 @@ class Observation:
 
 @dataclass(frozen=True)
 class ExplorerMap:
-    """What an explorer knows of the floor, for figures.
+    """An explorer's map of the floor, for figures.
 
     Args:
-        frame: where the grids lie.
+        frame: position, size and resolution of the grids.
         occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
-        uncertainty: rows x columns float32, the explorer's uncertainty field, NaN where it has none; or None.
-        target: world x and z in metres of the place that it is on its way to; None if there is none.
+        uncertainty: rows x columns float32, the explorer's uncertainty field, NaN where it has no value; or None.
+        target: world x and z in metres of the current goal; None without one.
     """
 
     frame: GridFrame
@@ -101,46 +101,46 @@ class Explorer(ABC):
     """Decides where the robot goes. One instance explores one scene at a time; all options are in the constructor."""
 
     needs: frozenset[Need] = frozenset()
-    """What each observation must carry. May be set in the constructor where it depends on the options."""
+    """What each observation must contain. Set it in the constructor if it depends on the options."""
 
     @abstractmethod
     def reset(self, episode: Episode) -> None:
-        """Forget everything and begin an episode."""
+        """Begin an episode, with no state left from an earlier one."""
 
     @abstractmethod
     def act(self, observation: Observation) -> Action:
-        """Choose the next action. `Action.STOP` ends the episode before its time."""
+        """Choose the next action. `Action.STOP` ends the episode early."""
 
     def fingerprint(self) -> str | None:
-        """What besides the options decides how the explorer acts, such as the hash of a weights file; or None.
+        """Whatever determines the explorer's actions besides its options, such as the hash of a weights file; or None.
 
-        Frames that were collected with another fingerprint are not used again.
+        A dataset is reused only by an explorer with the same fingerprint.
         """
         return None
 
     def map(self) -> ExplorerMap | None:
-        """The map as it stands, for figures; None if the explorer keeps none."""
+        """The current map, for figures; None if the explorer keeps none."""
         return None
 
 
 class FreeViewpoints(Explorer):
-    """In place of an explorer: the frames come from free poses over the training scenes, and no robot acts.
+    """An upper bound for explorers: frames from free camera poses all over the training scenes, without a robot.
 
-    Each has ideal source frames, chosen by true depth. It is a ceiling for explorers, not one of them: what asks for
-    actions refuses it.
+    Each frame has ideal source frames, chosen by true depth. It is chosen like an explorer, but has no actions: any
+    component that asks for them raises an error.
     """
 
     def reset(self, episode: Episode) -> None:
-        """Refuse: there is no episode."""
+        """Raise DeuxError: there is no episode."""
         raise DeuxError(NO_ROBOT)
 
     def act(self, observation: Observation) -> Action:
-        """Refuse: there is no robot."""
+        """Raise DeuxError: there is no robot."""
         raise DeuxError(NO_ROBOT)
 
 
 NO_ROBOT = (
-    "free viewpoints are a ceiling and no explorer that acts, so that only task=experiment, task=train and "
-    "task=collect take them: choose another explorer."
+    "free viewpoints are a ceiling for explorers and choose no actions, so only task=experiment, task=train and "
+    "task=collect accept them: choose another explorer."
 )
-"""Why free viewpoints are refused."""
+"""The error message of components that need a robot's actions."""

@@ -10,7 +10,7 @@ from deux.contracts.depth_model import Prediction
 
 
 class LossNeed(StrEnum):
-    """What a loss term may ask the objective for."""
+    """What a loss term may request from the objective."""
 
     RECONSTRUCTIONS = "reconstructions"
     BACKWARD_POSES = "backward_poses"
@@ -23,14 +23,14 @@ class Batch:
 
     Args:
         image: N x 3 x H x W in [0, 1], frame t, the target.
-        sources: N x S x 3 x H x W in [0, 1]; S is 0 where no term asks for reconstructions, and in evaluation.
-        sparse_depth: N x 1 x H x W metres, 0 = none; what the losses compare with.
+        sources: N x S x 3 x H x W in [0, 1]; S is 0 if no term needs reconstructions, and in evaluation.
+        sparse_depth: N x 1 x H x W metres, 0 = none; the points that the losses compare with.
         validity: N x 1 x H x W, 1 where a sparse point survives outlier removal.
-        input_sparse_depth: N x 1 x H x W, the points that the network is shown (thinned by augmentation).
+        input_sparse_depth: N x 1 x H x W, the points that are input to the network (thinned by augmentation).
         intrinsics: N x 3 x 3.
-        source_from_target: N x S x 4 x 4, carries points of camera t into each source camera (the robot's poses), for
-            `intrinsics` to project them; a source frame's own camera, where it differs, is part of it
-            (`deux.geometry.poses.projecting_alike`). None where the frames have no poses.
+        source_from_target: N x S x 4 x 4, transforms points of camera t to each source camera (from the robot's poses),
+            to be projected with `intrinsics`. Where a source frame has intrinsics of its own, the matrix accounts for
+            them (`deux.geometry.poses.projecting_alike`). None if the frames have no poses.
         ground_truth: N x 1 x H x W metres, 0 = none; None unless the model is supervised or this is evaluation.
         prepared: the model's further inputs, by name.
     """
@@ -53,7 +53,7 @@ class Reconstructions:
     Args:
         images: N x S x 3 x H x W.
         visible: N x S x 1 x H x W bool, false where the point lies behind the source camera or outside its image.
-        source_from_target: N x S x 4 x 4, the poses that were used (the robot's or the pose network's).
+        source_from_target: N x S x 4 x 4, the poses used (the robot's or the pose network's).
         target_from_source: the backward poses; None unless a term declared `LossNeed.BACKWARD_POSES`.
     """
 
@@ -65,13 +65,13 @@ class Reconstructions:
 
 @dataclass(frozen=True)
 class LossInputs:
-    """What a loss term computes its value from.
+    """The input of a loss term.
 
     Args:
-        batch: the samples; without ground truth unless the model is supervised.
-        prediction: the depth model's output for them, float32; it holds the extras that the term declared.
-        reconstructions: the rebuilt target frames; None if no term of the objective declared that it needs them.
-        depth_range: (nearest, farthest) depth in metres that the model predicts.
+        batch: the samples, without ground truth unless the model is supervised.
+        prediction: the depth model's output, float32, with the extras that the term declared.
+        reconstructions: the target frames rebuilt from their sources; None if no term of the objective needs them.
+        depth_range: least and greatest depth in metres that the model predicts.
     """
 
     batch: Batch
@@ -84,11 +84,11 @@ class LossTerm(ABC):
     """One term of the objective, unweighted. All options are in the constructor."""
 
     needs: frozenset[LossNeed] = frozenset()
-    """What must be computed or loaded for the term."""
+    """What the objective must compute or load for the term."""
 
     extras: frozenset[str] = frozenset()
-    """Names in `Prediction.extras` that the term reads; a model that does not predict them cannot train with it."""
+    """Keys of `Prediction.extras` that the term reads; it works only with models that predict them."""
 
     @abstractmethod
     def __call__(self, inputs: LossInputs) -> Tensor:
-        """The term's value, a float32 scalar, finite for every batch."""
+        """Compute the term's value: a float32 scalar, finite for every batch."""

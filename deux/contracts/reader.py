@@ -1,4 +1,4 @@
-"""The contract of a reader: frames on disk, recorded or collected, in somebody's layout."""
+"""The contract of a reader: it reads recorded or collected frames from a folder in some layout."""
 
 import re
 from abc import ABC, abstractmethod
@@ -11,7 +11,7 @@ import numpy as np
 from deux.errors import DeuxError
 
 SPLITS = ("train", "validation", "test")
-"""The splits that a folder may have."""
+"""The splits that a folder may contain."""
 
 
 class MissingSplit(DeuxError):
@@ -22,12 +22,12 @@ class MissingSplit(DeuxError):
 
 
 class FrameReference(NamedTuple):
-    """One frame of a folder, by name.
+    """The name of one frame of a folder.
 
     Args:
         sequence: the name of its sequence.
-        name: its own name, unique within the sequence; names sort in the order of time where numbers in them count by
-            their value (`deux.io.layout.natural_order`).
+        name: its own name, unique within the sequence. In natural order (`deux.io.layout.natural_order`), names are in
+            the order of time.
     """
 
     sequence: str
@@ -35,12 +35,12 @@ class FrameReference(NamedTuple):
 
 
 class Triplet(NamedTuple):
-    """A target frame and the source frames that it is rebuilt from.
+    """A target frame and the source frames from which it is reconstructed.
 
     Args:
         target: frame t.
-        sources: of the same sequence; t-1 and t-2 in collected datasets. None of a frame that lacks one of them, which
-            is evaluated all the same; a training that compares frames leaves it out.
+        sources: frames of the same sequence; t-1 and t-2 in collected datasets. Empty if one of them does not exist:
+            such a target is evaluated, but not used for training with reconstructions.
     """
 
     target: FrameReference
@@ -48,11 +48,11 @@ class Triplet(NamedTuple):
 
 
 class Neighbourhood(NamedTuple):
-    """A target frame and the frames around it, of which source frames can be chosen.
+    """A target frame and the frames around it, from which source frames can be chosen.
 
     Args:
         target: frame t.
-        frames: frames of the same sequence, by their distance from the target in time, in frames.
+        frames: frames of the same sequence, by their offset from the target, in frames.
     """
 
     target: FrameReference
@@ -60,36 +60,35 @@ class Neighbourhood(NamedTuple):
 
 
 class Reader(ABC):
-    """Reads the frames of one folder: images, the camera's matrix, sparse points, and truth and poses if there are any.
+    """Reads the frames of one folder: images, intrinsics and sparse points; true depth and poses if there are any.
 
-    A reader is made as `cls(folder, **options)` and keeps the folder under that name; further parameters of the
-    constructor are its options, each with a default; one that names a file or folder is annotated `Path`, and what lies
-    there counts as a part of the frames. Making one reads no pixel. Readers are sent to worker processes,
-    and what is cached of frames is found by its reader, so those that were made alike must be equal and have one hash,
-    as a frozen dataclass does.
+    The constructor is called as `cls(folder, **options)`, each option with a default, and keeps `folder` as an
+    attribute. It reads no pixels. An option that names a file or folder is annotated `Path`; that file's content then
+    counts as part of the frames. Readers are sent to worker processes and are keys of frame caches: readers made with
+    equal arguments must be equal and have equal hashes, as frozen dataclasses do.
 
-    All methods raise `DeuxError`, which names the file, where one is missing, damaged or of another kind.
+    All methods raise a `DeuxError` that names the file if one is missing, damaged or of the wrong kind.
     """
 
     folder: Path
 
     @abstractmethod
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """The targets of a split with their source frames, in the order of the split.
+        """List the targets of a split with their source frames, in the order of the split.
 
         Args:
             split: "train", "validation" or "test".
-            offsets: the source frames, in frames from the target, where the folder does not list them itself. A target
-                that lacks one of them, at the end of a sequence or on its own, has no source frames.
+            offsets: the source frames as offsets from the target, in frames; unused if the folder lists source frames
+                itself. A target for which one of them does not exist has no source frames.
 
         Raises:
-            MissingSplit: the folder has no such split, or the split no frame.
+            MissingSplit: the folder has no such split, or the split has no frames.
         """
 
     def neighbourhoods(self, split: str, reach: int) -> list[Neighbourhood]:
-        """The targets of a split with up to `reach` frames before and after each, in the order of the split.
+        """List the targets of a split with up to `reach` frames before and after each, in the order of the split.
 
-        A reader that lists each target's source frames itself gives these.
+        If the folder lists source frames itself, these take the place of the frames around the target.
 
         Raises:
             MissingSplit: as `triplets`.
@@ -104,12 +103,12 @@ class Reader(ABC):
         return [Neighbourhood(target, around) for target, around in found.items()]
 
     def frames(self) -> list[FrameReference]:
-        """Every frame that has sparse points, whichever split it belongs to, each sequence's in the order of time.
+        """List every frame that has sparse points, of all splits, each sequence in the order of time.
 
-        By default these are the targets of all splits, which is right where each sequence lies in one split.
+        The default lists the targets of all splits, which is correct if no sequence is in two splits.
 
         Raises:
-            MissingSplit: there is no frame at all.
+            MissingSplit: there is no frame in any split.
         """
         found: dict[FrameReference, None] = {}
         missing: MissingSplit | None = None
@@ -123,15 +122,15 @@ class Reader(ABC):
         return [*found]
 
     def place(self, frame: FrameReference) -> str:
-        """The scene, or floor of a scene, that a frame shows; errors are kept by it, and intervals are over these.
+        """The scene, or floor of a scene, that a frame shows; errors and their intervals are computed per place.
 
-        By default it is the frame's sequence. Free viewpoints are sequences of one frame, <place>-view0012, of which a
-        scene has many.
+        The default is the frame's sequence, without the suffix of free viewpoints: these are sequences of one frame
+        called <place>-view0012, many for each place.
         """
         return re.sub(r"-view\d+$", "", frame.sequence)
 
     def chosen_triplets(self, split: str) -> list[Triplet] | None:
-        """The targets of a split with source frames chosen by parallax; None where the folder has no list of these."""
+        """The targets of a split with source frames chosen by parallax; None if the folder has no such list."""
         return None
 
     @abstractmethod
@@ -144,12 +143,12 @@ class Reader(ABC):
 
     @abstractmethod
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
-        """The sparse points, H x W float32 metres, 0 = none; the same at each call, if they are sampled."""
+        """The sparse points, H x W float32 metres, 0 = none; the same at every call, also if they are sampled."""
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
-        """The true depth, H x W float32 metres, 0 = none; None where the folder has none."""
+        """The true depth, H x W float32 metres, 0 = none; None if the folder has none."""
         return None
 
     def pose(self, frame: FrameReference) -> np.ndarray | None:
-        """The camera's pose, camera-to-world, 4 x 4 float64; None where the folder has none."""
+        """The camera's pose, camera-to-world, 4 x 4 float64; None if the folder has none."""
         return None

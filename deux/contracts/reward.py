@@ -1,4 +1,4 @@
-"""The contract of a reward: what a learned explorer is trained to seek."""
+"""The contract of a reward: what a learned explorer is trained to maximise."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -12,16 +12,16 @@ from deux.geometry.grid import GridFrame
 
 @dataclass(frozen=True)
 class Experience:
-    """What one look brought: the frame after an action, and what the robot then knows.
+    """The result of one step: the frame after an action, and the map that includes it.
 
     Args:
-        observation: what the robot sees now; it carries what the reward declared in `needs`, besides the depth.
-        action: the action that led here, an `Action`; None at the first look of an episode.
-        frame: where the grids lie; they grow, so cells are compared by their world coordinates.
+        observation: the robot's observation, with depth and whatever the reward declared in `needs`.
+        action: the action that led here, an `Action`; None for the first observation of an episode.
+        frame: position, size and resolution of the grids. They grow, so compare cells by their world coordinates.
         occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
-        views: rows x columns int32, the number of frames that told something about each cell, this one included.
-        seen: rows x columns bool, the cells that this frame told something about.
-        view: what the policy sees, by name (`deux.environment.egocentric`).
+        views: rows x columns int32, the number of frames so far that observed each cell, this one included.
+        seen: rows x columns bool, the cells that this frame observed.
+        view: the policy's input, by name (`deux.environment.egocentric`).
     """
 
     observation: Observation
@@ -34,10 +34,10 @@ class Experience:
 
 
 class Reward(ABC):
-    """What one step is worth. All options are in the constructor; one instance serves one environment."""
+    """Computes the reward of each step. All options are in the constructor; each environment has its own instance."""
 
     needs: frozenset[Need] = frozenset()
-    """What the observations must carry besides the sensor's depth: `Need.LABELS` or nothing."""
+    """What the observations must contain besides the sensor's depth: `Need.LABELS` or nothing."""
 
     @abstractmethod
     def reset(self, episode: Episode) -> None:
@@ -45,11 +45,11 @@ class Reward(ABC):
 
     @abstractmethod
     def __call__(self, experience: Experience) -> float:
-        """The reward for coming here; also called for an episode's first look, where the value is not used."""
+        """Compute the reward of a step; also called for an episode's first observation, whose value is ignored."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """What the reward learned in training, by name; empty for a reward that learns nothing."""
+        """The reward's learned state by name; empty if it learns nothing."""
         return {}
 
     def load_state(self, state: Mapping[str, np.ndarray]) -> None:  # noqa: B027
-        """Take up what `state` returned; nothing to do for a reward that learns nothing."""
+        """Restore what `state` returned; does nothing for a reward that learns nothing."""

@@ -1,4 +1,4 @@
-"""The contract of scenes: geometry and appearance, a locator that is cheap to keep and send, and their sources."""
+"""The contracts of scenes: meshes, references to scenes that are not loaded, and sources of scenes."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ class SceneMesh:
     """Triangles in metres in a Y-up world.
 
     Args:
-        vertices: V x 3 float32, from `origin`.
+        vertices: V x 3 float32, relative to `origin`.
         faces: F x 3 int32, indices into `vertices`.
         uv: F x 3 x 2 float32, texture coordinates of each corner, (0, 0) at the bottom left of the texture.
         face_material: F int32, index into `materials`.
         materials: the materials.
         face_label: F int32, index into `label_names`, -1 where nothing is known.
         label_names: names of the labels, such as "chair".
-        vertex_colors: V x 3 uint8, multiplied onto the material; None where there are none.
-        origin: world x, y and z of the vertices' (0, 0, 0), as Python's (64-bit) floats. It is not zero where a file is
-            in coordinates of a country or of the Earth, which float32 holds to half a metre only.
-        pyramids: the mip pyramids of the materials' textures, where these are views into them; None where they are
-            arrays of their own, of which whoever needs pyramids makes them.
-        face_object: F int32, number of the object (instance) that each face belongs to, -1 where it belongs to none;
-            None where the scene does not tell its objects apart.
+        vertex_colors: V x 3 uint8, multiplied onto the material; or None.
+        origin: world x, y and z of the vertices' (0, 0, 0), as 64-bit floats. Not zero for files in geographic
+            coordinates, which float32 resolves to half a metre only.
+        pyramids: mip pyramids of the materials' textures, if the textures are views into such pyramids; None if they
+            are separate arrays, from which a renderer builds its own.
+        face_object: F int32, the object (instance) that each face belongs to, -1 for none; None if the scene does not
+            distinguish objects.
     """
 
     vertices: np.ndarray
@@ -64,12 +64,12 @@ class SceneMesh:
 
     @property
     def triangles(self) -> np.ndarray:
-        """Corner positions from `origin`, F x 3 x 3 float32."""
+        """Corner positions relative to `origin`, F x 3 x 3 float32."""
         return self.vertices[self.faces]
 
     @property
     def bounds(self) -> np.ndarray:
-        """2 x 3 float32: the least and the greatest corner, from `origin`."""
+        """2 x 3 float32: minimum and maximum corner of the bounding box, relative to `origin`."""
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
 
@@ -88,13 +88,13 @@ class Floor:
 
 @dataclass(frozen=True)
 class Scene:
-    """A loaded mesh, and what is known about it.
+    """A loaded scene.
 
     Args:
         name: short name, unique within a dataset; names the sequences recorded here.
         mesh: geometry, appearance and labels.
-        floors: at least one, the main floor first; their heights are of the world, not from the mesh's origin.
-        identity: as of `SceneReference`.
+        floors: at least one, the main floor first; heights are in world coordinates, not relative to the mesh's origin.
+        identity: see `SceneReference.identity`.
     """
 
     name: str
@@ -109,23 +109,23 @@ class Scene:
 
     @property
     def area(self) -> SceneArea:
-        """All of the scene."""
+        """The whole scene."""
         return SceneArea()
 
     def load(self) -> Scene:
-        """Itself: a simulator takes a loaded scene as it takes a reference to one."""
+        """Return itself, so that simulators accept a loaded scene in place of a reference."""
         return self
 
 
 @dataclass(frozen=True)
 class SceneArea:
-    """The part of a scene that the robot lives in; simulators offer no other floor than this.
+    """The part of a scene that the robot may enter; simulators restrict free space to it.
 
     Args:
-        floor: "largest" takes the floor with the most room for the robot, "all" every floor, an episode on each; a
-            number counts the floors from the lowest upwards, 0 is the lowest.
-        region: x_min, z_min, x_max and z_max in world metres that the robot stays within; None for no bound.
-        start: x and z in world metres of a point whose connected floor is taken; None for the largest one.
+        floor: "largest" for the floor with the most room for the robot; "all" for every floor, an episode on each; or
+            the number of a floor, counted from 0, the lowest.
+        region: x_min, z_min, x_max and z_max in world metres, which bound the robot's position; None for no bound.
+        start: x and z in world metres of a point of the connected area to use; None for the largest area.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -147,13 +147,13 @@ class SceneArea:
 
 @dataclass(frozen=True)
 class SceneReference(ABC):
-    """A locator of a scene that is not loaded: cheap to keep, compare, hash and send to another process.
+    """A reference to a scene that is not loaded: cheap to keep, compare, hash and send to another process.
 
-    A simulator makes itself from it, by `load` if it works on meshes, by `file` if it reads scene files itself.
+    Simulators are constructed from it: they call `load` if they work on meshes, or read `file` themselves.
 
     Args:
         name: the scene's name, unique within its splits.
-        area: the part of it that the robot lives in.
+        area: the part of it that the robot may enter.
     """
 
     name: str
@@ -162,14 +162,14 @@ class SceneReference(ABC):
     @property
     @abstractmethod
     def identity(self) -> str:
-        """What made the scene (generator version and seed, or the hash of a file's content), without loading it.
+        """What determines the scene, without loading it: generator, version and seed, or the hash of a file's content.
 
-        Equal identities mean equal scenes, so it is part of a dataset's key.
+        Equal identities mean equal scenes, so datasets are keyed by it.
         """
 
     @property
     def file(self) -> Path | None:
-        """The scene's file, for simulators that read it themselves; None if it is in no file."""
+        """The scene's file, for simulators that read it themselves; None if there is no file."""
         return None
 
     @property
@@ -183,10 +183,10 @@ class SceneReference(ABC):
         return 1.0
 
     def load(self) -> Scene:
-        """Make or read the scene as a mesh, anew at each call.
+        """Generate or read the scene's mesh, anew at each call.
 
         Raises:
-            DeuxError: it cannot be read, or there is no mesh of it.
+            DeuxError: it cannot be read, or the scene has no mesh.
         """
         means = "makes it by itself" if self.file is None else "reads its file"
         raise DeuxError(f"the scene {self.name} cannot be loaded as a mesh: choose a simulator that {means}.")
@@ -194,13 +194,13 @@ class SceneReference(ABC):
 
 @dataclass(frozen=True)
 class SceneFiles:
-    """What is on disk of one scene.
+    """The files of one scene on disk.
 
     Args:
         name: the scene's name.
-        files: the files that are there.
-        missing: what is needed and not there, such as "17DRP5sb8fy.glb".
-        without: what is optional and not there, such as "labels".
+        files: existing files.
+        missing: missing files that are required, such as "17DRP5sb8fy.glb".
+        without: missing parts that are optional, such as "labels".
     """
 
     name: str
@@ -211,12 +211,12 @@ class SceneFiles:
 
 @dataclass(frozen=True)
 class SceneSplits:
-    """The scenes of one experiment: to explore, to choose by, and to test on.
+    """The scenes of one experiment.
 
     Args:
-        train: scenes that are explored.
-        validation: scenes that choose between models; may be none.
-        test: scenes that are kept for the final numbers.
+        train: scenes to explore.
+        validation: scenes to select models by; may be empty.
+        test: scenes to evaluate on.
     """
 
     train: tuple[SceneReference, ...]
@@ -225,29 +225,29 @@ class SceneSplits:
 
 
 class SceneSource(ABC):
-    """Where scenes come from, and their splits. All options are in the constructor.
+    """A source of scenes, in three splits. All options are in the constructor.
 
-    Three of them every source has: `train`, `validation` and `test`, each a number of scenes, or which scenes they
-    are. The configuration group `scale` sets them.
+    Every source has the options `train`, `validation` and `test`, which the configuration group `scale` sets: each is
+    a number of scenes, or says which scenes they are.
     """
 
     @abstractmethod
     def splits(self) -> SceneSplits:
-        """The scenes that the options ask for; nothing is loaded. Equal options give equal splits.
+        """The scenes that the options select, not loaded. Equal options give equal splits.
 
         No two scenes share a name, and none is in two splits unless an option called `allow_overlap` is true.
 
         Raises:
-            DeuxError: a scene is missing, or in two splits at once.
+            DeuxError: a scene is missing, or in two splits.
         """
 
     def inventory(self) -> dict[str, tuple[SceneFiles, ...]]:
-        """What is on disk of the scenes of each split, for `python -m deux.doctor`; nothing is loaded.
+        """List the files of each split's scenes, for `python -m deux.doctor`; nothing is loaded.
 
-        A source that knows which scenes a complete download has lists all of them, asked for or not.
+        A source that knows the contents of a complete download lists all its scenes, whether selected or not.
 
         Raises:
-            DeuxError: there is nothing to look at, such as a folder that is missing.
+            DeuxError: there is nothing to list, such as when the folder is missing.
         """
         splits = self.splits()
         return {
@@ -256,13 +256,13 @@ class SceneSource(ABC):
         }
 
     def further(self, count: int, without: Collection[str]) -> tuple[SceneReference, ...]:
-        """More scenes, for trainings that must not see the experiment's own.
+        """More scenes, for training something that must not see the experiment's own.
 
         Args:
             count: number of scenes.
-            without: identities of scenes that must not be among them.
+            without: identities of scenes to exclude.
 
         Raises:
-            DeuxError: the source cannot make as many.
+            DeuxError: the source does not have that many.
         """
         raise DeuxError(f"{type(self).__name__} has no scenes but those of its splits: name a source that makes them.")

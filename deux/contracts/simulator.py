@@ -1,4 +1,4 @@
-"""The contract of a simulator: one robot in one scene, what it can do and what its camera records."""
+"""The contract of a simulator: one robot in one scene, its actions and its camera."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from deux.geometry.robot import Robot
 
 
 class Action(IntEnum):
-    """What the robot can do in one step."""
+    """An action of the robot: one step."""
 
     FORWARD = 0
     LEFT = 1
@@ -27,7 +27,7 @@ class Action(IntEnum):
 
 
 class Channel(StrEnum):
-    """What a frame may hold besides its depth; what is not asked for is not drawn."""
+    """A part of a frame besides depth; only requested channels are rendered."""
 
     COLOR = "color"
     LABELS = "labels"
@@ -37,23 +37,23 @@ class Channel(StrEnum):
 Channels = frozenset[Channel]
 
 COLOR: Channels = frozenset({Channel.COLOR})
-"""Depth with colours."""
+"""Depth and colour."""
 
 DEPTH: Channels = frozenset()
-"""Depth alone."""
+"""Depth only."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What the robot's camera records at one pose.
+    """The image of the robot's camera at one pose.
 
     Args:
-        rgb: H x W x 3 uint8; 0 x 0 x 3 unless `Channel.COLOR` was asked for.
+        rgb: H x W x 3 uint8; 0 x 0 x 3 unless `Channel.COLOR` was requested.
         depth: H x W float32 in metres along the optical axis, 0 where no surface is within the camera's range.
         pose: 4 x 4 float64, camera-to-world.
-        labels: H x W int32, index into `Simulator.label_names`, -1 where nothing is labelled; None unless asked for.
+        labels: H x W int32, index into `Simulator.label_names`, -1 where nothing is labelled; None unless requested.
         objects: H x W int32, index into `Simulator.object_labels`, -1 where no object is within the camera's range;
-            None unless asked for.
+            None unless requested.
     """
 
     rgb: np.ndarray
@@ -66,12 +66,12 @@ class Frame:
 class Simulator(ABC):
     """One robot in one scene.
 
-    A simulator is made as `cls(scene, camera, robot, colors, **options)`, and keeps the first three under these names.
-    `scene` is a `SceneReference`; `colors` says whether colours will be asked for, without which no texture needs to be
-    loaded. Further parameters of the constructor are its options, each with a default.
+    The constructor is called as `cls(scene, camera, robot, colors, **options)`, each option with a default, and keeps
+    the first three arguments as attributes. `scene` is a `SceneReference`; if `colors` is false, no colours will be
+    requested and textures need not be loaded.
 
-    `reset` puts the robot somewhere; `step`, `pose` and `observe` without poses come after it. Frames depend on scene,
-    camera and pose alone: what was drawn before, and what is drawn in the same batch, changes no bit of them.
+    `reset` places the robot; call it before `step`, `pose` and `observe` without poses. Frames depend only on scene,
+    camera and pose: neither earlier frames nor other frames of the same batch change a bit of them.
     """
 
     scene: SceneReference
@@ -79,24 +79,24 @@ class Simulator(ABC):
     robot: Robot
 
     label_names: tuple[str, ...]
-    """What the numbers in `Frame.labels` stand for; empty where nothing is labelled."""
+    """Names of the classes that `Frame.labels` indexes; empty if nothing is labelled."""
 
     floors: tuple[Floor, ...]
-    """The floors of the scene that its `area` chooses, the main one first."""
+    """The floors of the scene that its `area` selects, the main one first."""
 
     @property
     def object_labels(self) -> tuple[str, ...]:
-        """The label of each object that `Frame.objects` numbers; empty where no objects are known."""
+        """The label of each object that `Frame.objects` indexes; empty if no objects are known."""
         return ()
 
     @abstractmethod
     def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
-        """Put the robot on a floor at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
+        """Place the robot on a floor.
 
         Args:
             x: world x in metres.
             z: world z in metres.
-            yaw: heading in radians, positive to the left.
+            yaw: heading in radians, 0 along -Z, positive to the left.
             floor: index into `floors`.
 
         Raises:
@@ -108,17 +108,17 @@ class Simulator(ABC):
         """Carry out one action.
 
         Returns:
-            Whether an obstacle cut the action short: the robot moved less than `robot.forward_step`, if at all.
+            Whether an obstacle stopped the robot early: it moved less than `robot.forward_step`, if at all.
         """
 
     @property
     @abstractmethod
     def pose(self) -> np.ndarray:
-        """The camera's present camera-to-world matrix, 4 x 4 float64."""
+        """The camera's current camera-to-world matrix, 4 x 4 float64."""
 
     @abstractmethod
     def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
-        """What the camera records at each of N x 4 x 4 poses, drawn as one batch; the robot stays where it is."""
+        """Render the camera's image at each of N x 4 x 4 poses as one batch; the robot does not move."""
 
     @overload
     def observe(self, channels: Channels = ..., poses: None = None) -> Frame: ...
@@ -127,10 +127,10 @@ class Simulator(ABC):
     def observe(self, channels: Channels, poses: np.ndarray) -> list[Frame]: ...
 
     def observe(self, channels: Channels = COLOR, poses: np.ndarray | None = None) -> Frame | list[Frame]:
-        """What the camera records where the robot stands or, with N x 4 x 4 poses, at each of these.
+        """Render the camera's image at the robot's pose or, with N x 4 x 4 poses, at each of these.
 
         Raises:
-            DeuxError: `render` gives another number of frames, or frames of another size or type than its camera's.
+            DeuxError: `render` returned the wrong number of frames, or arrays of the wrong shape or type.
         """
         asked = self.pose[None] if poses is None else poses
         frames = self.render(asked, channels)
@@ -139,20 +139,20 @@ class Simulator(ABC):
 
     @abstractmethod
     def free_space(self, floor: int = 0) -> FreeSpace:
-        """The true free part of a floor within the scene's `area`, all of it connected. Privileged: no agent sees it
-        unasked.
+        """The true free part of a floor within the scene's `area`, connected. Privileged: only explorers that declare
+        `Need.FREE_SPACE` receive it.
 
         Raises:
-            DeuxError: the robot fits nowhere on it, or there is no such floor.
+            DeuxError: there is no room for the robot, or no such floor.
         """
 
     @abstractmethod
     def another(self, camera: Camera | None = None) -> Simulator:
-        """A further robot in the same scene, with this camera or another one; what is loaded is shared, not copied."""
+        """A further robot in the same scene, with this camera or another; loaded data is shared, not copied."""
 
 
 def _check_frames(simulator: Simulator, frames: Any, count: int, channels: Channels) -> None:
-    """Raise DeuxError unless these are as many frames, each with arrays of the camera's size and of their types."""
+    """Raise DeuxError unless these are `count` frames whose arrays have the camera's size and the right types."""
     several = isinstance(frames, list | tuple)
     odd = [kind_of(one) for one in frames if not isinstance(one, Frame)] if several else [kind_of(frames)]
     if odd or len(frames) != count:

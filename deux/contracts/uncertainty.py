@@ -1,4 +1,4 @@
-"""The contract of a measure of uncertainty: how wrong a depth map may be, judged without its ground truth."""
+"""The contract of an uncertainty measure: the likely error of a depth map, estimated without ground truth."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -8,28 +8,28 @@ from typing import ClassVar
 from torch import Tensor
 
 DepthPredictor = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""image N x 3 x H x W in [0, 1], sparse depth N x 1 x H x W metres, intrinsics N x 3 x 3 -> depth N x 1 x H x W."""
+"""(image N x 3 x H x W in [0, 1], sparse depth N x 1 x H x W metres, intrinsics N x 3 x 3) -> depth N x 1 x H x W."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A batch of frames with their source frames and what the depth model made of them. No ground truth is in it.
+    """A batch of frames with their source frames and predicted depth, without ground truth.
 
-    All tensors are on one device, the depth model's. `deux.frame_uncertainty.make_view` makes one.
+    All tensors are on the depth model's device. `deux.frame_uncertainty.make_view` makes one.
 
     Args:
         image: N x 3 x H x W in [0, 1].
-        sparse_depth: N x 1 x H x W metres, 0 = none; the points that the depth model was given.
+        sparse_depth: N x 1 x H x W metres, 0 = none; the points that were input to the depth model.
         intrinsics: N x 3 x 3.
         depth: N x 1 x H x W float32 metres, predicted.
         sources: N x S x 3 x H x W in [0, 1], at least one source frame (S >= 1) for a measure with `needs_sources`.
-        source_from_target: N x S x 4 x 4, carries points of the frame's camera into each source camera, for
-            `intrinsics` to project them (`deux.geometry.poses.projecting_alike`).
-        predict_depth: the depth model, for measures that ask it again. Each call costs a prediction, and any batch size
-            may be given.
+        source_from_target: N x S x 4 x 4, transforms points of the frame's camera to each source camera, to be
+            projected with `intrinsics` (`deux.geometry.poses.projecting_alike`).
+        predict_depth: the depth model, for measures that compare several predictions. It takes any batch size; each
+            call costs a prediction.
         rebuilt: N x S x 3 x H x W, the frames rebuilt from their sources with the predicted depth (Eq. 1).
-        visible: N x S x 1 x H x W bool, false where a point lies behind the source camera or outside its image, so
-            that `rebuilt` means nothing.
+        visible: N x S x 1 x H x W bool, false where a point lies behind the source camera or outside its image; there,
+            `rebuilt` is meaningless.
     """
 
     image: Tensor
@@ -44,19 +44,19 @@ class View:
 
 
 class Uncertainty(ABC):
-    """Judges a prediction pixel by pixel. All options are in the constructor; nothing is remembered between calls."""
+    """Estimates the uncertainty of each pixel of a prediction. All options are in the constructor; it has no state."""
 
     needs_sources: ClassVar[bool] = True
-    """Whether it compares a frame with its source frames; a measure that does not can judge a single photograph."""
+    """Whether it uses the source frames; a measure that does not can judge a single image."""
 
     @abstractmethod
     def __call__(self, view: View) -> Tensor:
-        """The uncertainty of each pixel. Called without gradients, for frames that have all their source frames.
+        """Compute the uncertainty of each pixel; called without gradients, for frames with all their source frames.
 
         Args:
-            view: the frames; its tensors are not to be changed.
+            view: the frames; its tensors must not be modified.
 
         Returns:
-            N x H x W float32 on the view's device, not negative: the larger, the less certain. NaN where the measure
-            has no value. What a frame gets does not depend on the others of its batch.
+            N x H x W float32 on the view's device, not negative; larger is less certain. NaN where the measure has no
+            value. The result of a frame does not depend on the other frames of its batch.
         """

@@ -58,7 +58,7 @@ class FrameStack:
     def put(self, row: int, array: np.ndarray) -> None:
         """Copy an array to its row; the host does not wait for it."""
         tensor = torch.from_numpy(array).view(self.planes.dtype).view(self.channels, *self.size)
-        self.planes[row * self.channels : (row + 1) * self.channels].copy_(upload(tensor, self.planes.device))
+        self.planes[row * self.channels : (row + 1) * self.channels].copy_(to_device(tensor, self.planes.device))
 
     def get(self, row: int) -> Tensor:
         """The array of a row, not to be written to."""
@@ -210,7 +210,7 @@ class Shipment:
         packed = np.zeros(begins[-1], np.int64)
         for array, begin in zip(self._arrays, begins, strict=False):
             packed[begin:].view(array.dtype)[: array.size] = array.ravel()
-        integers = upload(torch.from_numpy(packed), device)
+        integers = to_device(torch.from_numpy(packed), device)
         whole = {np.dtype(np.int64): integers, np.dtype(np.float32): integers.view(torch.float32)}
         sent = []
         for array, begin in zip(self._arrays, begins, strict=False):
@@ -236,7 +236,7 @@ def cut_on_cpu(frames: Tensor, planes: Tensor, rows: Tensor, columns: Tensor) ->
     return torch.from_numpy(np.stack(found))
 
 
-def upload(tensor: Tensor, device: torch.device) -> Tensor:
+def to_device(tensor: Tensor, device: torch.device) -> Tensor:
     """A tensor of the host on the device; the host does not wait for the copy."""
     if device.type != "cuda":
         return tensor.to(device)

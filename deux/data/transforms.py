@@ -14,7 +14,7 @@ from torch import Tensor
 from torchvision.transforms import v2
 
 from deux.contracts import Augmentation
-from deux.data.device_cache import upload
+from deux.data.device_cache import to_device
 from deux.data.sample_parts import PART_TYPES, InputSparseDepth, Intrinsics, with_points
 from deux.errors import DeuxError, check_range
 
@@ -126,7 +126,7 @@ def remove_points_on_device(depth: Tensor, hidden: Tensor) -> Tensor:
     is_point = depth.flatten() != 0
     number = is_point.cumsum(0)  # of each point, from 1; pixels before the first point have 0
     removed = torch.zeros(depth.numel() + 1, dtype=torch.bool, device=depth.device)
-    removed.index_fill_(0, upload(hidden + 1, depth.device), True)
+    removed.index_fill_(0, to_device(hidden + 1, depth.device), True)
     return depth.masked_fill((is_point & removed[number]).view_as(depth), 0.0)
 
 

@@ -65,7 +65,7 @@ def download(model_id: str, **options: Any) -> DepthModel:
         ) from error
 
 
-def upload(model: DepthModel, config: ModelConfig, folder: Path, licence: str, **options: Any) -> None:
+def push_to_hub(model: DepthModel, config: ModelConfig, folder: Path, licence: str, **options: Any) -> None:
     """Write a model's folder and upload it; `options` are of `ModelHubMixin.save_pretrained`.
 
     Raises:

@@ -108,7 +108,7 @@ def save_pretrained(
     """
     folder = Path(folder)
     if hub_options:
-        _hub("uploading a model to the hub takes").upload(model, config, folder, licence, **hub_options)
+        _hub("uploading a model to the hub takes").push_to_hub(model, config, folder, licence, **hub_options)
     else:
         write_folder(model, config, folder, licence)
     return folder

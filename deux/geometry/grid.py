@@ -58,7 +58,7 @@ class FreeSpace:
     """The true free floor of a scene: where the centre of the robot can stand.
 
     Args:
-        frame: where the grid lies.
+        frame: position, size and resolution of the grid.
         free: rows x columns bool, true where the robot's centre may be (obstacles are already grown by its radius).
         clearance: rows x columns float32, metres from a cell's centre to the nearest obstacle (before growing).
         floor_height: world y of the floor in metres; the floor's steps and ramps may be higher or lower.

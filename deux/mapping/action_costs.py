@@ -1,4 +1,4 @@
-"""Number of actions, turns included, from the robot's pose to places on the map: Dijkstra over (cell, heading)."""
+"""Least number of actions, turns included, from the robot's pose to places on the map: Dijkstra on (cell, heading)."""
 
 import math
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ _YAWS = np.arctan2(-_MOVES[:, 1], -_MOVES[:, 0]) % (2.0 * math.pi)
 
 @dataclass(frozen=True)
 class ActionCosts:
-    """Fewest actions from one pose to all places that can be reached; made by `action_costs`.
+    """Least numbers of actions from one pose to all reachable places; computed by `action_costs`.
 
     Args:
-        field: rows x columns x 16 float64 over the lattice: actions to stand in a lattice cell with each heading.
+        field: rows x columns x 16 float64 over the lattice: actions to reach a lattice cell with each heading.
         spacing: lattice spacing in cells of the map.
         traversable: rows x columns bool, the map that was searched.
-        frame: where the map lies.
+        frame: the map's frame.
         pose: 4 x 4, the camera-to-world matrix of the start.
         robot: its forward step and turn angle.
     """
@@ -44,7 +44,7 @@ class ActionCosts:
     robot: Robot
 
     def to(self, cells: np.ndarray) -> np.ndarray:
-        """Fewest actions to stand in N x 2 cells (row, column) with any heading, N float64; inf out of reach."""
+        """Least actions to reach N x 2 cells (row, column) with any heading, N float64; inf if unreachable."""
         rows, columns = np.asarray(cells).T
         best = self.field[rows // self.spacing, columns // self.spacing].min(axis=1)
         best[~self.traversable[rows, columns]] = np.inf
@@ -52,7 +52,7 @@ class ActionCosts:
         return np.where(np.isfinite(straight), straight, best)
 
     def to_views(self, cells: np.ndarray, headings: np.ndarray) -> np.ndarray:
-        """Fewest actions to stand in N x 2 cells (row, column) with N yaws in radians, N float64; inf out of reach."""
+        """Least actions to reach N x 2 cells (row, column) with N yaws in radians, N float64; inf if unreachable."""
         rows, columns = np.asarray(cells).T
         turns = _turns(np.asarray(headings)[:, None] - _YAWS, self.robot)
         best = (self.field[rows // self.spacing, columns // self.spacing] + turns).min(axis=1)
@@ -61,9 +61,9 @@ class ActionCosts:
         return np.minimum(best, straight + _turns(headings - yaws, self.robot))
 
     def _straight(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Actions of one turn and a straight line, inf where that is blocked, and the yaw on arrival.
+        """Actions of one turn and a straight line, inf if that is blocked, and the yaw on arrival.
 
-        The lattice has 16 directions; in the open the true cost is known.
+        These are exact, while the lattice has only 16 directions.
         """
         frame, x, z = self.frame, float(self.pose[0, 3]), float(self.pose[2, 3])
         rows, columns = np.asarray(cells).T
@@ -82,19 +82,19 @@ class ActionCosts:
 def action_costs(
     traversable: np.ndarray, frame: GridFrame, pose: np.ndarray, robot: Robot, spacing: float = 0.2
 ) -> ActionCosts:
-    """Search the fewest actions from a pose to every place: forward steps and turns, each counted as one action.
+    """Find the least number of actions from a pose to every place; forward steps and turns count as one action each.
 
     The state is a cell of a lattice and one of 16 headings; a turn to the next heading costs its angle over
-    `robot.turn_angle`, a move straight ahead its length over `robot.forward_step`, both as fractions of actions. A
-    lattice cell is open if any map cell in it is. Side by side, two are joined where open map cells touch across
-    their border, so that no passage of the map is lost; other moves need a clear straight line.
+    `robot.turn_angle`, a move straight ahead its length over `robot.forward_step`, both as fractional actions. A
+    lattice cell is traversable if any of its map cells is. Two adjacent lattice cells are connected if traversable map
+    cells touch across their border, so that narrow passages are kept; other moves need a clear straight line.
 
     Args:
-        traversable: rows x columns bool, where the robot's centre may go, see `process_map`.
-        frame: where it lies.
+        traversable: rows x columns bool, the cells that the robot's centre may enter, see `process_map`.
+        frame: its frame.
         pose: 4 x 4 camera-to-world, the start.
         robot: its forward step and turn angle.
-        spacing: of the lattice in metres, rounded to whole cells.
+        spacing: lattice spacing in metres, rounded to whole cells.
     """
     traversable = np.ascontiguousarray(traversable)
     factor = max(1, round(spacing / frame.resolution))
@@ -109,7 +109,7 @@ def action_costs(
 
 
 def _turns(angles: np.ndarray, robot: Robot) -> np.ndarray:
-    """Turns, as fractions of actions, that angles in radians take."""
+    """Number of turns, as fractional actions, for angles in radians."""
     return np.degrees(np.abs((angles + math.pi) % (2.0 * math.pi) - math.pi)) / robot.turn_angle
 
 

@@ -1,4 +1,4 @@
-"""Shortest paths to many cells at once, read off one distance field, and points at even spacing on them."""
+"""Evenly spaced points on the shortest paths to many cells, by descending one distance field."""
 
 import math
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ class PathPoints:
     """Points on the paths to N goals.
 
     Args:
-        goal: M int64 in increasing order, the number of the goal whose path each point lies on; those of a path go from
-            the goal back to the start.
+        goal: M int64 in increasing order, the index of the goal whose path each point lies on; the points of a path are
+            ordered from the goal back to the start.
         cells: M x 2 int64 (row, column).
-        motion: M x 2 float64 (rows, columns), the way from this point to the next one towards the goal.
+        motion: M x 2 float64 (rows, columns), the displacement to the next point towards the goal.
     """
 
     goal: np.ndarray
@@ -25,13 +25,13 @@ class PathPoints:
 
 
 def points_on_paths(distance: np.ndarray, goals: np.ndarray, spacing: float) -> PathPoints:
-    """The points on the shortest paths from a distance field's start to given cells, the goals left out.
+    """Points on the shortest paths from a distance field's start to given cells, without the goals themselves.
 
     Args:
-        distance: rows x columns, as of `deux.mapping.planning.distance_field`.
-        goals: N x 2 int64 (row, column); those that cannot be reached have no points.
-        spacing: length of path in cells from one point to the next, counted from the goal; a point is the cell at or
-            next behind its place.
+        distance: rows x columns, see `deux.mapping.planning.distance_field`.
+        goals: N x 2 int64 (row, column); unreachable ones have no points.
+        spacing: path length in cells between points, counted from the goal; each point is the first cell of the path
+            at or beyond that length.
     """
     goal, cells, motion = _descend(distance, goals, spacing)
     return PathPoints(goal[1:], cells[1:], motion[1:])

@@ -1,4 +1,4 @@
-"""Finished frontiers: the frontier cells that are not chosen as a target again, so that exploration ends."""
+"""Finished frontiers: frontier cells that are not chosen as targets again, so that exploration ends."""
 
 import math
 
@@ -14,11 +14,11 @@ from deux.mapping.pursuit import Point
 
 
 class FinishedFrontiers:
-    """Set of the frontier cells that remained after the robot looked at them from nearby, or that it could not reach.
+    """The frontier cells that remained after the robot looked at them from nearby, or that it could not reach.
 
-    Single cells are remembered, not the floor around them: what is new beside them, on the other side of a thin wall
-    or outside the picture is still chosen. Every target's own cell is among them when its pursuit is over, so that no
-    cell is a target twice and no two can alternate.
+    Only single cells are excluded, not the floor around them: new frontier cells beside them, behind a thin wall or
+    outside the image can still be chosen. A target's own cell is always added when its pursuit ends, so that no cell is
+    a target twice and the robot cannot alternate between two.
 
     Args:
         reach: metres around a target's frontier cell within which cells are finished together with it.
@@ -28,7 +28,7 @@ class FinishedFrontiers:
     def __init__(self, reach: float, field_of_view: float) -> None:
         self._reach = reach
         self._half_view = field_of_view / 2.0
-        self._points: list[Point] = []  # centres of cells, which survive that the map grows
+        self._points: list[Point] = []  # world coordinates, which stay valid when the map grows
 
     def mask(self, frame: GridFrame) -> np.ndarray:
         """The finished cells over a map, which may have grown since, rows x columns bool."""
@@ -39,14 +39,14 @@ class FinishedFrontiers:
         return mask
 
     def finish(self, cells: np.ndarray, frame: GridFrame, target: Point, pose: np.ndarray | None) -> None:
-        """Finish a target, and what is seen of the frontier within reach of it.
+        """Finish a target, and the visible frontier cells within reach of it.
 
         Args:
             cells: the occupancy, rows x columns int8.
-            frame: where it lies.
+            frame: position, size and resolution of the grid.
             target: the centre of the frontier cell, world (x, z).
-            pose: 4 x 4, the camera-to-world matrix from which the robot has looked at the target; None if it did not
-                get there: then what can be seen from the target itself, on all sides, is finished.
+            pose: 4 x 4, the camera-to-world matrix from which the robot looked at the target; None if it did not get
+                there, which finishes the cells that are visible from the target itself in any direction.
         """
         near = self._frontier_near(cells, frame, target)
         eye = target

@@ -1,4 +1,4 @@
-"""Targets on frontiers: which frontier cells can be reached, where to stand, and which way to look."""
+"""Targets on frontiers: reachable frontier cells, where to stand for each, and where to look."""
 
 from dataclasses import dataclass
 
@@ -19,13 +19,13 @@ def cell_centres(frame: GridFrame, cells: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class FrontierCandidates:
-    """Frontier cells that the robot can go to and look at.
+    """Frontier cells that the robot can look at from a reachable place.
 
     Args:
         cells: N x 2 int64 (row, column) of the frontier cells.
         places: N x 2 int64, where to stand for each.
-        lengths: N float64, the length of the path there in cells.
-        frontier: N int64, which frontier each cell belongs to, 0 for the largest.
+        lengths: N float64, the path length to that place in cells.
+        frontier: N int64, the frontier of each cell, 0 for the largest.
     """
 
     cells: np.ndarray
@@ -37,18 +37,18 @@ class FrontierCandidates:
         return len(self.cells)
 
     def select(self, keep: np.ndarray) -> "FrontierCandidates":
-        """Those where N bool `keep` is true."""
+        """The candidates selected by a mask or by indices."""
         return FrontierCandidates(self.cells[keep], self.places[keep], self.lengths[keep], self.frontier[keep])
 
     def preferred(self, least_length: float, least_size: int) -> "FrontierCandidates":
-        """Those that are worth walking to: far enough and on a frontier with enough cells; all where none is.
+        """The candidates that are far enough away on a large enough frontier; all if there is none.
 
-        Next to the robot, the edges of what its camera shows are always frontiers. They take the fewest actions, turns
-        on the spot, and show little; many vanish when the robot goes on.
+        The edges of the camera's view next to the robot are always frontiers. They cost the fewest actions, turns on
+        the spot, but reveal little, and many disappear when the robot moves on.
 
         Args:
-            least_length: cells of path to the place at least.
-            least_size: candidates on the same frontier at least.
+            least_length: least path length to the place, in cells.
+            least_size: least number of candidates on the same frontier.
         """
         size = np.bincount(self.frontier)[self.frontier]
         keep = (self.lengths >= least_length) & (size >= least_size)
@@ -63,15 +63,15 @@ def frontier_candidates(
     reach: float,
     finished: np.ndarray | None = None,
 ) -> FrontierCandidates:
-    """All frontier cells that can be reached.
+    """All frontier cells that can be looked at from a reachable place.
 
     Args:
         occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
-        frame: where the grid lies.
-        distance: rows x columns path lengths from the robot in cells, inf where it cannot go.
-        min_size: frontiers of fewer cells are left out.
+        frame: position, size and resolution of the grid.
+        distance: rows x columns path lengths from the robot in cells, inf if unreachable.
+        min_size: frontiers of fewer cells are ignored.
         reach: metres from a frontier cell within which the robot may stand.
-        finished: rows x columns bool, frontier cells that are left out.
+        finished: rows x columns bool, frontier cells to ignore.
     """
     clusters = find_frontiers(occupancy, min_size, finished)
     cells = np.concatenate([np.zeros((0, 2), np.int64), *clusters])

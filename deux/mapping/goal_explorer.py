@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,23 +23,38 @@ from deux.mapping.traversable import process_map
 DepthSource = Literal["predicted", "sensor"]
 
 
-class GoalExplorer(Explorer):
-    """Maps what it sees, chooses a target, goes there, and chooses the next: the loop of Algorithm 1.
-
-    A subclass says how a target is chosen. A robot that is stuck frees
-    itself (`deux.mapping.recovery`); where there is no target, or the map confines it, it goes at random.
+@dataclass(frozen=True)
+class Reach:
+    """What the robot can reach on its map.
 
     Args:
-        depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
+        clearance: radius in cells by which obstacles are dilated.
+        distance: rows x columns float64, path length from the robot in cells, inf if unreachable.
+        candidates: the reachable frontier cells.
+    """
+
+    clearance: float
+    distance: np.ndarray
+    candidates: FrontierCandidates
+
+
+class GoalExplorer(Explorer):
+    """Builds a map, chooses a target, drives there and chooses the next: the loop of Algorithm 1.
+
+    Subclasses choose the targets. A robot that is stuck frees itself (`deux.mapping.recovery`); if there is no target,
+    or the map confines the robot, it moves randomly.
+
+    Args:
+        depth: the depth that the map is built from: of the "sensor" or "predicted" by the depth model.
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth enters the map.
-        safety_margin: metres that paths keep from obstacles beyond the robot's radius.
-        unknown_traversable: whether paths may lead through the unknown.
-        depth_option: what the subclass calls its option `depth`, for the message.
-        motion: "arcs", steps between turns where there is room; or "turns", turns on the spot.
-        least_way: metres of path to a frontier at least, where there is one that far (`preferred_frontiers`).
-        depth_error: relative error of the depth that the map allows for. None is 0 for the sensor's depth; for
-            predicted depth it is what the sparse points show, averaged over frames (`Observation.depth_error`).
+        safety_margin: distance in metres that paths keep from obstacles, besides the robot's radius.
+        unknown_traversable: whether paths may lead through unknown cells.
+        depth_option: the subclass's name of the option `depth`, for error messages.
+        motion: "arcs" for steps between turns if there is room, or "turns" for turns on the spot.
+        least_way: least path length in metres to a frontier, if any is that far (`preferred_frontiers`).
+        depth_error: relative depth error that the map allows for. None is 0 for the sensor's depth; for predicted depth
+            it is the error at the sparse points, averaged over frames (`Observation.depth_error`).
         max_incidence: degrees between the line of sight and a surface's normal above which pixels are not mapped.
 
     Raises:
@@ -50,28 +65,28 @@ class GoalExplorer(Explorer):
     """Metres from a frontier cell within which the robot may stop to look at it."""
 
     min_frontier = 0.3
-    """Metres that a frontier must be long; shorter ones are gaps between pixels."""
+    """Least length of a frontier in metres; shorter ones are gaps between pixels."""
 
     preferred_frontier = 0.6
-    """Metres of a frontier that is preferred to shorter ones."""
+    """Length in metres from which on a frontier is preferred to shorter ones."""
 
     least_area = 3.0
-    """Square metres of floor within reach, with no frontier on it, below which the map counts as wrong.
+    """Reachable floor in square metres without a frontier below which the map is assumed to be wrong.
 
-    It is about the blind zone around a robot whose depth makes obstacles of all the floor that its camera sees.
+    It is about the size of the blind zone around a robot whose depth errors turn all visible floor into obstacles.
     """
 
     most_targets_a_step = 10
-    """Targets that are tried in one step; each may be reached already, or out of reach."""
+    """Number of targets that are tried in one step, since some may be reached already or unreachable."""
 
     remembered_errors = 20
-    """Frames over which the measured error of the depth is averaged."""
+    """Number of frames over which the measured depth error is averaged."""
 
     most_depth_error = 0.2
-    """Relative error above which a map shows nothing: obstacles lower than a quarter of a metre would be floor."""
+    """Largest relative error that a map allows for: with more, obstacles below a quarter of a metre would be floor."""
 
     escape_distance = 1.0
-    """Metres that the robot goes straight on, after a random turn, where the map confines it."""
+    """Metres that the robot moves straight on after a random turn if the map confines it."""
 
     def __init__(
         self,
@@ -110,21 +125,21 @@ class GoalExplorer(Explorer):
 
     @abstractmethod
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
-        """The next target, or None if there is nowhere to go.
+        """Choose the next target; None if there is none.
 
         Args:
-            pose: 4 x 4, the camera's present camera-to-world matrix.
-            candidates: the frontier cells that can be reached; may be none.
-            distance: rows x columns float64 over `self.occupancy.frame`: path length from the robot in cells, inf
-                where it cannot go.
+            pose: 4 x 4, the camera's current camera-to-world matrix.
+            candidates: the reachable frontier cells; may be empty.
+            distance: rows x columns float64 over `self.occupancy.frame`: path length from the robot in cells, inf if
+                unreachable.
         """
 
     def target_is_stale(self, target: Target) -> bool:
-        """Whether the target is no longer worth going to; asked before each action."""
+        """Whether to abandon the target; called before each action."""
         return False
 
     def actions_to(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
-        """Fewest actions to stand at each candidate's place and face its cell, N float64; see `action_costs`."""
+        """Least actions to stand at each candidate's place and face its cell, N float64; see `action_costs`."""
         frame = self.occupancy.frame
         traversable = self._traversable(frame.cell(pose[0, 3], pose[2, 3]), self._clearance)
         cells, places = candidates.cells, candidates.places
@@ -134,7 +149,7 @@ class GoalExplorer(Explorer):
         return np.where((cells == places).all(axis=1), costs.to(places), facing)
 
     def reset(self, episode: Episode) -> None:
-        """Forget everything and begin an episode."""
+        """Begin an episode, with no state left from an earlier one."""
         self.rng = np.random.default_rng(episode.seed)
         self.robot = episode.robot
         self.occupancy = OccupancyMap(episode.camera, episode.robot, self._resolution, self._max_range, self._errors)
@@ -147,16 +162,16 @@ class GoalExplorer(Explorer):
         self._depth_errors: deque[float] = deque(maxlen=self.remembered_errors)
 
     def act(self, observation: Observation) -> Action:
-        """Map what is seen, then go on towards the target."""
+        """Update the map, then move towards the target."""
         self.occupancy.update(self.map_depth(observation), observation.pose, self.depth_error(observation))
         self.mapped(observation)
         action = self._recovery.action(observation.pose, observation.collided)
         if self._recovery.failures > 0:
             self.occupancy.mark_contact(observation.pose)
-        return self._go_on(observation.pose) if action is None else action
+        return self._pursue(observation.pose) if action is None else action
 
     def mapped(self, observation: Observation) -> None:
-        """Called when a frame has entered the map, before a target is chosen; a subclass may take note of it."""
+        """Hook for subclasses: called after each update of the map, before a target is chosen."""
 
     def map_depth(self, observation: Observation) -> np.ndarray:
         """The depth image that the map is built from, H x W float32 metres."""
@@ -165,10 +180,10 @@ class GoalExplorer(Explorer):
         return depth
 
     def depth_error(self, observation: Observation) -> float | None:
-        """The relative error of the depth that is mapped now; None for the constructor's.
+        """The relative error of the current frame's depth; None to use the constructor's.
 
-        Of one frame it is uncertain, with some forty points, and does not change from one to the next: the mean of the
-        last `remembered_errors` frames.
+        It is the mean over the last `remembered_errors` frames, since a single frame has only some forty points, and
+        the error hardly changes between frames.
         """
         if self._measures_error and observation.depth_error is not None and math.isfinite(observation.depth_error):
             self._depth_errors.append(observation.depth_error)
@@ -177,25 +192,25 @@ class GoalExplorer(Explorer):
         return min(float(np.mean(self._depth_errors)), self.most_depth_error)
 
     def fingerprint(self) -> str | None:
-        """Whether the map allows for measured errors, which no option says."""
+        """Distinguishes explorers whose map allows for measured errors, which is not visible in the options."""
         return "measured depth errors" if self._measures_error else None
 
     def map(self) -> ExplorerMap | None:
-        """The occupancy map as it stands, and the target; None before the first step."""
+        """The current occupancy map and target; None before the first step."""
         if self.occupancy.cells.size == 0:
             return None
         target = None if self._pursuit is None else self._pursuit.target.place
         return ExplorerMap(self.occupancy.frame, self.occupancy.cells.copy(), target=target)
 
     def frontiers(self, distance: np.ndarray) -> FrontierCandidates:
-        """The frontier cells that can be reached and are not finished."""
+        """The reachable frontier cells that are not finished."""
         cells, frame = self.occupancy.cells, self.occupancy.frame
         finished = self.finished.mask(frame)
         least = self._in_cells(self.min_frontier)
         return frontier_candidates(cells, frame, distance, least, self.frontier_reach, finished)
 
     def preferred_frontiers(self, candidates: FrontierCandidates) -> FrontierCandidates:
-        """Those of the frontiers in reach that are worth walking to; all of them where `least_way` is 0."""
+        """The candidates preferred by `least_way` and `preferred_frontier`; all if `least_way` is 0."""
         if self._least_way == 0.0:
             return candidates
         return candidates.preferred(self._least_way / self._resolution, self._in_cells(self.preferred_frontier))
@@ -210,18 +225,18 @@ class GoalExplorer(Explorer):
         return frontier_target(self.occupancy.cells, self.occupancy.frame, cell, place, self.frontier_reach)
 
     def frontier_is_resolved(self) -> bool:
-        """Whether no frontier cell is left around the one that is the target; false where the target is no frontier."""
+        """Whether no frontier cell is left around the target's; false if the target is not on a frontier."""
         if self.frontier is None:
             return False
         return not self.finished.any_left(self.occupancy.cells, self.occupancy.frame, self.frontier)
 
     def free_places(self, distance: np.ndarray, count: int) -> np.ndarray:
-        """Up to `count` cells drawn from those that can be reached, N x 2 (row, column); there is at least one."""
+        """Up to `count` random reachable cells, N x 2 (row, column); there is at least one."""
         reachable = np.argwhere(np.isfinite(distance))
         return self.rng.choice(reachable, min(count, len(reachable)), replace=False)
 
-    def _go_on(self, pose: np.ndarray) -> Action:
-        """The next action towards the present target or, where that has ended, a new one; random if there is none."""
+    def _pursue(self, pose: np.ndarray) -> Action:
+        """The next action towards the current target or, if its pursuit has ended, a new one; random without any."""
         here = self.occupancy.frame.cell(pose[0, 3], pose[2, 3])
         for _ in range(self.most_targets_a_step):
             if self._pursuit is not None and self.target_is_stale(self._pursuit.target):
@@ -238,47 +253,46 @@ class GoalExplorer(Explorer):
         return self._recovery.turn_away()
 
     def _end(self, pursuit: Pursuit, pose: np.ndarray) -> None:
-        """Forget a target; what it leaves of its frontier is not to be chosen again."""
+        """End the pursuit of a target; what remains of its frontier is not chosen again."""
         if self.frontier is not None:
             seen_from = pose if pursuit.reached else None
             self.finished.finish(self.occupancy.cells, self.occupancy.frame, self.frontier, seen_from)
         self.frontier = self._pursuit = None
 
     def _next_target(self, pose: np.ndarray, here: tuple[int, int]) -> Target | None:
-        """The subclass's choice; None where the map confines the robot (`least_area`), which then goes at random.
+        """The subclass's choice; None if the map confines the robot (`least_area`), which then moves randomly.
 
-        Such a map is wrong, and leaves few places to choose from. Random moves, "unstuck" in Algorithm 1, correct it:
-        floor that the robot drives over is free whatever the depth said, and only what its body meets stays occupied.
+        Such a map is wrong. Random moves, "unstuck" in Algorithm 1, correct it: floor that the robot drives over is
+        free whatever its depth, and obstacles remain only where the robot collides.
         """
         reach = self._reach(here)
         if reach is None:
             return None
-        self._clearance, distance, candidates = reach
-        return self.choose_target(pose, candidates, distance)
+        self._clearance = reach.clearance
+        return self.choose_target(pose, reach.candidates, reach.distance)
 
-    def _reach(self, here: tuple[int, int]) -> tuple[float, np.ndarray, FrontierCandidates] | None:
-        """The clearance to plan with, the distance field that it gives (`choose_target`), and the frontiers in reach.
+    def _reach(self, here: tuple[int, int]) -> Reach | None:
+        """What the robot can reach with the greatest clearance with which it can reach a frontier.
 
-        It is the greatest clearance with which there is a frontier to go to; a robot that keeps its margins would not
-        get through every passage that it fits through. Where no frontier is left at all, it is the greatest one that
-        does not confine the robot to `least_area`; None if each does.
+        With the safety margin alone, the robot would not pass through every passage that it fits through. Without any
+        frontier, the greatest clearance is used that does not confine the robot to `least_area`; None if each does.
         """
         best = None
         for clearance in self._clearances():
             distance = distance_field(self._traversable(here, clearance), here)
-            candidates = self.frontiers(distance)
-            if len(candidates) > 0:
-                return clearance, distance, candidates
+            reach = Reach(clearance, distance, self.frontiers(distance))
+            if len(reach.candidates) > 0:
+                return reach
             area = np.count_nonzero(np.isfinite(distance)) * self._resolution**2
             if best is None and area >= self.least_area:
-                best = clearance, distance, candidates
+                best = reach
         return best
 
     def _clearances(self) -> tuple[float, float]:
-        """Cells by which obstacles are grown: with the safety margin, and for passages that are as wide as the robot.
+        """Radii in cells by which obstacles are dilated: with the safety margin, and for passages as wide as the robot.
 
-        The second is a cell less than the robot's radius: an obstacle fills every cell that it touches, so on the map
-        passages are up to two cells narrower than they are.
+        The second is one cell less than the robot's radius: obstacles fill every cell that they touch, which makes
+        passages on the map up to two cells narrower.
         """
         radius = self.robot.radius / self._resolution
         return radius + self._safety_margin / self._resolution, max(0.0, radius - 1.0)

@@ -1,4 +1,4 @@
-"""Top-down grids that grow as the robot sees more of the floor."""
+"""Top-down grids that grow with the known part of the floor."""
 
 import math
 
@@ -9,10 +9,10 @@ from deux.memory_budget import check_memory
 
 
 class GrowingGrid:
-    """Named arrays over one top-down grid whose extent is not known beforehand.
+    """Named arrays over one top-down grid that can be enlarged.
 
-    Cell edges lie on multiples of the resolution in world coordinates, so any two grids of one resolution share
-    their cell boundaries however they grew. New cells hold 0.
+    Cell edges are at multiples of the resolution in world coordinates, so that grids of equal resolution have aligned
+    cells. New cells are 0.
 
     Args:
         resolution: edge of a cell in metres.
@@ -20,7 +20,7 @@ class GrowingGrid:
     """
 
     margin = 2.0
-    """Metres added beyond what is asked for, so that the arrays are rarely copied."""
+    """Metres added beyond the requested extent, so that the arrays are rarely copied."""
 
     def __init__(self, resolution: float, layers: dict[str, type]) -> None:
         self._resolution = resolution
@@ -28,21 +28,21 @@ class GrowingGrid:
         self._layers: dict[str, np.ndarray] = {name: np.zeros((0, 0), dtype) for name, dtype in layers.items()}
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """The array of one layer, rows x columns; a new object after the grid grew."""
+        """The array of one layer, rows x columns; a new object after the grid has grown."""
         return self._layers[name]
 
     @property
     def frame(self) -> GridFrame:
-        """Where the arrays lie; 0 x 0 before the first `cover`."""
+        """The arrays' frame; 0 x 0 before the first `cover`."""
         rows, columns = next(iter(self._layers.values())).shape
         origin_x, origin_z = self._first_column * self._resolution, self._first_row * self._resolution
         return GridFrame(origin_x, origin_z, rows, columns, self._resolution)
 
     def cover(self, x: float, z: float, reach: float) -> None:
-        """Grow until every cell within `reach` metres of world point (x, z), along either axis, is inside.
+        """Grow to include every cell within `reach` metres of world point (x, z) along each axis.
 
         Raises:
-            DeuxError: the point is so far from the others that there is no memory for the grid.
+            DeuxError: the grid would not fit into memory, since the point is far from all others.
         """
         needed = [math.floor(value / self._resolution) for value in (z - reach, x - reach, z + reach, x + reach)]
         rows, columns = self.frame.shape

@@ -1,4 +1,4 @@
-"""Targets by what a view from there is expected to teach the depth model, for each action that it costs."""
+"""Targets chosen by the expected information for the depth model per action."""
 
 import math
 from collections import deque
@@ -22,24 +22,24 @@ from deux.mapping.surface_views import SurfaceViews
 from deux.mapping.view_fan import RAYS, cast_rays, headings, pixel_shares
 
 _SEEN_RAYS = 720
-"""Rays of a full circle along which a frame's view is remembered: at 5 m less than half a cell of 0.1 m apart."""
+"""Rays of a full circle by which a frame's view is recorded; at 5 m, they are less than half a cell of 0.1 m apart."""
 
 ResidualPlace = Literal["surface", "pose", "constant"]
 
 HEADINGS = 12
-"""Headings in which the robot may look at each place: one every 30 degrees."""
+"""Number of candidate headings at each place, one every 30 degrees."""
 
 
 @dataclass(frozen=True)
 class MapNow:
-    """The robot's map at the moment of a choice.
+    """The robot's map and pose when a target is chosen.
 
     Args:
         occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
-        frame: where the grid lies.
-        distance: rows x columns float64, path length from the robot in cells, inf where it cannot go.
+        frame: position, size and resolution of the grid.
+        distance: rows x columns float64, path length from the robot in cells, inf if unreachable.
         pose: 4 x 4, the camera's camera-to-world matrix.
-        frontier_places: N x 2 int64 (row, column), where the robot can stand to look at frontiers.
+        frontier_places: N x 2 int64 (row, column), places from which the robot can look at frontiers.
     """
 
     occupancy: np.ndarray
@@ -50,45 +50,45 @@ class MapNow:
 
 
 class InformativeTargets:
-    """Chooses the target from which, and on the way to which, the depth model learns the most for each action.
+    """Chooses the target whose views, there and on the path to it, are most informative per action.
 
-    A candidate is a place with a heading: known free floor and frontiers alike. The value of a view is the sum over
-    the rays of its field of view of
+    A candidate is a place with a heading, on known free floor or at a frontier. The value of a view is the sum over the
+    rays in its field of view of
 
-        share of the image x uncertainty of what the ray shows x what is left to learn from it,
+        share of the image x uncertainty of the ray's end point x its novelty,
 
-    where the uncertainty is that of `deux.mapping.surface_views` and the rest that of `deux.mapping.path_views`. The
-    views on the way, along the path, are added to that of the target, and the sum is divided by the actions that lead
-    there, turns included, and `overhead`. What a view shows is no longer new for those after it.
-    Values are only compared with each other, so the unit of the uncertainty does not matter.
+    with the uncertainty from `deux.mapping.surface_views` and the novelty from `deux.mapping.path_views`. The values of
+    the views along the path are added to that of the target, each as if the views before it had been taken, and the sum
+    is divided by the number of actions, turns included, plus `overhead`. Values are only compared, so that the unit of
+    the uncertainty does not matter.
 
     Args:
-        episode: its camera and robot.
-        rng: draws the places.
-        residual_pose: what uncertainty belongs to: the "surface" that a ray shows, the "pose" from which it is seen
-            (the mean over frames nearby), or "constant", the same everywhere, so that only novelty counts.
+        episode: provides camera and robot.
+        rng: source of randomness for the places.
+        residual_pose: what uncertainty is assigned to: the "surface" that a ray hits; the "pose" of the camera (the
+            mean over frames nearby); or "constant", so that only novelty matters.
         per_action: whether the value is divided by the actions.
-        revisits: whether known floor is a candidate as long as there is a frontier to go to.
-        on_the_way: whether the views on the way count.
+        revisits: whether known floor is a candidate even if there are frontiers.
+        on_the_way: whether the views along the path are included.
     """
 
     max_range = 5.0
-    """Metres that a view reaches."""
+    """Range of a view in metres."""
 
     spacing = 0.5
-    """Metres between candidate places, and between the views that count on the way."""
+    """Metres between candidate places, and between views along a path."""
 
     most_places = 300
-    """Places that are looked at for one choice."""
+    """Maximal number of places that are compared."""
 
     least_way = 0.5
-    """Metres that a target is away at least, if any is: a turn on the spot gives no parallax."""
+    """Least path length to a target in metres, if any is that far: a turn on the spot gives no parallax."""
 
     overhead = 3.0
-    """Actions that are added to each way; without them the nearest view nearly always wins."""
+    """Actions added to the cost of each target; without them, the nearest view would nearly always win."""
 
     switch = 1.5
-    """A target is given up for another that teaches this many times as much for an action."""
+    """A target is abandoned for another with at least this many times its value per action."""
 
     def __init__(
         self,
@@ -110,19 +110,19 @@ class InformativeTargets:
         self._before: deque[np.ndarray] = deque(maxlen=SOURCES)
 
     def record(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
-        """Add one frame's uncertainty; arguments as of `ResidualField.update`."""
+        """Add one frame's uncertainty; see `ResidualField.update`."""
         if self._residual_pose == "surface":
             self._surfaces.record(pose, depth, residual)
         elif self._residual_pose == "pose":
             self._poses.update(pose, depth, residual, uncertainty)
 
     def mark_seen(self, pose: np.ndarray, occupancy: np.ndarray, frame: GridFrame) -> None:
-        """Remember what the frame at this pose showed, unless neither of the two before it has parallax to it.
+        """Record the view of the frame at this pose, unless it has no parallax to the two frames before it.
 
         Args:
             pose: 4 x 4 camera-to-world.
-            occupancy: rows x columns int8, with this frame in it.
-            frame: where the grid lies.
+            occupancy: rows x columns int8, which includes this frame.
+            frame: position, size and resolution of the grid.
         """
         before = list(self._before)
         self._before.append(pose)
@@ -132,7 +132,7 @@ class InformativeTargets:
         self._surfaces.mark_seen(rays, pixel_shares(self._camera, np.array([yaw_of(pose)]), _SEEN_RAYS) > 0.0)
 
     def choose(self, now: MapNow) -> Target | None:
-        """The target that teaches the most for an action; None where there is no place to go to."""
+        """The target with the highest value per action; None without any candidate."""
         cells, candidate = self._places(now)
         if not candidate.any():
             return None
@@ -143,7 +143,7 @@ class InformativeTargets:
         return Target((x, z), look_at=(x - math.sin(yaw), z - math.cos(yaw)))
 
     def is_outdone(self, target: Target, now: MapNow) -> bool:
-        """Whether another target is better than a chosen one by the factor `switch`; false if no way leads to it."""
+        """Whether another target is better than the current one by the factor `switch`; false if it is unreachable."""
         assert target.look_at is not None
         cell = now.frame.cell(*target.place)
         if not np.isfinite(now.distance[cell]):
@@ -155,11 +155,11 @@ class InformativeTargets:
         return bool(rates[1:][candidate].max(initial=0.0) > self.switch * rates[0, heading])
 
     def values(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
-        """What the views from N x 2 cells (row, column) alone are expected to teach, N x HEADINGS float64."""
+        """The values of the views from N x 2 cells (row, column), N x HEADINGS float64, without those on the way."""
         return self._values(now, cells, on_the_way=False)
 
     def _rates(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
-        """What each target teaches for an action, N x HEADINGS."""
+        """The value of each target per action, N x HEADINGS."""
         worth = self._values(now, cells, self._on_the_way)
         if not self._per_action:
             return worth
@@ -168,9 +168,9 @@ class InformativeTargets:
         return worth / (actions.reshape(worth.shape) + self.overhead)
 
     def _values(self, now: MapNow, cells: np.ndarray, on_the_way: bool) -> np.ndarray:
-        """What the views from the cells teach, N x HEADINGS, with those on the path there or without.
+        """The values of the views from the cells, N x HEADINGS, with or without those along the path to them.
 
-        A view on the way is taken to be that from the nearest of the cells.
+        A view along the path is approximated by that from the nearest of the cells.
         """
         places = cell_centres(now.frame, cells)
         rays = cast_rays(now.occupancy, now.frame, places, self.max_range)
@@ -186,7 +186,7 @@ class InformativeTargets:
         return values_along_paths(self._surfaces, rays, worth, self._shares, points.goal, nearest, heading)
 
     def _places(self, now: MapNow) -> tuple[np.ndarray, np.ndarray]:
-        """N x 2 places (row, column), one of each square of floor and of frontier, and which of them are candidates."""
+        """N x 2 places (row, column), one in each square of floor and frontier, and N bool: which are candidates."""
         side = self.spacing / now.frame.resolution
         frontier = _one_of_each_square(now.frontier_places, side, self._rng)
         floor = _one_of_each_square(np.argwhere(np.isfinite(now.distance)), side, self._rng)

@@ -11,42 +11,42 @@ from deux.geometry.poses import yaw_of
 from deux.mapping.planning import line_is_clear
 
 Motion = Literal["arcs", "turns"]
-"""How a robot changes its heading on a path: while it goes on, or on the spot."""
+"""How a robot turns on a path: on arcs, while moving, or on the spot."""
 
 Coordinate = TypeVar("Coordinate", float, np.ndarray)
 
 
 def heading_error(pose: np.ndarray, x: Coordinate, z: Coordinate) -> Coordinate:
-    """Angle in radians, in [-pi, pi), by which the robot must turn left to face world point (x, z), or each of many."""
+    """Angle in radians, in [-pi, pi), by which the robot must turn left to face world point (x, z), or several."""
     wanted = np.arctan2(pose[0, 3] - x, pose[2, 3] - z)
     return (wanted - yaw_of(pose) + math.pi) % (2.0 * math.pi) - math.pi
 
 
 def turn_towards(error: float) -> Action:
-    """The turn that makes a heading error smaller."""
+    """The turn that reduces a heading error."""
     return Action.LEFT if error > 0.0 else Action.RIGHT
 
 
 class PathFollower:
-    """Follows a path: turns towards the next waypoint, and goes forward once it lies within half a turn of ahead.
+    """Follows a path: turns towards the next waypoint until the heading error is at most half a turn, then moves on.
 
-    The waypoint, `Path[delta_next]` of Algorithm 1, is the farthest point of the path within the lookahead that
-    can be reached in a straight line. A turn that would only undo the turn before it is replaced by a step
-    forward, so that the robot cannot swing left and right on the spot.
+    The waypoint, `Path[delta_next]` of Algorithm 1, is the farthest point of the path within the lookahead that can be
+    reached in a straight line. A turn that would only undo the previous turn is replaced by a step forward, so that the
+    robot cannot oscillate on the spot.
 
-    With the motion "arcs" it goes forward between turns as well, where the next step is free. A step after every k
-    turns by an angle a moves it on a circle of radius r = step / (k a). A waypoint at distance d and heading error e
-    lies on or outside of that circle, so that the robot does not go around it, if d >= 2 r sin|e|. The
-    heading then turns by up to e more than on the spot, which buys frames with parallax.
+    With the motion "arcs", it also steps forward between turns if the next step is free. A step after every k turns by
+    an angle a moves it on a circle of radius r = step / (k a). A waypoint at distance d and heading error e lies on or
+    outside that circle, so that the robot does not circle around it, if d >= 2 r sin|e|. The robot then turns by up to
+    e more than on the spot, in exchange for frames with parallax.
 
     Args:
-        robot: its turn angle and forward step.
-        lookahead: distance to the waypoint in metres; None for 1 with turns on the spot, and 2 with arcs.
-        motion: how it turns.
+        robot: provides turn angle and forward step.
+        lookahead: largest distance to the waypoint in metres; None for 1 with turns on the spot and 2 with arcs.
+        motion: how the robot turns.
     """
 
     widest_arc = math.radians(60.0)
-    """Heading error above which the robot turns on the spot: a step would bring it nearly no closer."""
+    """Heading error above which the robot turns on the spot, since a step would hardly bring it closer."""
 
     def __init__(self, robot: Robot, lookahead: float | None = None, motion: Motion = "turns") -> None:
         self._robot = robot
@@ -64,8 +64,8 @@ class PathFollower:
         Args:
             pose: 4 x 4 camera-to-world.
             path: N x 2 world (x, z), from the robot to the goal.
-            traversable: rows x columns bool, where straight lines may go.
-            frame: where `traversable` lies.
+            traversable: rows x columns bool, the cells that straight lines may cross.
+            frame: frame of `traversable`.
         """
         x, z = self._waypoint(pose, path, traversable, frame)
         error = heading_error(pose, x, z)
@@ -82,7 +82,7 @@ class PathFollower:
     def _may_arc(
         self, pose: np.ndarray, x: float, z: float, error: float, traversable: np.ndarray, frame: GridFrame
     ) -> bool:
-        """Whether a step before the next turn leads to waypoint (x, z) on an arc and its way is free."""
+        """Whether stepping before the next turn leads to waypoint (x, z) on an arc, and the step is free."""
         if self._turns == 0 or abs(error) > self.widest_arc:
             return False
         radius = self._robot.forward_step / (self._turns * math.radians(self._robot.turn_angle))

@@ -1,4 +1,4 @@
-"""Going to one target: plan, follow, replan, arrive or give up (the inner loop of Algorithm 1)."""
+"""Driving to one target: plan, follow and replan a path, arrive or give up (the inner loop of Algorithm 1)."""
 
 import math
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Target:
-    """A place to go to, in world coordinates (x, z).
+    """A target in world coordinates (x, z).
 
     Args:
-        place: where to stand.
-        look_at: what to face there; None if the heading does not matter.
+        place: the place to drive to.
+        look_at: the point to face there; None for any heading.
     """
 
     place: Point
@@ -27,26 +27,25 @@ class Target:
 
 
 class Pursuit:
-    """Drives one robot to one target, with a path that is planned anew where needed; make one for each target.
+    """Drives a robot to one target; create a new one for each target.
 
-    The path is planned anew when the map blocks it or the robot has left it. The pursuit ends when the robot
-    stands at the target and faces it, when no path leads there, when `patience` actions brought the robot no
-    closer along its path, or after `most_steps` actions. Since every pursuit ends, a robot cannot be held by a
-    target that it will never reach.
+    The path is replanned when the map blocks it or the robot has left it. The pursuit ends when the robot stands at the
+    target and faces it, when no path leads there, after `patience` actions without progress along the path, or after
+    `most_steps` actions, so that a robot cannot pursue an unreachable target forever.
 
     Args:
-        target: where to go.
-        robot: its motion.
-        patience: actions without progress after which the target is given up; a half turn takes 18.
-        most_steps: actions after which the target is given up in any case (exploring_exploration's 200).
-        motion: how it turns on its path, see `PathFollower`.
+        target: the target.
+        robot: provides the motion parameters.
+        patience: actions without progress after which the target is abandoned; half a turn takes 18.
+        most_steps: actions after which the target is abandoned in any case (exploring_exploration's 200).
+        motion: how the robot turns on its path, see `PathFollower`.
     """
 
     goal_radius = 0.2
-    """Metres from the place within which the robot has arrived; with steps of 0.25 m it may not get closer."""
+    """Distance in metres at which the robot has arrived; with steps of 0.25 m, it may not get closer."""
 
     look_tolerance = math.radians(20.0)
-    """Heading error within which the robot faces what it was to look at."""
+    """Heading error within which the robot faces the point to look at."""
 
     def __init__(
         self, target: Target, robot: Robot, patience: int = 40, most_steps: int = 200, motion: Motion = "turns"
@@ -63,12 +62,12 @@ class Pursuit:
         self._arrived = False
 
     def act(self, pose: np.ndarray, traversable: np.ndarray, frame: GridFrame) -> Action | None:
-        """The next action, or None if the pursuit is over: then `reached` tells how it ended.
+        """The next action, or None if the pursuit has ended; `reached` then says whether successfully.
 
         Args:
             pose: 4 x 4 camera-to-world.
             traversable: rows x columns bool, see `process_map`.
-            frame: where `traversable` lies; it may have grown since the last call.
+            frame: frame of `traversable`; the map may have grown since the last call.
         """
         self._steps_left -= 1
         self._steps_since_progress += 1
@@ -93,7 +92,7 @@ class Pursuit:
         return max(self.goal_radius, 0.75 * self._robot.forward_step)
 
     def _look(self, pose: np.ndarray) -> Action | None:
-        """Turn towards what is to be looked at; None once the robot faces it."""
+        """Turn towards the point to look at; None once the robot faces it."""
         if self.target.look_at is not None:
             error = heading_error(pose, *self.target.look_at)
             if abs(error) > max(self.look_tolerance, math.radians(self._robot.turn_angle)):
@@ -102,7 +101,7 @@ class Pursuit:
         return None
 
     def _remaining_path(self, pose: np.ndarray, traversable: np.ndarray, frame: GridFrame) -> np.ndarray | None:
-        """What is left of the path as world (x, z), planned anew if need be; None if no path leads to the place."""
+        """The rest of the path as world (x, z), replanned if necessary; None if no path leads to the place."""
         if self._path is not None:
             distances = np.hypot(self._path[:, 0] - pose[0, 3], self._path[:, 1] - pose[2, 3])
             nearest = int(np.argmin(distances))
@@ -111,7 +110,7 @@ class Pursuit:
             if distances[nearest] <= self._robot.forward_step and traversable[rows, columns].all():
                 self._path = rest
                 return rest
-            # A detour may be longer than what was left before: progress is counted afresh.
+            # A detour may be longer than the rest of the old path, so progress is measured from here.
             self._least_remaining = math.inf
         start = frame.cell(pose[0, 3], pose[2, 3])
         cells = shortest_path(traversable, start, frame.cell(*self.target.place))

@@ -1,4 +1,4 @@
-"""Recovery behaviours of a robot that is stuck; they take its own poses and contacts, and no map."""
+"""Recovery behaviours of a robot that is stuck, which use its poses and collisions, but no map."""
 
 import math
 from collections import deque
@@ -13,29 +13,29 @@ from deux.contracts import Action, Robot
 class Recovery:
     """Detects that the robot is stuck, and then chooses its actions until it is free.
 
-    There are two behaviours, as a robot can be stuck in two ways:
+    A robot can be stuck in two ways, with a behaviour for each:
 
-    - blocked: `most_failures` forward actions in a row failed, turns left out. The robot turns by a random angle of 30
-      to 180 degrees to either side and steps forward. One large turn gets it out of a corner; random single turns
-      cancel out.
-    - confined: for `patience` steps it stayed in a square with sides of `extent`, where `most_confined` forward actions
-      failed. It searches the boundary of that place for a gap: it goes forward for as long as that moves it, sliding
-      along what is in the way, and turns by 20 degrees where it does not, all round to the left and then to the right,
-      so that it slides along each wall from end to end. Random turns find the same gap, but there is no limit to how
-      long they may take. The search ends when the robot has left the square.
+    - blocked: `most_failures` consecutive forward actions failed, not counting turns between them. The robot turns by a
+      random angle of 30 to 180 degrees to either side and steps forward. One large turn gets it out of a corner, where
+      random single turns would cancel out.
+    - confined: it stayed within a square of side `extent` for `patience` steps, in which `most_confined` forward
+      actions failed. It then searches the boundary for a gap: it moves forward as long as it can, sliding along
+      obstacles, and turns by 20 degrees when it cannot, for a full circle to the left and then to the right, so that it
+      slides along each wall from end to end. Random turns would find the same gap, but without any bound on the time.
+      The search ends when the robot has left the square.
 
-    A forward action failed if it was cut short by an obstacle and moved the robot by less than `least_move` of a step;
-    with the default, sliding along a wall is progress.
+    A forward action has failed if an obstacle stopped it and the robot moved by less than `least_move` of a step; with
+    the default, sliding along a wall is progress.
 
     Args:
-        robot: its motion.
-        rng: where the random turns come from.
-        most_failures: failed forward actions in a row.
+        robot: provides the motion parameters.
+        rng: source of randomness for the turns.
+        most_failures: consecutive failed forward actions.
         most_confined: failed forward actions within `patience` steps; with 0, a robot that stays in one place is
-            confined even if it touches nothing.
-        least_move: share of a step.
-        extent: metres.
-        patience: steps.
+            confined even without any collision.
+        least_move: fraction of a step.
+        extent: side of the square in metres.
+        patience: number of steps.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Recovery:
         patience: int = 40,
     ) -> None:
         self.failures = 0
-        """Forward actions in a row that failed, up to the last action; 0 if the last action was not one of them."""
+        """Consecutive failed forward actions up to the last action; 0 if the last action did not fail."""
         self._rng = rng
         self._turn_angle = robot.turn_angle
         self._most_failures = most_failures
@@ -65,11 +65,11 @@ class Recovery:
         self._actions: Iterator[Action] = iter(())
 
     def action(self, pose: np.ndarray, collided: bool) -> Action | None:
-        """The next action of the recovery; None while the robot is free. Ask once before every step.
+        """The next recovery action; None while the robot is not stuck. Call it once before every step.
 
         Args:
             pose: 4 x 4 camera-to-world.
-            collided: whether the last action was cut short by an obstacle.
+            collided: whether an obstacle stopped the last action early.
         """
         self._observe(pose[[0, 2], 3], collided)
         if self._searching and self._is_spread():
@@ -86,14 +86,14 @@ class Recovery:
         return action
 
     def turn_away(self, steps: int = 1) -> Action:
-        """Begin a random turn of 30 to 180 degrees with so many steps forward after it; returns its first action."""
+        """Start a random turn of 30 to 180 degrees, followed by `steps` forward steps; return the first action."""
         turn = Action.LEFT if self._rng.random() < 0.5 else Action.RIGHT
         turns = math.ceil(self._rng.uniform(30.0, 180.0) / self._turn_angle)
         self._actions = iter([turn] * turns + [Action.FORWARD] * steps)
         return next(self._actions)
 
     def _observe(self, place: np.ndarray, collided: bool) -> None:
-        """Record whether the last action failed; `place` is where it brought the robot, world (x, z)."""
+        """Record whether the last action failed; `place` is the robot's new position, world (x, z)."""
         self._moved = float(np.hypot(*(place - self._places[-1]))) if self._places else 0.0
         failed = collided and self._moved < self._least_move
         if failed:
@@ -105,7 +105,7 @@ class Recovery:
         self._failed.append(failed)
 
     def _is_spread(self) -> bool:
-        """Whether the last places do not fit into the square."""
+        """Whether the last positions do not fit into the square."""
         return bool(np.ptp(np.array(self._places), axis=0).max() > self._extent)
 
     def _is_confined(self) -> bool:
@@ -113,9 +113,9 @@ class Recovery:
         return full and sum(self._failed) >= self._most_confined and not self._is_spread()
 
     def _search(self) -> Iterator[Action]:
-        """Forward in every direction, and on wherever that moved the robot."""
+        """Move forward in every direction, for as long as the robot moves."""
         turns = math.ceil(20.0 / self._turn_angle)
-        # All round, and a quarter more for the wall at which it began and from which it turned away.
+        # A full circle, and a quarter more for the wall at which the search began.
         directions = math.ceil(450.0 / (turns * self._turn_angle))
         for turn in (Action.LEFT, Action.RIGHT):
             for _ in range(directions):

@@ -1,4 +1,4 @@
-"""Residuals of pixels, gathered on the cells of a floor plan."""
+"""Pixels' residuals, accumulated in the cells of a floor plan."""
 
 import math
 
@@ -10,13 +10,13 @@ from deux.mapping.growing_grid import GrowingGrid
 
 
 class ResidualCells:
-    """Sums and numbers of the residuals that fell into each cell, from any height, by classes of distance.
+    """Sums and counts of the residuals in each cell, of points at any height, in classes by distance.
 
     Args:
         camera: the camera that the depth images come from.
         max_range: distance along the floor in metres up to which pixels count.
         resolution: edge of a cell in metres.
-        distances: metres along the floor at which one class ends and the next one begins, increasing.
+        distances: boundaries of the distance classes in metres along the floor, increasing.
         layers: further arrays over the same cells, name -> dtype.
     """
 
@@ -39,12 +39,12 @@ class ResidualCells:
 
     @property
     def totals(self) -> tuple[np.ndarray, ...]:
-        """Sum of each cell's residuals, rows x columns float64, for each class; the nearest is the first."""
+        """Sum of each cell's residuals, rows x columns float64, for each distance class, nearest first."""
         return tuple(self.grid[f"total {number}"] for number in self._classes)
 
     @property
     def counts(self) -> tuple[np.ndarray, ...]:
-        """Number of each cell's residuals, rows x columns int64, for each class."""
+        """Number of each cell's residuals, rows x columns int64, for each distance class."""
         return tuple(self.grid[f"count {number}"] for number in self._classes)
 
     def add(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray) -> None:

@@ -1,6 +1,6 @@
-"""Residual fields: the depth model's uncertainty over the floor, in the two readings of Algorithm 1's residual pose.
+"""Residual fields: the depth model's uncertainty over the floor, in two interpretations of Algorithm 1's residual pose.
 
-Both take the same updates and answer the same questions, so an explorer holds either.
+Both have the same interface.
 """
 
 import math
@@ -15,7 +15,7 @@ from deux.mapping.residual_cells import ResidualCells
 
 
 class ResidualField(Protocol):
-    """Uncertainty over the floor, gathered frame by frame."""
+    """Uncertainty over the floor, accumulated frame by frame."""
 
     def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
         """Add one frame.
@@ -23,14 +23,14 @@ class ResidualField(Protocol):
         Args:
             pose: 4 x 4 camera-to-world.
             depth: H x W metres, 0 or NaN = none.
-            residual: H x W uncertainty of the pixels, not negative, NaN where there is none.
-            uncertainty: delta of Eq. 8 in [0, 1]; NaN where there is none.
+            residual: H x W uncertainty of the pixels, not negative, NaN = none.
+            uncertainty: delta of Eq. 8 in [0, 1], NaN = none.
         """
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Uncertainty near N x 2 world points (x, z): N float64 in [0, 1], always finite.
 
-        Far from everything recorded it tends to the mean of all that is recorded, 0 if nothing is.
+        Far from all records, it tends to their mean; without any record, it is 0.
         """
 
     def grid(self, frame: GridFrame) -> np.ndarray:
@@ -38,21 +38,21 @@ class ResidualField(Protocol):
 
 
 class PoseResidualField:
-    """Delta is recorded at the robot's pose: uncertainty at a point is the weighted mean over the poses nearby.
+    """Records delta at the robot's pose; the uncertainty at a point is the weighted mean over nearby poses.
 
-    The weights are exp(-d^2 / (2 bandwidth^2)) for a pose at distance d; the mean of all deltas enters with weight
-    `prior_weight`, and so prevails far from every pose.
+    The weight of a pose at distance d is exp(-d^2 / (2 bandwidth^2)). The mean of all deltas has the weight
+    `prior_weight`, so that it dominates far from all poses.
 
-    A bandwidth of two steps keeps places a metre apart distinct. The prior is weak because targets lie metres ahead
-    of the poses: they are to inherit what was found in their direction, not the mean of everything.
+    A bandwidth of two steps distinguishes places a metre apart. The prior is weak because targets are metres ahead of
+    the poses, and should get the uncertainty found in their direction rather than the overall mean.
 
     Args:
         bandwidth: metres.
-        prior_weight: the weight of the mean, in poses at distance 0.
+        prior_weight: weight of the mean, relative to a pose at distance 0.
     """
 
     _negligible = 9.0
-    """Bandwidths at which a weight is lost in the rounding of the sum."""
+    """Distance, in bandwidths, at which a weight is below the sum's rounding error."""
 
     def __init__(self, bandwidth: float = 0.5, prior_weight: float = 0.01) -> None:
         self._bandwidth = bandwidth
@@ -60,7 +60,7 @@ class PoseResidualField:
         self._records: list[tuple[float, float, float]] = []
 
     def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
-        """Record the frame's delta at the pose; a NaN delta is left out."""
+        """Record the frame's delta at the pose, unless it is NaN."""
         if np.isfinite(uncertainty):
             self._records.append((float(pose[0, 3]), float(pose[2, 3]), float(uncertainty)))
 
@@ -73,7 +73,7 @@ class PoseResidualField:
         return values
 
     def grid(self, frame: GridFrame) -> np.ndarray:
-        """The field over a grid; NaN beyond two bandwidths of the only pose."""
+        """The field over a grid; NaN where the sum of weights is less than that of one pose two bandwidths away."""
         result = np.full(frame.shape, np.nan, np.float32)
         if not self._records:
             return result
@@ -88,7 +88,7 @@ class PoseResidualField:
         return result
 
     def _average(self, points: np.ndarray, records: np.ndarray, mean: float) -> tuple[np.ndarray, np.ndarray]:
-        """Weighted average of some records at each point, and their weight in it."""
+        """Weighted average of records at each point, and the sum of their weights."""
         # |a - b|^2 expanded: a product of matrices is many times faster than all differences on a whole grid.
         squares = (points**2).sum(1)[:, None] + (records[:, :2] ** 2).sum(1) - 2.0 * points @ records[:, :2].T
         weights = np.exp(-0.5 * squares / self._bandwidth**2)
@@ -98,18 +98,18 @@ class PoseResidualField:
 
 
 class SurfaceResidualField:
-    """Each pixel's residual is recorded on the surface that the pixel shows, projected onto the floor.
+    """Records each pixel's residual at the surface point that the pixel shows, projected onto the floor.
 
-    A cell holds the mean of all residuals that fell into it, from any height, mapped to 1 - exp(-mean) as in Eq. 8.
-    Uncertainty at a point is the average of the cells nearby with the weights exp(-d^2 / (2 bandwidth^2)); the
-    mean of all cells enters with weight `prior_weight`, and so prevails far from every observed surface.
+    The uncertainty of a cell is 1 - exp(-mean), as in Eq. 8, of the mean residual of its points at any height. The
+    uncertainty at a point is the average of nearby cells with weights exp(-d^2 / (2 bandwidth^2)). The mean of all
+    cells has the weight `prior_weight`, so that it dominates far from all observed surfaces.
 
     Args:
         camera: the camera that the depth images come from.
         resolution: edge of a cell in metres.
         max_range: distance along the floor in metres up to which pixels are projected.
         bandwidth: metres.
-        prior_weight: the weight of the mean, in cells at distance 0.
+        prior_weight: weight of the mean, relative to a cell at distance 0.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class SurfaceResidualField:
         self._residuals = ResidualCells(camera, max_range, resolution)
 
     def update(self, pose: np.ndarray, depth: np.ndarray, residual: np.ndarray, uncertainty: float) -> None:
-        """Project the residuals of all pixels with depth onto the floor; NaN residuals are left out."""
+        """Project the residuals of all pixels with depth onto the floor; NaN residuals are ignored."""
         self._residuals.add(pose, depth, residual)
 
     def at(self, points: np.ndarray) -> np.ndarray:
@@ -143,12 +143,12 @@ class SurfaceResidualField:
             return values
         rows, columns = rows[inside], columns[inside]
         sigma = self._bandwidth / self._resolution
-        reach = math.ceil(4.0 * sigma)  # of GaussianBlur's kernel
+        reach = math.ceil(4.0 * sigma)  # radius of GaussianBlur's kernel
         top, left = max(0, rows.min() - reach), max(0, columns.min() - reach)
         window = np.s_[top : rows.max() + reach + 1, left : columns.max() + reach + 1]
 
         def weighted_sum(cells: np.ndarray) -> np.ndarray:
-            # GaussianBlur's kernel sums to 1; undone, a cell at distance 0 has weight 1.
+            # GaussianBlur's kernel sums to 1; rescaled, a cell at distance 0 has weight 1.
             blurred = cv2.GaussianBlur(cells.astype(np.float32), (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
             return 2.0 * np.pi * sigma**2 * blurred[rows - top, columns - left]
 

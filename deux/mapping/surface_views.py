@@ -1,4 +1,4 @@
-"""What is known of the surfaces: how uncertain the depth model is of them, by distance, and how they were seen."""
+"""Observed surfaces: the depth model's uncertainty by viewing distance, and the views in which they were seen."""
 
 import math
 
@@ -9,17 +9,17 @@ from deux.mapping.residual_cells import ResidualCells
 from deux.mapping.view_fan import NOTHING, SURFACE, Rays, headings
 
 DISTANCES = (1.0, 3.0)
-"""Metres at which the distance classes end: near, middle, and far beyond."""
+"""Boundaries of the distance classes in metres: near, middle and far."""
 
 SECTORS = 16
-"""Bearings from which a surface is seen alike: 22.5 degrees each, about a metre of parallax at 2.5 m."""
+"""Number of bearing classes: 22.5 degrees each, about a metre of parallax at 2.5 m."""
 
 
 class SurfaceViews:
-    """The uncertainty of surfaces and the ways in which they were seen, on cells of the floor plan.
+    """The uncertainty of surfaces, and the views in which they were seen, in the cells of a floor plan.
 
-    A cell keeps, for each class of distances from which it was seen, the mean residual of the pixels that showed it
-    at any height; and a set of views: which of the SECTORS x 3 pairs of bearing and distance class it was seen in.
+    A cell stores, for each distance class, the mean residual of the pixels that showed it, at any height; and the set
+    of views in which it was seen, where a view is one of SECTORS x 3 pairs of bearing and distance class.
 
     Args:
         camera: the camera that the depth images come from.
@@ -36,15 +36,15 @@ class SurfaceViews:
         Args:
             pose: 4 x 4 camera-to-world.
             depth: H x W metres, 0 or NaN = none.
-            residual: H x W uncertainty of the pixels, not negative, NaN = not known.
+            residual: H x W uncertainty of the pixels, not negative, NaN = none.
         """
         self._residuals.add(pose, depth, residual)
 
     def mark_seen(self, rays: Rays, shown: np.ndarray) -> None:
-        """Remember that what the rays end in was seen, surfaces and what stays unknown alike.
+        """Record that the end points of rays, surfaces and unknown cells, were seen.
 
         Args:
-            rays: of one place or more.
+            rays: rays from one or more places.
             shown: N x R bool, the rays inside the field of view.
         """
         shown = shown & (rays.kind != NOTHING)
@@ -59,11 +59,11 @@ class SurfaceViews:
         np.bitwise_or.at(cells["views"], (rows, columns), views_of(rays)[shown])
 
     def uncertainty(self, rays: Rays) -> np.ndarray:
-        """The uncertainty of what each ray shows, N x R float64; 0 for `NOTHING`.
+        """The uncertainty of each ray's end point, N x R float64; 0 for `NOTHING`.
 
-        A surface has the mean residual of its cell in the class of the ray's distance; where it was never seen from
-        that distance, the mean over the other classes; where it has none, and for the unknown, the mean over all
-        surfaces, in that class if there are any. 1 where no residual is known at all.
+        For a surface, it is the mean residual of its cell in the ray's distance class or, if it was never seen from
+        that distance, over all classes. For surfaces without residuals and unknown cells, it is the mean over all
+        surfaces, in the ray's distance class if there are any. It is 1 if there are no residuals at all.
         """
         total, count = np.stack(self._residuals.totals), np.stack(self._residuals.counts)
         if count.sum() == 0:
@@ -82,13 +82,13 @@ class SurfaceViews:
         return value
 
     def seen_in(self, rays: Rays) -> np.ndarray:
-        """The views in which the end of each ray was seen, N x R int64: a bit for each pair of bearing and distance."""
+        """The views in which each ray's end point was seen, N x R int64, a bit for each bearing and distance class."""
         rows, columns = self._inside(rays)
         views = self._residuals.grid["views"]
         return np.where(rows >= 0, views[rows, columns], 0) if views.size else np.zeros(rays.kind.shape, np.int64)
 
     def _inside(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of each ray's end; -1 where it has none or lies outside the grid."""
+        """Row and column of each ray's end point; -1 if there is none or it is outside the grid."""
         ends = np.where(np.isfinite(rays.ends), rays.ends, 0.0)
         frame = self._residuals.grid.frame
         rows, columns = frame.cells(ends[..., 0], ends[..., 1])
@@ -97,6 +97,6 @@ class SurfaceViews:
 
 
 def views_of(rays: Rays) -> np.ndarray:
-    """The view in which each ray shows its end, one bit of an int64."""
+    """The view in which each ray shows its end point, as one bit of an int64."""
     sector = (headings(rays.kind.shape[1]) / (2.0 * math.pi) * SECTORS).astype(np.int64)
     return np.int64(1) << (sector * (len(DISTANCES) + 1) + np.digitize(rays.distance, DISTANCES))

@@ -1,4 +1,4 @@
-"""Traversable floor: where paths may lead on an occupancy map (`ProcessMap` of Algorithm 1)."""
+"""Traversable cells of an occupancy map (`ProcessMap` of Algorithm 1)."""
 
 import math
 
@@ -20,16 +20,16 @@ def disc(radius: float) -> np.ndarray:
 def process_map(
     cells: np.ndarray, clearance: float, around: list[tuple[int, int]], unknown_is_traversable: bool = False
 ) -> np.ndarray:
-    """The cells that the centre of the robot may be planned to go to.
+    """The cells through which paths of the robot's centre may lead.
 
-    Obstacles are grown by `clearance`. The growth, not the obstacles themselves, is taken back around given cells
-    (the robot stands where it stands, however near the map thinks a wall is).
+    Obstacles are dilated by `clearance`. Around given cells the dilation is undone, but obstacles remain: the robot can
+    be nearer to a wall than the map allows.
 
     Args:
         cells: rows x columns int8: 0 unknown, 1 occupied, 2 free.
         clearance: the robot's radius and a safety margin, in cells.
-        around: cells (row, column) around which the growth is taken back, within `clearance` + 1 cells.
-        unknown_is_traversable: plan through the unknown as if it were free.
+        around: cells (row, column) around which the dilation is undone, within `clearance` + 1 cells.
+        unknown_is_traversable: treat unknown cells as free.
 
     Returns:
         rows x columns bool.
@@ -49,18 +49,18 @@ def process_map(
 def approaches(
     open_cells: np.ndarray, distance: np.ndarray, cells: np.ndarray, reach: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """For each cell the reachable cell nearest to it that sees it, the one to stand on in order to look at it.
+    """For each cell, the nearest reachable cell from which it is visible.
 
-    Frontier cells beside an obstacle are often too close to it to stand on.
+    The cell itself may be unreachable, as frontier cells are that are too close to an obstacle.
 
     Args:
         open_cells: rows x columns bool, true where nothing blocks the view.
-        distance: rows x columns float64, path length from the robot, inf where it cannot go.
+        distance: rows x columns float64, path length from the robot, inf if unreachable.
         cells: N x 2 int64 (row, column).
-        reach: how far from a cell the robot may stand, in cells.
+        reach: maximal distance from a cell, in cells.
 
     Returns:
-        N x 2 int64 (row, column), and N float64: the path length there, inf where no place within reach will do.
+        N x 2 int64 (row, column), and N float64: the path length there, inf if there is no such cell within reach.
     """
     places = np.zeros((len(cells), 2), np.int64)
     lengths = np.full(len(cells), np.inf)
@@ -82,7 +82,7 @@ def approaches(
 def unknown_beside(cells: np.ndarray, row: int, column: int, reach: int) -> tuple[float, float] | None:
     """Mean (row, column) of the unknown cells within `reach` cells of a cell that have a free 4-neighbour.
 
-    It tells which way to look at a frontier; None if there is no such cell left.
+    It is the point to look at from a frontier; None if there is no such cell.
     """
     top, left = max(0, row - reach), max(0, column - reach)
     patch = cells[top : row + reach + 1, left : column + reach + 1]

@@ -1,4 +1,4 @@
-"""The camera's field of view on the occupancy map: rays cast over the floor, from many places at once."""
+"""Ray casting on the occupancy map, to predict the camera's view from many places at once."""
 
 import math
 from dataclasses import dataclass
@@ -11,24 +11,25 @@ from deux.geometry.grid import GridFrame
 from deux.mapping.occupancy import OCCUPIED, UNKNOWN
 
 RAYS = 72
-"""Rays of a full circle where nothing else is said: one every 5 degrees, as wide as four cells of 5 cm at 2.3 m."""
+"""Default number of rays of a full circle: one every 5 degrees, four cells of 5 cm apart at 2.3 m."""
 
 NOTHING, SURFACE, UNSEEN = 0, 1, 2
-"""What a ray ends in: it leaves the range, it meets an occupied cell, or it enters the unknown."""
+"""How a ray ends: out of range, at an occupied cell, or in unknown cells."""
 
 GAP = 3
-"""Unknown cells in a row at which a ray has entered the unknown; fewer are gaps between pixels."""
+"""Number of consecutive unknown cells at which a ray ends; fewer are gaps between pixels."""
 
 
 @dataclass(frozen=True)
 class Rays:
-    """Where the R rays of N places end. Ray r looks along heading `headings(R)[r]`.
+    """The end points of R rays from each of N places. Ray r has heading `headings(R)[r]`.
 
     Args:
         kind: N x R uint8: `NOTHING`, `SURFACE` or `UNSEEN`.
         ends: N x R x 2 float64, world (x, z) of the centre of the occupied cell or of the first unknown one; NaN
             for `NOTHING`.
-        distance: N x R float64, metres from the place to where the ray enters that cell; the range for `NOTHING`.
+        distance: N x R float64, metres from the place to the point where the ray enters that cell; the range for
+            `NOTHING`.
     """
 
     kind: np.ndarray
@@ -37,22 +38,22 @@ class Rays:
 
 
 def headings(count: int = RAYS) -> np.ndarray:
-    """Headings of the rays in radians as of `camera_pose`: 0 looks along the world's -z, positive ones turn left."""
+    """Headings of the rays in radians, as in `camera_pose`: 0 along the world's -z, positive to the left."""
     return np.arange(count) * (2.0 * math.pi / count)
 
 
 def cast_rays(occupancy: np.ndarray, frame: GridFrame, places: np.ndarray, max_range: float, count: int = RAYS) -> Rays:
-    """Cast rays over the map in all directions.
+    """Cast rays on the map in all directions.
 
-    A ray visits every cell that it crosses (Amanatides and Woo 1987), the first one left out, until it meets an
-    occupied cell, `GAP` unknown cells in a row, or the end of the range or of the grid.
+    A ray visits every cell that it crosses (Amanatides and Woo 1987), except the first, until it meets an occupied
+    cell, `GAP` consecutive unknown cells, or the end of the range or the grid.
 
     Args:
         occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free.
-        frame: where the grid lies.
+        frame: position, size and resolution of the grid.
         places: N x 2 world (x, z) inside the grid.
         max_range: metres.
-        count: rays of each place.
+        count: number of rays from each place.
     """
     starts = (np.asarray(places, np.float64) - (frame.origin_x, frame.origin_z)) / frame.resolution
     directions = np.stack([-np.sin(headings(count)), -np.cos(headings(count))], axis=1)
@@ -63,15 +64,15 @@ def cast_rays(occupancy: np.ndarray, frame: GridFrame, places: np.ndarray, max_r
 
 
 def pixel_shares(camera: Camera, yaw: np.ndarray, count: int = RAYS) -> np.ndarray:
-    """The share of the image's columns that each ray stands for in views along given headings.
+    """The share of the image's columns that each ray represents in views with given headings.
 
     A ray at angle a from the optical axis shows the columns from f tan(a - w / 2) to f tan(a + w / 2), w being the
     angle between rays: near the image's edges a degree covers more pixels than in its middle.
 
     Args:
-        camera: its horizontal field of view counts.
+        camera: provides the horizontal field of view.
         yaw: V float64, radians.
-        count: rays of a full circle.
+        count: number of rays of a full circle.
 
     Returns:
         V x count float64, each row sums to 1.
@@ -84,7 +85,7 @@ def pixel_shares(camera: Camera, yaw: np.ndarray, count: int = RAYS) -> np.ndarr
 
 @compiled
 def _cast(occupancy, starts, directions, reach):  # type: ignore[no-untyped-def]
-    """What each ray ends in, the cell (column, row) and the distance in cells."""
+    """How each ray ends, the end point's cell (column, row) and the distance in cells."""
     rows, columns = occupancy.shape
     kind = np.zeros((len(starts), len(directions)), np.uint8)
     ends = np.zeros((len(starts), len(directions), 2), np.float64)

@@ -1,6 +1,6 @@
 """The errors of a depth model with other sparse points than the stored ones: how many, where, and how wrong."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from deux.collection.point_patterns import Pattern
@@ -34,7 +34,6 @@ def errors_under(
     min_depth: float = 0.1,
     max_depth: float = 10.0,
     frames: int | None = None,
-    progress: Callable[[int], None] | None = None,
 ) -> Evaluation:
     """The errors of a model and of interpolation on the test split of a dataset, with points drawn anew.
 
@@ -47,7 +46,6 @@ def errors_under(
         min_depth: as of `evaluate`.
         max_depth: as of `evaluate`.
         frames: number of frames, spread evenly over the split; None for all.
-        progress: as of `evaluate`.
 
     Raises:
         DeuxError: as `evaluate`, or the frames have no ground truth.
@@ -56,7 +54,7 @@ def errors_under(
     draw = DrawPoints(density, (condition.pattern,), noise, outliers)
     settings = SampleSettings(training=True, ground_truth=True, sources="unread", poses=False, augmentation=(draw,))
     data = TripletDataset([reader], "test", settings)
-    return evaluate(model, _single_frames(data, _spread(len(data), frames)), min_depth, max_depth, progress)
+    return evaluate(model, _single_frames(data, _spread(len(data), frames)), min_depth, max_depth)
 
 
 def _single_frames(data: TripletDataset, places: Sequence[int]) -> Iterator[Batch]:

@@ -4,13 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
-from pathlib import Path
-from typing import Any
 
-from safetensors import SafetensorError, safe_open
-
-from deux.deployment.shipped_models import CARD_KEY
-from deux.errors import DeuxError
 from deux.metrics.depth_errors import METRICS
 
 
@@ -73,19 +67,6 @@ class ModelCard:
         """The card for a file's header."""
         return json.dumps(asdict(self))
 
-    @classmethod
-    def from_json(cls, text: str) -> "ModelCard":
-        """Read what `to_json` wrote.
-
-        Raises:
-            DeuxError: it is something else.
-        """
-        try:
-            values: dict[str, Any] = json.loads(text)
-            return cls(**{**values, "errors": tuple(CardErrors(**one) for one in values["errors"])})
-        except (ValueError, TypeError, LookupError) as error:
-            raise DeuxError(f"a model's card is not what deux writes: {error}.") from error
-
     def markdown(self) -> str:
         """The card as a page."""
         how = "supervised, by the depth of generated scenes" if self.supervised else "without ground truth"
@@ -107,20 +88,6 @@ class ModelCard:
         for frames, group in groupby(self.errors, key=lambda one: (one.frames, one.images)):
             lines += _table(*frames, list(group))
         return "\n".join(lines)
-
-
-def read_card(file: Path) -> ModelCard:
-    """The card in a model file's header.
-
-    Raises:
-        DeuxError: the file cannot be read, or has no card.
-    """
-    try:
-        with safe_open(file, framework="np") as stream:
-            text = (stream.metadata() or {})[CARD_KEY]
-    except (SafetensorError, OSError, KeyError) as error:
-        raise DeuxError(f"{file} has no card in its header: it is not a model that ships ({error}).") from error
-    return ModelCard.from_json(text)
 
 
 def _table(frames: str, images: int, errors: Sequence[CardErrors]) -> list[str]:

@@ -155,18 +155,15 @@ def measure_exploration(
     )
 
 
-def trajectory_map(
-    simulator: Simulator, trajectory: Sequence[tuple[float, float, float]], floor: int = 0
-) -> OccupancyMap:
-    """The map of the true depth along a trajectory, as `measure_exploration` makes it, for figures.
+def trajectory_map(simulator: Simulator, trajectory: Sequence[tuple[float, float, float]]) -> OccupancyMap:
+    """The map of the true depth along a trajectory on the main floor, as `measure_exploration` makes it, for figures.
 
     Args:
         simulator: of the scene; its robot stays where it is.
         trajectory: x and z in metres and yaw in radians of each frame.
-        floor: the floor that they lie on.
     """
     eye = _eye(simulator)
-    space = eye.free_space(floor)
+    space = eye.free_space()
     poses = [camera_pose(x, space.height_at(x, z) + eye.robot.camera_height, z, yaw) for x, z, yaw in trajectory]
     known = OccupancyMap(eye.camera, eye.robot, RESOLUTION)
     for frame in _frames(eye, poses, DEPTH):

@@ -114,7 +114,7 @@ class GuidedCollection:
     def record(self, dataset: Path, run: RunFolder) -> None:
         """Write recordings of the first episodes, by `collect.viewer`; call it after `collect`.
 
-        Where an explorer goes another way than it did, its recording ends there.
+        If the replay of an episode diverges, its recording ends there.
         """
         if self._datasets.collect.viewer is None or is_ceiling(self.explorer):
             return

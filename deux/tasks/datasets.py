@@ -168,7 +168,7 @@ class Datasets:
         """The steps of an episode of `explored`, taken again on its stored frames; arguments as there.
 
         Raises:
-            ReplayDiverged: the explorer goes another way now.
+            ReplayDiverged: the explorer now acts differently.
             DeuxError: the episode is not one of this experiment's scenes.
         """
         place = read_json_object(sequence.folder / "episode.json").get("scene")

@@ -1,4 +1,4 @@
-"""Active collection: the model explores while it trains, and trains on with the frames that it finds."""
+"""Active collection: the model explores during training, and continues to train with the frames that it collects."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -19,28 +19,27 @@ from deux.training.rounds import RankResult, Round, RoundRequest, RoundSettings,
 from deux.training.training_progress import training_progress
 
 Collect = Callable[[RoundRequest], RankResult]
-"""Collects this process's part of a round. Called again after a kill, it takes what is complete and gives the same."""
+"""Collects this process's part of a round. Called again after a kill, it reuses finished episodes: equal results."""
 
 Report = Callable[[Sequence[Round]], None]
-"""Called with all rounds so far whenever there is a new one, in the leading process only."""
+"""Called with all rounds so far after each new one, in the leading process only."""
 
 
 class ActiveCollection(Callback):
-    """Collects frames with the model that is being trained at the end of some epochs, and trains on with them.
+    """At the end of some epochs, collects frames with the current model, and adds them to the training data.
 
-    The complete rounds are part of the checkpoints, so that a resumed run has exactly the frames of an unbroken one.
-    Where several processes train together, each explores its part of the scenes; all wait for each other and then read
-    the same list of datasets.
+    Checkpoints contain the completed rounds, so that a resumed training uses exactly the frames of an uninterrupted
+    one. If several processes train together, each explores some of the scenes; then all read the same datasets.
 
     Args:
-        settings: when rounds come and what becomes of their frames.
-        folder: of the rounds' datasets.
+        settings: when to collect, and how to use the frames.
+        folder: folder of the rounds' datasets.
         collect: collects this process's part of a round.
-        report: is called after each round.
+        report: called after each round.
 
     Raises:
-        DeuxError: at the start of the training, if the trainer would not read new frames; on resume, if a round's
-            frames are gone.
+        DeuxError: at the start of the training, if the trainer would not read new frames; on resuming, if a round's
+            frames are missing.
     """
 
     def __init__(
@@ -53,16 +52,16 @@ class ActiveCollection(Callback):
         self._initial: list[Reader] = []
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Keep the list of datasets that the training begins with."""
+        """Remember the datasets that the training begins with."""
         self._initial = list(_data(trainer).train)
         check_reloading(getattr(trainer, "reload_dataloaders_every_n_epochs", 0))
 
     def state_dict(self) -> dict[str, Any]:
-        """The complete rounds as plain values."""
+        """The completed rounds as plain values."""
         return {"rounds": [asdict(one) for one in self.rounds]}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Restore the complete rounds of a checkpoint."""
+        """Restore the completed rounds of a checkpoint."""
         self.rounds = [Round(**one) for one in state_dict["rounds"]]
 
     def on_fit_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
@@ -70,12 +69,12 @@ class ActiveCollection(Callback):
         lost = [folder for one in self.rounds for name in one.datasets if not (folder := self.folder / name).is_dir()]
         if lost:
             raise DeuxError(
-                f"{lost[0]} is missing, whose frames the training went on with: delete its run folder to begin anew."
+                f"{lost[0]} is missing, whose frames the training used: delete its run folder to begin anew."
             )
         self._set_training_data(trainer)
 
     def on_train_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Collect a round if it is time; the checkpoint of this epoch is written after it."""
+        """Collect a round if one is due; the checkpoint of this epoch is written afterwards."""
         assert isinstance(pl_module, DepthCompletion)
         if not trainer.should_stop and self.settings.due(len(self.rounds) + 1, *_progress(trainer)):
             self.rounds.append(self._round(trainer, pl_module.model))
@@ -101,7 +100,7 @@ class ActiveCollection(Callback):
         return merge_results(request, results, self.folder)
 
     def _set_training_data(self, trainer: Trainer) -> None:
-        """Set what the data module reads from the next epoch on."""
+        """Set the datasets that the data module reads from the next epoch on."""
         replace = self.settings.mode == "replace"
         rounds = self.rounds[-1:] if replace else self.rounds
         found: list[Reader] = [DatasetReader(self.folder / name) for one in rounds for name in one.datasets]
@@ -115,13 +114,12 @@ def _data(trainer: Trainer) -> TripletDataModule:
 
 
 def _progress(trainer: Trainer) -> tuple[int, float]:
-    """Epochs that are done, the one that is ending included, and the fraction of the training."""
-    done, steps = training_progress(trainer)
-    return trainer.current_epoch + 1, done / steps
+    """Finished epochs, including the one that is ending, and the fraction of the training that is done."""
+    return trainer.current_epoch + 1, training_progress(trainer).fraction
 
 
 def _clear_progress_bar(trainer: Trainer) -> None:
-    """Take the trainer's bar from the screen while the robots explore; Lightning draws a new one in the next epoch."""
+    """Remove the trainer's progress bar during collection; Lightning draws a new one in the next epoch."""
     bar = trainer.progress_bar_callback
     if isinstance(bar, RichProgressBar) and bar.progress is not None:
         bar.progress.stop()

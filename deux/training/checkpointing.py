@@ -1,4 +1,4 @@
-"""Checkpoints from which a killed training run goes on."""
+"""Checkpoints from which a killed training resumes."""
 
 import io
 import re
@@ -19,17 +19,16 @@ from deux.io.arrays import said
 from deux.io.atomic import make_folder, write_atomically
 
 REQUEUE_CHECKPOINTS = "hpc_ckpt_*.ckpt"
-"""What Lightning calls the checkpoint that it writes at a signal of Slurm's, in the middle of whatever it does."""
+"""Files that Lightning writes when Slurm signals that a job will be preempted, possibly in the middle of a step."""
 
 
 def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
-    """Callbacks that keep the state of the training in `folder`, to resume from after a kill.
+    """Callbacks that save checkpoints in `folder`, to resume from after a kill.
 
-    There is one checkpoint of the end of the last epoch and one of a step within an epoch, which is written when so
-    many minutes have passed since the last one.
+    Two are kept: one of the end of the last epoch, and one within an epoch, written at intervals of time.
 
     Args:
-        folder: takes the checkpoints.
+        folder: folder of the checkpoints.
         minutes: time between two checkpoints within an epoch.
     """
     return [
@@ -51,14 +50,14 @@ def resume_checkpoints(folder: Path, minutes: float) -> list[Callback]:
 
 
 class NewestCheckpoint(ModelCheckpoint):
-    """Keeps the newest checkpoint of its kind, and none that a kill left behind.
+    """Keeps only the newest checkpoint whose name matches `filename`.
 
-    A process that is killed after it wrote a checkpoint and before it deleted the one before leaves both, and no later
-    start knows of the older one. Files of one kind are those that `filename` may have named.
+    A process that is killed between writing a checkpoint and deleting the previous one leaves both, and Lightning does
+    not delete the older one when the training resumes.
     """
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Delete what an earlier start left."""
+        """Delete older checkpoints that a killed process left."""
         super().on_train_start(trainer, pl_module)
         self._delete_others(trainer)
 
@@ -66,7 +65,7 @@ class NewestCheckpoint(ModelCheckpoint):
         super()._save_checkpoint(trainer, filepath)
         self._delete_others(trainer)
         if trainer.is_global_zero and self.dirpath:
-            for path in Path(self.dirpath).parent.glob(REQUEUE_CHECKPOINTS):  # they are older now
+            for path in Path(self.dirpath).parent.glob(REQUEUE_CHECKPOINTS):  # older than this one
                 path.unlink(missing_ok=True)
 
     def _delete_others(self, trainer: Trainer) -> None:
@@ -78,31 +77,31 @@ class NewestCheckpoint(ModelCheckpoint):
 
 
 class EpochCheckpoints(NewestCheckpoint):
-    """Checkpoints at the end of epochs, and the right place in the epochs for a run that resumes from any checkpoint.
+    """Checkpoints at the end of epochs; also restores the position within epochs when resuming from any checkpoint.
 
-    Order and augmentation of the samples follow from seed and epoch (`deux.data.shuffled_draws`), so a resumed
-    run goes on as if it had never stopped. Two things are mended that Lightning (2.6) does otherwise:
+    Order and augmentation of the samples are determined by seed and epoch (`deux.data.shuffled_draws`), so that a
+    resumed training is identical to an uninterrupted one. This corrects two faults of Lightning 2.6:
 
-    - From the end of an epoch, a run with `max_steps` takes the finished epoch for one that was cut short: it gives it
-      one batch of the next epoch's, ends it for a second time and leaves out the rest.
-    - Within the first epoch, the loader does not get its state where the number of batches was needed before, such as
-      for the learning rate's schedule, and begins the epoch anew.
+    - Resuming from the end of an epoch with `max_steps`, it treats the finished epoch as interrupted: it runs one batch
+      of the next epoch as part of it, ends it a second time and skips the rest.
+    - Resuming within the first epoch, it does not restore the data loader's state if the number of batches was needed
+      before, such as by the learning rate schedule, and starts the epoch again.
     """
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Go on after the epoch, or the batch, that the checkpoint was written after."""
+        """Continue after the epoch or batch at which the checkpoint was written."""
         super().on_train_start(trainer, pl_module)
         loop = trainer.fit_loop
         if loop.restarted_on_epoch_end:
             loop.epoch_progress.increment_completed()
             loop.reset_restart_stage()
             loop.epoch_loop.restarting = False
-        loop._load_combined_loader_states()  # does nothing where they are loaded
+        loop._load_combined_loader_states()  # has no effect if they are already loaded
 
     def on_save_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
-        """Let a step that is under way begin anew, as where a signal of Slurm's asks for a checkpoint in its middle.
+        """In a checkpoint written during a step, such as at Slurm's signal, rewind to the beginning of the step.
 
-        Otherwise its batch, or those before it whose gradients are accumulated, would be left out.
+        Otherwise, the step's batches, whose gradients are lost, would be skipped.
         """
         progress = trainer.fit_loop.epoch_loop.batch_progress
         current: Any = progress.current
@@ -119,21 +118,21 @@ class EpochCheckpoints(NewestCheckpoint):
 
 
 class TimedCheckpoints(NewestCheckpoint):
-    """Checkpoints by time, each after a whole step of the optimiser.
+    """Checkpoints at intervals of time, each after a complete optimiser step.
 
-    None is written between batches whose gradients are accumulated, since the sum is not part of it; nor after a batch
-    that a validation or the end of the epoch follows, which a resumed run would leave out. The next batch brings it.
+    None is written between batches whose gradients are accumulated, since checkpoints do not contain gradients; nor
+    before a validation or the end of an epoch, which a resumed training would skip. It is then written later.
     """
 
     @property
     def state_key(self) -> str:
-        """The same for any interval, so that a run may be resumed with another one."""
+        """Independent of the interval, so that a training can be resumed with another one."""
         return type(self).__name__
 
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Write a checkpoint if it is time."""
+        """Write a checkpoint if one is due."""
         loop = trainer.fit_loop
         assert loop._data_fetcher is not None
         validates = loop.epoch_loop._should_check_val_fx(loop._data_fetcher)
@@ -142,7 +141,7 @@ class TimedCheckpoints(NewestCheckpoint):
 
 
 class AtomicCheckpoints(TorchCheckpointIO):
-    """Writes checkpoints whole or not at all. Lightning's own writer leaves part of one on a full disk."""
+    """Writes checkpoints atomically; on a full disk, Lightning's own writer leaves a truncated file."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
         """Write a checkpoint.
@@ -157,10 +156,10 @@ class AtomicCheckpoints(TorchCheckpointIO):
 
 
 def resume_point(folder: Path) -> Path | None:
-    """The newest checkpoint of `folder` that loads, for `trainer.fit(ckpt_path=..., weights_only=True)`, or None.
+    """The newest readable checkpoint of `folder`, for `trainer.fit(ckpt_path=..., weights_only=True)`, or None.
 
-    The run folder above it may hold one that Lightning writes as Slurm takes a job off a node (`REQUEUE_CHECKPOINTS`).
-    A file that does not load, such as one that a failing disk damaged, is passed over with a warning.
+    This includes checkpoints that Lightning wrote to the run folder above it (`REQUEUE_CHECKPOINTS`). Files that cannot
+    be read are skipped with a warning.
     """
     requeued = {*folder.parent.glob(REQUEUE_CHECKPOINTS)}
     files = [path for path in (*folder.glob("*.ckpt"), *requeued) if path.is_file()]
@@ -169,7 +168,7 @@ def resume_point(folder: Path) -> Path | None:
             content = torch.load(path, map_location="meta", weights_only=True, mmap=True)
             if not isinstance(content, dict) or not isinstance(content.get("state_dict"), dict):
                 raise ValueError("it holds no state_dict")
-        except Exception as error:  # a damaged file fails in many ways, depending on where it was cut
+        except Exception as error:  # a damaged file raises errors of many kinds
             rank_zero_warn(f"The checkpoint {path} cannot be read and is passed over: {said(error)}")
         else:
             if path not in requeued or not _ends_epoch(content):
@@ -178,19 +177,19 @@ def resume_point(folder: Path) -> Path | None:
 
 
 def _ends_epoch(content: dict[str, Any]) -> bool:
-    """Whether a checkpoint was written after an epoch's last batch: what ends the epoch would be left out."""
+    """Whether a checkpoint was written after an epoch's last batch: resuming from it would skip the epoch's end."""
     try:
         progress = content["loops"]["fit_loop"]["epoch_loop.batch_progress"]
         return bool(progress["is_last_batch"] and progress["current"]["processed"] == progress["current"]["ready"])
-    except (LookupError, TypeError):  # of another training, which is told when it is loaded
+    except (LookupError, TypeError):  # of another training, which is reported when it is loaded
         return False
 
 
 class ResumedFrom(Callback):
-    """Says of which file a training could not take its state, where Lightning fails before the first step.
+    """Reports the checkpoint's file if Lightning fails to restore it.
 
     Args:
-        point: the checkpoint; None for a training that begins.
+        point: the checkpoint; None for a new training.
     """
 
     def __init__(self, point: Path | None) -> None:
@@ -198,15 +197,15 @@ class ResumedFrom(Callback):
         self._begun = False
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """What fails from here on is not the checkpoint's."""
+        """Later errors are not caused by the checkpoint."""
         self._begun = True
 
     @contextmanager
     def restoring(self) -> Iterator[None]:
-        """Turn what a checkpoint of another training, or a damaged one, leads to into one sentence.
+        """Turn errors from restoring a damaged checkpoint, or that of another training, into a DeuxError.
 
         Raises:
-            DeuxError: the state could not be taken.
+            DeuxError: the state could not be restored.
         """
         try:
             yield
@@ -215,6 +214,6 @@ class ResumedFrom(Callback):
                 raise
             cause = " ".join(said(error).split()[:40])
             raise DeuxError(
-                f"{self.point} is damaged or of another training ({cause}): delete it to go on from the one before, or "
-                "to train from the beginning."
+                f"{self.point} is damaged or of another training ({cause}): delete it to resume from the one before "
+                "it, or to train from the beginning."
             ) from error

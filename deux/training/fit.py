@@ -1,4 +1,4 @@
-"""Training a depth model on datasets, from start or from where an earlier attempt was killed."""
+"""Trains a depth model on datasets, from the beginning or from the last checkpoint of a killed training."""
 
 import logging
 import math
@@ -24,7 +24,7 @@ from deux.inference.precision import default_precision, tf32_convolutions
 from deux.training.checkpointing import AtomicCheckpoints, ResumedFrom, resume_checkpoints, resume_point
 from deux.training.health import HealthCheck
 from deux.training.module import DepthCompletion
-from deux.training.network_compilation import compiled
+from deux.training.network_compilation import compiled_networks
 from deux.training.network_precision import network_precision
 from deux.training.objective import Objective, make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
@@ -52,18 +52,18 @@ def fit(
     """Train `model` in place and return it, in eval mode.
 
     Args:
-        model: newly made; its weights are replaced if there is a checkpoint to go on from.
+        model: a new model; its weights are replaced if there is a checkpoint to resume from.
         settings: budget and learning rate.
         train: readers of the datasets to train on.
-        validation: readers of the datasets to validate on; may be none.
-        folder: takes `checkpoints/` and `logs/`. A training that was killed goes on from the last checkpoint here.
+        validation: readers of the datasets to validate on; may be empty.
+        folder: for `checkpoints/` and `logs/`. If it contains checkpoints, training resumes from the last one.
         objective: loss terms that override the model's own.
-        pose: where relative poses come from.
-        seed: of order, crops and augmentation.
+        pose: source of the relative poses.
+        seed: random seed of order, crops and augmentation.
         metrics: updated with (predicted depth, ground truth) in validation.
         trainer_arguments: further arguments of Lightning's Trainer.
         callbacks: further callbacks.
-        cache: where frames are kept; the weights do not depend on it.
+        cache: where frames are cached; it does not affect the weights.
 
     Raises:
         DeuxError: an option is wrong, a dataset is broken, or the loss is not finite.
@@ -75,23 +75,20 @@ def fit(
     poses, graphed = make_pose_source(pose, model), _graphed(settings)
     module = DepthCompletion(model, terms, poses, settings, metrics, graphed, settings.betas)
     checkpoints, own = folder / "checkpoints", trainer_arguments or {}
-    kept = resume_checkpoints(checkpoints, settings.checkpoint_minutes)
     resumed = ResumedFrom(resume_point(checkpoints))
-    averaging = [TailAveraging(settings.averaging)] if settings.averaging else []
-    used = [*kept, resumed, HealthCheck(), EndTogether(), *_validations(settings, own), *averaging, *callbacks]
     trainer = make_trainer(
         {
             **_trainer_defaults(folder, bool(validation), own.get("accelerator", "auto")),
-            "callbacks": used,
+            "callbacks": [resumed, *_own_callbacks(checkpoints, settings, own), *callbacks],
             **_budget(settings, own),
             **own,
         }
     )
-    log.info(_arithmetic(trainer, settings))
+    log.info(_hardware_and_precision(trainer, settings))
     with (
         _interruptible(),
         tf32_convolutions(settings.tf32),
-        compiled(_compilable(module, pose, trainer.strategy.root_device), settings.compile),
+        compiled_networks(_compilable(module, pose, trainer.strategy.root_device), settings.compile),
         resumed.restoring(),
         _fitting_intervals(),
     ):
@@ -100,24 +97,24 @@ def fit(
 
 
 def check_trainer(settings: TrainingSettings, trainer_arguments: Mapping[str, Any]) -> Trainer:
-    """The trainer that `fit` would make but for what is given there, to find what is wrong before any work is done.
+    """Create the trainer of `fit` without loggers and callbacks, to find mistakes before any work is done.
 
     Args:
-        settings: as of `fit`.
-        trainer_arguments: as of `fit`.
+        settings: as for `fit`.
+        trainer_arguments: as for `fit`.
 
     Raises:
-        DeuxError: an argument of the trainer is unknown or refused, or contradicts what a training needs.
+        DeuxError: an argument is unknown or invalid, or contradicts what a training needs.
     """
     if trainer_arguments.get("enable_checkpointing") is False:
         raise DeuxError(
-            "trainer.enable_checkpointing=false would leave a training that is killed nothing to go on from: leave it "
-            "true; the newest checkpoints alone are kept."
+            "trainer.enable_checkpointing=false would leave a training that is killed nothing to resume from: leave it "
+            "true; only the newest checkpoints are kept."
         )
     if given := sorted({"callbacks", "plugins"} & trainer_arguments.keys()):
         raise DeuxError(
-            f"trainer.{given[0]} holds objects, which no option can be, and would take the place of those by which a "
-            "training keeps its checkpoints: callbacks=[early_stopping] chooses callbacks by name."
+            f"trainer.{given[0]} takes objects, which no option can be, and would replace those that save the "
+            "training's checkpoints: callbacks=[early_stopping] chooses callbacks by name."
         )
     own = {"logger": False, "enable_checkpointing": False, **trainer_arguments}
     trainer = make_trainer({**_budget(settings, trainer_arguments), **own})
@@ -127,10 +124,10 @@ def check_trainer(settings: TrainingSettings, trainer_arguments: Mapping[str, An
 
 
 def make_trainer(arguments: Mapping[str, Any]) -> Trainer:
-    """Lightning's Trainer with these arguments.
+    """Create Lightning's Trainer.
 
     Raises:
-        DeuxError: an argument is unknown, or its value is refused.
+        DeuxError: an argument is unknown, or its value is invalid.
     """
     if (plugin := network_precision(arguments.get("precision"))) is not None:
         others = {name: value for name, value in arguments.items() if name != "precision"}
@@ -148,7 +145,7 @@ def _data_module(
     seed: int,
     cache: CacheChoice,
 ) -> TripletDataModule:
-    """The frames of a training; nothing is read of them that its objective does not need."""
+    """The data module of a training, which reads only what the objective needs of each frame."""
     return TripletDataModule(
         model,
         train,
@@ -169,7 +166,7 @@ def _data_module(
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Ctrl-C as a KeyboardInterrupt: Lightning makes a SystemExit of it, and is deaf to the key from then on."""
+    """Raise KeyboardInterrupt on Ctrl-C: Lightning turns it into SystemExit, and ignores SIGINT from then on."""
     try:
         yield
     except SystemExit as ended:
@@ -179,7 +176,7 @@ def _interruptible() -> Iterator[None]:
 
 @contextmanager
 def _fitting_intervals() -> Iterator[None]:
-    """One sentence where validations within epochs are asked for that are further apart than an epoch is long."""
+    """Turn Lightning's error about a `val_check_interval` longer than an epoch into a DeuxError."""
     try:
         yield
     except ValueError as error:
@@ -187,16 +184,16 @@ def _fitting_intervals() -> Iterator[None]:
             raise
         raise DeuxError(
             "trainer.val_check_interval is more batches than an epoch has, and with trainer.check_val_every_n_epoch "
-            "they are counted within epochs: set trainer.check_val_every_n_epoch=null to count them through."
+            "they are counted within epochs: set trainer.check_val_every_n_epoch=null to count them across epochs."
         ) from error
 
 
 class EvenValidations(Callback):
-    """Spreads validations evenly over a training in steps that take several batches each; Lightning counts batches.
+    """Spreads validations evenly over a training with gradient accumulation, where Lightning counts batches, not steps.
 
     Args:
-        steps: of the training.
-        validations: their number.
+        steps: optimiser steps of the training.
+        validations: number of validations.
     """
 
     def __init__(self, steps: int, validations: int) -> None:
@@ -204,15 +201,15 @@ class EvenValidations(Callback):
         self._interval = 0
 
     def state_dict(self) -> dict[str, Any]:
-        """The distance in batches, which a resumed training keeps also where its epochs have become longer."""
+        """The interval in batches, which a resumed training keeps even if its epochs have become longer."""
         return {"interval": self._interval}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take over the distance."""
+        """Restore the interval."""
         self._interval = state_dict["interval"]
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Set the distance: the last step of an epoch may take fewer batches than the others."""
+        """Set the interval; an epoch's last step may accumulate fewer batches than the others."""
         batches = int(trainer.num_training_batches)
         steps = math.ceil(batches / trainer.accumulate_grad_batches)
         self._interval = self._interval or max(1, self._steps * batches // (steps * self._validations))
@@ -220,19 +217,19 @@ class EvenValidations(Callback):
 
 
 def _compilable(module: DepthCompletion, pose: PoseKind, device: torch.device) -> list[nn.Module]:
-    """What of a training `torch.compile` is for."""
+    """The modules that `training.compile` applies to."""
     learned = [module.pose_source] if pose == "learned" else []
-    # Compiled for a CPU, the objective fails there (PyTorch 2.14), and numba has compiled its SSIM.
+    # On a CPU, compiling the objective fails (PyTorch 2.14), and its SSIM is compiled by numba.
     return [module.model, *learned, *([module.objective] if device.type == "cuda" else [])]
 
 
 def _graphed(settings: TrainingSettings) -> bool:
-    """Whether a step is recorded as a CUDA graph here: not where `torch.compile` records graphs itself."""
+    """Whether to record steps as CUDA graphs: not if `torch.compile` records graphs itself."""
     return settings.cuda_graphs and settings.compile in (False, True, "default")
 
 
-def _arithmetic(trainer: Trainer, settings: TrainingSettings) -> str:
-    """What a training computes on and with, for the log."""
+def _hardware_and_precision(trainer: Trainer, settings: TrainingSettings) -> str:
+    """Devices, precision and compilation of a training, for the log."""
     device = trainer.strategy.root_device
     name = torch.cuda.get_device_name(device) if device.type == "cuda" else device.type.upper()
     tf32 = "in TensorFloat-32" if settings.tf32 else "exact"
@@ -244,35 +241,39 @@ def _arithmetic(trainer: Trainer, settings: TrainingSettings) -> str:
 
 
 def _trainer_defaults(folder: Path, validate: bool, accelerator: str) -> dict[str, Any]:
-    """Arguments of the trainer that hold unless the user's say otherwise."""
+    """Default arguments of the trainer, which the user's override."""
     version = f"version_{len(list((folder / 'logs').glob('version_*')))}"
     return {
         "precision": default_precision(accelerator),
-        "default_root_dir": folder,  # of the checkpoint that Lightning saves and reads when Slurm requeues a job
+        "default_root_dir": folder,  # for the checkpoint that Lightning writes and reads when Slurm requeues a job
         "logger": [logger(folder, "logs", version) for logger in (CSVLogger, TensorBoardLogger)],
         "plugins": [AtomicCheckpoints()],
         "enable_model_summary": False,
         "num_sanity_val_steps": 0,
         "limit_val_batches": 1.0 if validate else 0,
-        "use_distributed_sampler": False,  # the data module shares the frames out, each with its own augmentation
-        # The loader reads the list files anew, so that frames that were added in the meantime are not passed over.
+        "use_distributed_sampler": False,  # the data module distributes frames and their augmentation
+        # The loader then rereads the list files and finds frames that were added in the meantime.
         "reload_dataloaders_every_n_epochs": 1,
     }
 
 
-def _validations(settings: TrainingSettings, own: Mapping[str, Any]) -> list[Callback]:
-    """What spreads the validations where `_budget` cannot, unless the trainer's own arguments say when they come."""
-    one_batch_a_step = own.get("accumulate_grad_batches", 1) == 1
-    own_times = {"val_check_interval", "check_val_every_n_epoch"} & own.keys()
-    if settings.steps is None or one_batch_a_step or own_times:
-        return []
-    return [EvenValidations(settings.steps, settings.validations)]
+def _own_callbacks(checkpoints: Path, settings: TrainingSettings, own: Mapping[str, Any]) -> list[Callback]:
+    """The callbacks of every training; `own` are the user's arguments of the trainer."""
+    found = [*resume_checkpoints(checkpoints, settings.checkpoint_minutes), HealthCheck(), EndTogether()]
+    accumulates = own.get("accumulate_grad_batches", 1) != 1
+    validates_as_asked = {"val_check_interval", "check_val_every_n_epoch"} & own.keys()
+    if settings.steps is not None and accumulates and not validates_as_asked:
+        found.append(EvenValidations(settings.steps, settings.validations))
+    if settings.averaging:
+        found.append(TailAveraging(settings.averaging))
+    return found
 
 
 def _budget(settings: TrainingSettings, own: Mapping[str, Any]) -> dict[str, Any]:
-    """When training ends, and when it logs and validates; the latter unless the trainer's own arguments say so.
+    """The trainer's arguments for the length of the training, logging and validation.
 
-    Lightning counts the batches between validations within each epoch or through all of them, and takes no mixture.
+    Those for validation are left out if the user sets them: Lightning counts the batches between validations either
+    within epochs or across them, and refuses a mixture.
     """
     if settings.steps is None:
         budget = {"max_epochs": settings.epochs, "log_every_n_steps": 10}
@@ -280,7 +281,7 @@ def _budget(settings: TrainingSettings, own: Mapping[str, Any]) -> dict[str, Any
         return budget | ({} if "val_check_interval" in own else validations)
     budget = {"max_steps": settings.steps, "log_every_n_steps": max(1, min(10, settings.steps // 20))}
     if own.get("check_val_every_n_epoch") is not None or isinstance(own.get("val_check_interval"), float):
-        return budget  # after epochs, or after parts of one
+        return budget  # validates after epochs, or after fractions of one
     interval = max(1, settings.steps // settings.validations)
     # None counts batches across epochs.
     return {**budget, "val_check_interval": interval, "check_val_every_n_epoch": None}

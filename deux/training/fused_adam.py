@@ -1,4 +1,4 @@
-"""Adam in one pass over each parameter, whatever its layout in memory."""
+"""Fused Adam that supports channels-last parameters on a CPU without copies."""
 
 from typing import Any
 
@@ -9,14 +9,14 @@ from torch import Tensor
 class FusedAdam(torch.optim.Adam):
     """`torch.optim.Adam(fused=True)` without copies of channels-last gradients on a CPU.
 
-    There, PyTorch 2.14 copies each gradient that is not contiguous and does not use the copy: at 3 x 3 convolutions of
-    384 channels that takes longer than the step itself. It then works through parameter, gradient and moments in the
-    order of their memory, so that a gradient laid out unlike its parameter would be misread. Here it is given all of
-    them as contiguous views, and such a gradient in its parameter's layout. State and checkpoints are Adam's own.
+    On a CPU, PyTorch 2.14 makes an unused copy of each gradient that is not contiguous; for 3 x 3 convolutions of 384
+    channels, that takes longer than the step itself. Its kernel then traverses parameter, gradient and moments in
+    memory order, and would misread a gradient whose layout differs from its parameter's. This class passes contiguous
+    views of all tensors, with gradients in their parameters' layout. State and checkpoints are those of Adam.
 
     Args:
         parameters: the parameters to train.
-        options: Adam's, such as `lr` and `betas`.
+        options: options of Adam, such as `lr` and `betas`.
     """
 
     def __init__(self, parameters: list[torch.nn.Parameter], **options: Any) -> None:
@@ -31,7 +31,7 @@ class FusedAdam(torch.optim.Adam):
         squares: list[Tensor],
         *others: list[Tensor],
     ) -> bool:
-        """Collect what a step works on, as Adam does, and view it in the order of memory."""
+        """Collect a step's tensors, as Adam does, and replace them by views in memory order."""
         has_complex = super()._init_group(group, parameters, gradients, means, squares, *others)
         for i, parameter in enumerate(parameters):
             if _is_channels_last(parameter):

@@ -1,4 +1,4 @@
-"""The losses of a training step, and their gradients, replayed as one CUDA graph (`training.cuda_graphs`)."""
+"""A training step's forward and backward pass, recorded and replayed as a CUDA graph (`training.cuda_graphs`)."""
 
 import gc
 import logging
@@ -14,11 +14,11 @@ from deux.contracts import Batch
 log = logging.getLogger(__name__)
 
 MAX_GRAPHS = 4
-"""Shapes of batches that get a graph of their own; each holds the memory of a step."""
+"""Number of batch shapes for which graphs are recorded; each graph holds the memory of a step."""
 
 
 class StepValues(NamedTuple):
-    """What a training step computes before its backward pass.
+    """The output of a training step's forward pass.
 
     Args:
         total: the loss, with its gradient.
@@ -32,18 +32,17 @@ class StepValues(NamedTuple):
 
 
 class GraphedStep:
-    """Computes a step's values with one launch where PyTorch makes a thousand.
+    """Computes a step's values from a CUDA graph: one launch instead of a thousand.
 
-    At the batch sizes that a card is fast with, the host takes longer to launch a step's operations one by one than
-    the card takes to do them. Here they are recorded once for each shape of batch by
-    `torch.cuda.make_graphed_callables`, forward and backward, and replayed from then on with the same kernels in the
-    same order. What is returned is valid until the next call.
+    At usual batch sizes, launching a step's kernels takes the host longer than the GPU needs to run them. Here,
+    `torch.cuda.make_graphed_callables` records forward and backward pass once for each shape of batch; later steps
+    replay the same kernels in the same order. Returned tensors are valid until the next call.
 
-    The weights must stay where they are in memory. Forward hooks of the networks run while recording only.
+    The weights must keep their place in memory. Forward hooks of the networks run only during recording.
 
     Args:
-        networks: holds all weights and buffers that `compute` uses.
-        compute: the step's values from a batch on the card; nothing in it makes the host wait.
+        networks: contains all weights and buffers that `compute` uses.
+        compute: computes a step's values from a batch on the GPU, without synchronising host and device.
     """
 
     def __init__(self, networks: nn.Module, compute: Callable[[Batch], StepValues]) -> None:
@@ -52,7 +51,7 @@ class GraphedStep:
         self._graphs: dict[tuple[object, ...], _FlatStep] = {}
 
     def __call__(self, batch: Batch) -> StepValues:
-        """The values for a batch, from a graph if its shape has one or there is room for another."""
+        """Compute the values for a batch, from a graph unless `MAX_GRAPHS` graphs of other shapes exist."""
         tensors = _tensors(batch)
         shape = tuple((name, tensor.shape, tensor.dtype) for name, tensor in tensors.items())
         if shape not in self._graphs:
@@ -64,31 +63,31 @@ class GraphedStep:
         return StepValues(total, dict(zip(step.logged, logged, strict=True)), mean_depth)
 
     def free(self) -> None:
-        """Give the graphs' memory back; they are recorded anew if the step is called again."""
+        """Free the graphs' memory; they are recorded again if the step is called again."""
         for step in self._graphs.values():
-            vars(step).pop("forward", None)  # the replay, which refers to the step
+            vars(step).pop("forward", None)  # the replay function, which references the step
         self._graphs.clear()
-        gc.collect()  # the replays' classes are unreachable now, and no one else frees those
+        gc.collect()  # frees the replays' classes, which are in reference cycles
 
     def _record(self, batch: Batch) -> "_FlatStep":
-        """Record a graph, and leave buffers and random numbers as they were: recording runs the step several times.
+        """Record a graph. Buffers and random state are restored, since recording runs the step several times.
 
         Returns:
-            The step, which replays the graph when it is called.
+            The step; calling it replays the graph.
         """
         inputs = {name: tensor.clone() for name, tensor in _tensors(batch).items()}  # the graph reads from here
         step = _FlatStep(self._networks, self._compute, _with_tensors(batch, inputs))
         device = batch.image.device
         buffers = [(buffer, buffer.clone()) for buffer in self._networks.buffers()]
-        # A graph may not use casts of the weights that autocast has kept from before it.
+        # A graph must not use casts of the weights that autocast cached before recording.
         autocast = torch.autocast(
             device.type,
             torch.get_autocast_dtype(device.type),
             enabled=torch.is_autocast_enabled(device.type),
             cache_enabled=False,
         )
-        # Recording happens on a stream of its own, which the nodes that take the gradients remember; PyTorch from 2.10
-        # on warns of the events that it then sets between both streams.
+        # Recording uses its own stream, which AccumulateGrad nodes remember; from PyTorch 2.10 on, synchronising both
+        # streams causes a warning.
         if hasattr(torch.autograd.graph, "set_warn_on_accumulate_grad_stream_mismatch"):
             torch.autograd.graph.set_warn_on_accumulate_grad_stream_mismatch(False)
         with torch.random.fork_rng([device]), autocast:
@@ -101,10 +100,10 @@ class GraphedStep:
 
 
 class _FlatStep(nn.Module):
-    """A step's values as a function from tensors to tensors, the way `make_graphed_callables` takes them."""
+    """A step as a module from tensors to tensors, as `make_graphed_callables` requires."""
 
     logged: tuple[str, ...] = ()
-    """Names of the values in the log; known after the first call."""
+    """Names of the logged values; set by the first call."""
 
     def __init__(self, networks: nn.Module, compute: Callable[[Batch], StepValues], template: Batch) -> None:
         super().__init__()
@@ -113,7 +112,7 @@ class _FlatStep(nn.Module):
         self._template = template
 
     def forward(self, *tensors: Tensor) -> tuple[Tensor, ...]:
-        """Take a batch apart and its values together."""
+        """Assemble the batch, and flatten the step's values."""
         names = _tensors(self._template)
         values = self._compute(_with_tensors(self._template, dict(zip(names, tensors, strict=True))))
         self.logged = tuple(values.logged)
@@ -128,6 +127,6 @@ def _tensors(batch: Batch) -> dict[str, Tensor]:
 
 
 def _with_tensors(template: Batch, tensors: Mapping[str, Tensor]) -> Batch:
-    """A batch with other tensors in the places that `_tensors` names."""
+    """A copy of a batch with other tensors, named as by `_tensors`."""
     own = {name: tensor for name, tensor in tensors.items() if "." not in name}
     return replace(template, **own, prepared={name: tensors[f"prepared.{name}"] for name in template.prepared})

@@ -1,4 +1,4 @@
-"""Training a depth model without ground truth, as a LightningModule."""
+"""The LightningModule that trains a depth model, by default without ground truth."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -30,22 +30,22 @@ class DepthCompletion(LightningModule):
     """A depth model with its objective, its relative poses and its optimiser.
 
     The network runs in the trainer's precision and in channels-last layout; reconstructions, losses and metrics are
-    float32. Nothing in a step makes the host wait for the device (`deux.testing.host_waits`), so that it runs ahead and
-    a card always has work; what is logged is read every `log_every_n_steps` steps.
+    float32. A step never synchronises host and device (`deux.testing.host_waits`), so that a GPU always has work
+    queued; logged values are read every `log_every_n_steps` steps.
 
-    The module saves no hyperparameters: whoever resumes makes it anew from the configuration, and a checkpoint holds
-    nothing but tensors and plain values, so that it loads with `weights_only=True`.
+    The module saves no hyperparameters: to resume, it is made again from the configuration. Checkpoints contain only
+    tensors and plain values, so that they load with `weights_only=True`.
 
     Args:
         model: the depth model to train.
-        objective: compares its predictions with the frames.
-        pose_source: gives the relative poses; a learned one trains together with the model.
+        objective: computes the loss.
+        pose_source: provides the relative poses; a learned one trains together with the model.
         schedule: the learning rate.
         metrics: updated with (predicted depth, ground truth) during validation, if frames come with ground truth; its
             `compute` returns a dictionary of scalars.
-        cuda_graphs: record networks and losses as a CUDA graph in the first step on a card, and replay it from then on;
-            only where one process trains and gradients of several batches are not added up.
-        betas: Adam's, of the running means of the gradient and of its square.
+        cuda_graphs: record networks and losses as a CUDA graph in the first step on a GPU, and replay it from then on;
+            only with a single process and without gradient accumulation.
+        betas: Adam's decay rates of the running means of the gradient and of its square.
     """
 
     def __init__(
@@ -71,12 +71,12 @@ class DepthCompletion(LightningModule):
     def setup(self, stage: str) -> None:
         """Convert the networks to the trainer's precision.
 
-        Lightning does so only after it has restored a checkpoint, which would round float64 weights.
+        Lightning itself does so only after restoring a checkpoint, which would round float64 weights.
         """
         self.trainer.precision_plugin.convert_module(self)
 
     def on_train_start(self) -> None:
-        """Have the steps replayed from here on, if that is asked for and possible."""
+        """Use CUDA graphs from here on, if requested and possible."""
         trainer = self.trainer
         possible = self.device.type == "cuda" and trainer.world_size == 1 and trainer.accumulate_grad_batches == 1
         self._graphed_step = GraphedStep(self, self._step_values) if self.cuda_graphs and possible else None
@@ -98,51 +98,51 @@ class DepthCompletion(LightningModule):
         )
 
     def on_after_batch_transfer(self, batch: Batch, dataloader_idx: int) -> Batch:
-        """Take the outliers out of the validity, once, for the network and the losses alike."""
+        """Remove outliers from the validity map, once for the network and the losses."""
         return replace(batch, validity=batch.validity * remove_outliers(batch.sparse_depth))
 
     def training_step(self, batch: Batch, batch_idx: int) -> dict[str, Any]:
-        """One step; also returns the loss terms and the mean predicted depth, for `deux.training.health`."""
+        """Compute the loss; also returns its terms and the mean predicted depth, for `deux.training.health`."""
         values = (self._graphed_step or self._step_values)(batch)
         self._log("train", values.logged, batch)
-        # Filled in on the device: Lightning would copy the number there, and wait until it is there.
+        # Created on the device: Lightning would copy a Python number there, and wait for the copy.
         rate = torch.full((), self.trainer.optimizers[0].param_groups[0]["lr"], device=batch.image.device)
         self.log("train/learning_rate", rate)
         terms = {name: values.logged[name] for name in self.objective.terms}
         return {"loss": values.total, "terms": terms, "mean_depth": values.mean_depth}
 
     def validation_step(self, batch: Batch, batch_idx: int) -> None:
-        """Log the losses of held-out frames and count them in the metrics."""
+        """Log the losses of a validation batch and update the metrics."""
         prediction, losses = self._losses(batch)
         self._log("validation", {"loss": losses.total, **losses.terms, **_photometric_error(batch, losses)}, batch)
         if self.metrics is not None and batch.ground_truth is not None:
             self.metrics.update(prediction.depth.float(), batch.ground_truth)
 
     def on_validation_epoch_end(self) -> None:
-        """Log the metrics over all held-out frames."""
+        """Log the metrics over all validation frames."""
         if self.metrics is not None and self.metrics.update_called:
             values = self.metrics.compute()
             self.log_dict({f"validation/{name}": value.float() for name, value in values.items()})
             self.metrics.reset()
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
-        """Adam over everything that trains, with the schedule applied at every step."""
+        """Adam over all trainable parameters, with the schedule applied at every step."""
         parameters = [parameter for parameter in self.parameters() if parameter.requires_grad]
         if not parameters:
             raise DeuxError(
-                f"{registry().called(self.model)} has no parameters that can be trained: a model that needs no "
-                "training says so by `pretrained = True`, any other keeps its layers as attributes, with gradients."
+                f"{registry().called(self.model)} has no trainable parameters: a model that needs no training must "
+                "declare `pretrained = True`, any other must keep its layers as attributes, with gradients."
             )
-        # A scaler leaves it to a fused optimiser to undo the scaling, which has to come before the clipping.
+        # A gradient scaler leaves unscaling to a fused optimiser, but gradients must be unscaled before clipping.
         fused = not (self.trainer.gradient_clip_val and _scaler(self.trainer.precision_plugin))
         adam = FusedAdam if fused else torch.optim.Adam
         optimizer = adam(parameters, lr=self.schedule.learning_rate, betas=self.betas)
 
-        # A function and not an object: LambdaLR would put an object's state into the checkpoint.
+        # A function, not an object: LambdaLR would save an object's state in the checkpoint.
         def factor(step: int) -> float:
             # After the last batch of an epoch this is the factor of the next epoch's first step.
-            done, steps = training_progress(self.trainer)
-            return self.schedule.factor(step, done / steps, self.current_epoch + self.trainer.is_last_batch)
+            fraction = training_progress(self.trainer).fraction
+            return self.schedule.factor(step, fraction, self.current_epoch + self.trainer.is_last_batch)
 
         scheduler = torch.optim.lr_scheduler.LambdaLR(optimizer, factor)
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": scheduler, "interval": "step"}}
@@ -153,10 +153,10 @@ class DepthCompletion(LightningModule):
         gradient_clip_val: int | float | None = None,
         gradient_clip_algorithm: str | None = None,
     ) -> None:
-        """Clip the gradients as Lightning does, and those of a fused optimiser in bf16-mixed as well.
+        """Clip gradients as Lightning does, and also with a fused optimiser in bf16-mixed, which Lightning refuses.
 
-        Lightning refuses the latter on the ground that a fused optimiser undoes the scaling of the loss by itself, so
-        that the gradients are still scaled here. With bfloat16 there is no scaling.
+        A fused optimiser unscales gradients itself, so that they would still be scaled here; but bfloat16 needs no
+        scaling.
         """
         plugin = self.trainer.precision_plugin
         if gradient_clip_val and isinstance(plugin, MixedPrecision) and not _scaler(plugin):
@@ -166,26 +166,26 @@ class DepthCompletion(LightningModule):
             self.clip_gradients(optimizer, gradient_clip_val, gradient_clip_algorithm)
 
     def _step_values(self, batch: Batch) -> StepValues:
-        """What a training step computes before its backward pass."""
+        """Compute the loss and the logged values of a training step."""
         prediction, losses = self._losses(batch)
         self._check_trainable(prediction, losses)
         logged = {"loss": losses.total.detach(), **losses.terms, **_photometric_error(batch, losses)}
         return StepValues(losses.total, logged, prediction.depth.detach().float().mean())
 
     def _check_trainable(self, prediction: Prediction, losses: Losses) -> None:
-        """Raise DeuxError if no gradient can reach a weight from the loss."""
+        """Raise DeuxError if the loss has no gradient with respect to any weight."""
         if losses.total.requires_grad:
             return
         terms = " and ".join(self.objective.terms)
         cause = (
-            f"none of the loss terms ({terms}) has one, though the depth has: they lose it, or do not read the depth."
+            f"none of the loss terms ({terms}) has one although the depth has: they detach it, or do not use the depth."
         )
         if not prediction.depth.requires_grad:
             cause = (
-                "its depth has none: `forward` computes it without torch, detached, under no_grad, or from no weight."
+                "its depth has none: `forward` computes it without torch, detached, under no_grad, or without weights."
             )
         raise DeuxError(
-            f"the loss of {registry().called(self.model)} has no gradient, so that nothing is learned: {cause}"
+            f"the loss of {registry().called(self.model)} has no gradient, so that nothing would be learned: {cause}"
         )
 
     def _losses(self, batch: Batch) -> tuple[Prediction, Losses]:
@@ -197,17 +197,17 @@ class DepthCompletion(LightningModule):
 
     def _log(self, stage: str, values: dict[str, Tensor], batch: Batch) -> None:
         for name, value in values.items():
-            # Not for the progress bar: Lightning reads such values at every step, whether there is a bar or not.
+            # Without prog_bar=True: Lightning would read the value at every step, even without a progress bar.
             self.log(f"{stage}/{name}", value, batch_size=len(batch.image))
 
 
 def logged_quantities(objective: Objective, metrics: Iterable[str], validated: bool) -> list[str]:
-    """The names of all that a training logs of its own, such as "validation/loss", for callbacks that watch one.
+    """The names of all quantities that a training logs, such as "validation/loss", for callbacks that monitor one.
 
     Args:
-        objective: of the training.
-        metrics: what `compute` of the module's metrics returns.
-        validated: whether there are frames to validate on.
+        objective: the training's objective.
+        metrics: keys that `compute` of the module's metrics returns.
+        validated: whether there are validation frames.
     """
     each = ["loss", *objective.terms, *(["photometric_error"] if objective.needs_reconstructions else [])]
     found = [f"train/{name}" for name in (*each, "learning_rate")]
@@ -215,7 +215,7 @@ def logged_quantities(objective: Objective, metrics: Iterable[str], validated: b
 
 
 def _scaler(plugin: Precision) -> Any:
-    """What scales the loss (`trainer.precision=16-mixed`); None where nothing does."""
+    """The gradient scaler (`trainer.precision=16-mixed`), or None."""
     return getattr(plugin, "scaler", None)
 
 

@@ -1,4 +1,4 @@
-"""`training.compile`: networks and objective compiled by `torch.compile`, for as long as they train."""
+"""`training.compile`: networks and objective are compiled by `torch.compile` during training."""
 
 import os
 import shutil
@@ -12,19 +12,19 @@ from torch import nn
 from deux.errors import DeuxError
 
 CompileMode = Literal["default", "reduce-overhead", "max-autotune"]
-"""Modes of `torch.compile`; all but "default" replay what they compile as CUDA graphs of their own."""
+"""Modes of `torch.compile`; all but "default" use CUDA graphs."""
 
 
 @contextmanager
-def compiled(networks: Sequence[nn.Module], mode: CompileMode | bool) -> Iterator[None]:
-    """Compile networks in place for a while.
+def compiled_networks(networks: Sequence[nn.Module], mode: CompileMode | bool) -> Iterator[None]:
+    """Compile networks in place, within this context.
 
-    In place means that names in their state dictionaries, and so in checkpoints and model files, stay as they are. The
-    first step of each shape of batch compiles, which takes from seconds to minutes.
+    Compiling in place keeps the names of parameters in checkpoints and model files. The first step of each shape of
+    batch compiles, which takes seconds to minutes.
 
     Args:
         networks: each is compiled as a whole.
-        mode: of `torch.compile`; True for "default", False to leave the networks alone.
+        mode: mode of `torch.compile`; True for "default", False for no compilation.
 
     Raises:
         DeuxError: there is no compiler.
@@ -39,12 +39,12 @@ def compiled(networks: Sequence[nn.Module], mode: CompileMode | bool) -> Iterato
         yield
     finally:
         for network in networks:
-            network._compiled_call_impl = None  # PyTorch has no call for the way back
+            network._compiled_call_impl = None  # PyTorch has no public function that undoes compile()
         torch.compiler.reset()
 
 
 def _check_compiler() -> None:
-    """Raise DeuxError where nothing is installed that `torch.compile` could build its kernels with."""
+    """Raise DeuxError unless a C++ compiler is installed, which `torch.compile` needs to build kernels."""
     chosen = os.environ.get("CXX")
     if not any(shutil.which(name) for name in ([chosen] if chosen else ["g++", "clang++", "c++", "cl"])):
         missing = f"{chosen}, which CXX names," if chosen else "a C++ compiler"

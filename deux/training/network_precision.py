@@ -24,13 +24,12 @@ _ALIASES: dict[Any, NetworkPrecisionName] = {
 class NetworkPrecision(Precision):
     """Keeps the weights of the depth model and the pose network in bfloat16 or float64; batches stay float32.
 
-    Lightning's own plugins convert the batch and the default dtype as well, and with them intrinsics, poses, ground
-    truth, losses and metrics, which have to be float32. Here each layer that has weights converts its own input and
-    computes in the precision of its weights, so that a network may be called with float32 inputs anywhere, and what it
-    computes without weights may be float32.
+    Lightning's own plugins also convert the batch and the default dtype, and thereby intrinsics, poses, ground truth,
+    losses and metrics, which must be float32. Here, each layer with weights converts its own inputs and computes in the
+    precision of its weights; operations without weights may stay in float32.
 
-    With bfloat16 weights, Adam's steps that are small against a weight (by more than 1 / 256) are lost in rounding;
-    "bf16-mixed" keeps float32 weights and has not this loss.
+    With bfloat16 weights, updates of Adam that are smaller than 1 / 256 of a weight are lost by rounding; "bf16-mixed"
+    keeps float32 weights and avoids that.
 
     Args:
         precision: "bf16-true" or "64-true".
@@ -41,7 +40,7 @@ class NetworkPrecision(Precision):
         self._hooks: dict[nn.Module, torch.utils.hooks.RemovableHandle] = {}
 
     def convert_module(self, module: nn.Module) -> nn.Module:
-        """Convert the networks of a `DepthCompletion` and have their layers convert what they are given."""
+        """Convert the networks of a `DepthCompletion`, and make their layers convert their inputs."""
         for layer in _layers(module):
             layer.to(_DTYPES[self.precision])
             if layer not in self._hooks:
@@ -57,7 +56,7 @@ class NetworkPrecision(Precision):
         return nullcontext()
 
     def teardown(self) -> None:
-        """Give the trained networks back in float32, as they came."""
+        """Convert the networks back to float32."""
         for layer, hook in self._hooks.items():
             hook.remove()
             layer.float()
@@ -65,7 +64,7 @@ class NetworkPrecision(Precision):
 
 
 def network_precision(name: Any) -> NetworkPrecision | None:
-    """The plugin for a value of `trainer.precision`; None where Lightning's own is right.
+    """The plugin for a value of `trainer.precision`; None to use Lightning's own.
 
     Raises:
         DeuxError: training does not work in this precision.
@@ -80,7 +79,7 @@ def network_precision(name: Any) -> NetworkPrecision | None:
 
 
 def _layers(module: nn.Module) -> Iterator[nn.Module]:
-    """The innermost modules with weights in the networks of a `DepthCompletion`."""
+    """The leaf modules with weights in the networks of a `DepthCompletion`."""
     for name in ("model", "pose_source"):
         for layer in module.get_submodule(name).modules():
             if not any(layer.children()) and any(True for _ in layer.parameters()):

@@ -1,4 +1,4 @@
-"""The training objective: a weighted set of loss terms, composed by the configuration (Eq. 7)."""
+"""The training objective: a weighted sum of loss terms, chosen in the configuration (Eq. 7)."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -31,7 +31,7 @@ class Losses(NamedTuple):
     Args:
         total: the weighted sum, a float32 scalar.
         terms: each term's unweighted value by its registered name, detached.
-        reconstructions: what the terms were computed from; None if no term asked for them.
+        reconstructions: the rebuilt target frames; None if no term needs them.
     """
 
     total: Tensor
@@ -40,16 +40,16 @@ class Losses(NamedTuple):
 
 
 class Objective(nn.Module):
-    """Weighted sum of loss terms, always computed in float32, not in TensorFloat-32.
+    """Weighted sum of loss terms, always computed in full float32, not in TensorFloat-32.
 
-    The reconstructions are made once if some term needs them. Ground truth is taken out of the batch before any term
-    sees it, unless the model is supervised.
+    Reconstructions are computed once, if any term needs them. Ground truth is removed from the batch before it is
+    passed to the terms, unless the model is supervised.
 
     Args:
         terms: weight and term by name.
-        depth_range: (nearest, farthest) depth in metres that the model predicts.
+        depth_range: least and greatest depth in metres that the model predicts.
         supervised: whether the terms may read ground truth.
-        model: what the depth model is called in messages.
+        model: what error messages call the depth model.
 
     Raises:
         DeuxError: there is no term, or a term needs ground truth that it must not have.
@@ -70,7 +70,7 @@ class Objective(nn.Module):
         self.depth_range = depth_range
         self.supervised = supervised
         self.model = model
-        # Terms with parameters or buffers of their own follow the objective to its device and into checkpoints.
+        # Registers the parameters and buffers of terms that are modules, for devices and checkpoints.
         self.term_modules = nn.ModuleDict({n: t for n, t in self.terms.items() if isinstance(t, nn.Module)})
         for name in self._needing(LossNeed.GROUND_TRUTH):
             if not supervised:
@@ -99,8 +99,8 @@ class Objective(nn.Module):
             poses: the relative poses of the reconstructions; the batch's own if None.
 
         Raises:
-            DeuxError: the prediction is none or of another shape, it lacks an extra that a term needs, or the batch
-                ground truth or poses; or a term gives no scalar. Shapes and types alone are looked at.
+            DeuxError: the prediction has the wrong type or shape, or lacks an extra that a term needs; the batch lacks
+                ground truth or poses; or a term does not return a scalar. Only shapes and types are checked.
         """
         self._check(batch, prediction)
         with torch.autocast(prediction.depth.device.type, enabled=False), tf32_convolutions(False):

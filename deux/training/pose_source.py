@@ -1,4 +1,4 @@
-"""Where the relative camera motion of the reconstructions comes from: the robot, or a pose network."""
+"""Sources of the relative camera poses for reconstructions: recorded poses, or a pose network."""
 
 import inspect
 from typing import Literal, NamedTuple
@@ -15,11 +15,11 @@ PoseKind = Literal["simulator", "learned"]
 
 
 class RelativePoses(NamedTuple):
-    """Motion between the target frame and its source frames, in float32.
+    """Relative poses of the target frame and its source frames, float32.
 
     Args:
-        source_from_target: N x S x 4 x 4, carries points of the target camera into each source camera.
-        target_from_source: N x S x 4 x 4, the way back; None unless asked for.
+        source_from_target: N x S x 4 x 4, transforms points of the target camera to each source camera.
+        target_from_source: N x S x 4 x 4, the opposite direction; None unless requested.
     """
 
     source_from_target: Tensor
@@ -27,10 +27,10 @@ class RelativePoses(NamedTuple):
 
 
 class PoseSource(nn.Module):
-    """The recorded poses of the camera (`pose=simulator`)."""
+    """Uses the recorded camera poses (`pose=simulator`)."""
 
     def forward(self, batch: Batch, backward: bool = False) -> RelativePoses:
-        """Take the poses of a batch, and their inverses if `backward`.
+        """Return the poses of a batch, and their inverses if `backward`.
 
         Raises:
             DeuxError: the frames have no poses.
@@ -46,13 +46,13 @@ class PoseSource(nn.Module):
 
 
 class LearnedPoseSource(PoseSource):
-    """Poses estimated from pairs of images by a network that trains together with the depth model (`pose=learned`).
+    """Estimates poses from pairs of images, by a network that trains together with the depth model (`pose=learned`).
 
-    All source frames go through the network in one call, so its batch statistics are those of all pairs together.
+    All source frames pass through the network in one call, so that batch statistics are over all pairs.
 
     Args:
-        network: as `DepthModel.pose_network` describes it.
-        model: what the depth model is called in messages.
+        network: see `DepthModel.pose_network`.
+        model: what error messages call the depth model.
     """
 
     def __init__(self, network: nn.Module, model: str = "the depth model") -> None:
@@ -64,7 +64,7 @@ class LearnedPoseSource(PoseSource):
         """Estimate the poses of a batch; `backward` runs the network a second time on the swapped pairs.
 
         Raises:
-            DeuxError: the network gives no poses; shapes and types alone are looked at.
+            DeuxError: the network's output has the wrong shape or type.
         """
         sources = batch.sources.flatten(0, 1)
         targets = batch.image[:, None].expand_as(batch.sources).flatten(0, 1)
@@ -86,11 +86,11 @@ class LearnedPoseSource(PoseSource):
 
 
 def make_pose_source(kind: PoseKind, model: DepthModel) -> PoseSource:
-    """The pose source of this kind for a depth model.
+    """Create a pose source for a depth model.
 
     Raises:
-        DeuxError: the kind is unknown, or poses are to be learned for a model that has no pose network, or one that
-            cannot be called with two images.
+        DeuxError: the kind is unknown, or it is "learned" and the model has no pose network or one that cannot be
+            called with two batches of images.
     """
     if kind == "simulator":
         return PoseSource()
@@ -112,7 +112,7 @@ def make_pose_source(kind: PoseKind, model: DepthModel) -> PoseSource:
 
 
 def _inverse(pose: Tensor) -> Tensor:
-    """Inverse of affine matrices ... x 4 x 4, without waiting for the device as `torch.linalg.inv` does."""
+    """Inverse of affine matrices ... x 4 x 4, without the synchronisation of `torch.linalg.inv`."""
     x, y, z = pose[..., :3, :3].unbind(-1)
     across = torch.stack([torch.linalg.cross(y, z), torch.linalg.cross(z, x), torch.linalg.cross(x, y)], dim=-2)
     linear = across / (across[..., :1, :] @ x[..., None])

@@ -1,6 +1,6 @@
-"""Processes that train one model together end together: the failure of one is told to all, with its sentence.
+"""Ends all processes of a distributed training if one of them fails, and reports that failure in each.
 
-Without it a process waits for one that has failed: for half an hour with NCCL, or it ends by a stack trace of gloo's.
+Otherwise, NCCL waits half an hour for a process that has failed, and gloo ends with a stack trace.
 """
 
 import atexit
@@ -15,10 +15,10 @@ _watch: RankWatch | None = None
 
 
 class EndTogether(Callback):
-    """Begins to watch the other processes when a training with several begins; it goes on until this process ends."""
+    """Starts to watch the other processes when a distributed training begins, until this process ends."""
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Begin, unless there is only one process or it watches already."""
+        """Start the watch, unless there is only one process or it is running."""
         global _watch
         if trainer.world_size > 1 and _watch is None and (store := connect_store()) is not None:
             _watch = RankWatch(store, trainer.global_rank, trainer.world_size)
@@ -26,19 +26,19 @@ class EndTogether(Callback):
             atexit.register(_watch.stop)
 
     def on_exception(self, trainer: Trainer, pl_module: LightningModule, exception: BaseException) -> None:
-        """Remember that a training failed or was interrupted here: its other processes may wait for this one."""
+        """Note that the training failed or was interrupted here, since other processes may wait for this one."""
         if _watch is not None:
             _watch.failed = True
 
 
-def told_to_all(error: BaseException, sentence: str) -> DeuxError | None:
-    """Tell the other processes of this one's failure, or find that it failed because another one did.
+def share_failure(error: BaseException, sentence: str) -> DeuxError | None:
+    """Report this process's failure to the others, unless it failed because another one did.
 
     Args:
-        error: by which this process ends.
-        sentence: what the others are told.
+        error: the error that ends this process.
+        sentence: the message that the others print.
 
     Returns:
-        The error of the other process that came first; None if this one's is the first, or it is alone.
+        The error of the process that failed first; None if that is this process, or it is the only one.
     """
     return None if _watch is None else _watch.fail(error, sentence)

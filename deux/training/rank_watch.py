@@ -1,4 +1,4 @@
-"""One of several processes that train together looks after the others: see `deux.training.rank_failures`."""
+"""The thread by which a process of a distributed training monitors the others; see `deux.training.rank_failures`."""
 
 import os
 import sys
@@ -12,30 +12,30 @@ import torch
 from deux.errors import DeuxError
 
 INTERVAL = 1.0
-"""Seconds between two looks at the other processes."""
+"""Seconds between two checks of the other processes."""
 
 GRACE = 2.0
-"""Seconds that a process has to end by itself once it knows of a failure; one that waits for the others cannot."""
+"""Seconds in which a process can end by itself after another one's failure; then it is ended."""
 
 SILENCE = 300.0
-"""Seconds after which a process that shows no life counts as dead."""
+"""Seconds without a heartbeat after which a process counts as dead."""
 
-_PATIENCE = 10.0  # seconds that a process which has failed waits for the others to have heard of it
+_PATIENCE = 10.0  # seconds that a failed process waits until the others have read its failure
 _FAILURE = "failure"
 
 
 class RankWatch(threading.Thread):
-    """Looks after the other processes, and ends this one when one of them has failed or died.
+    """Monitors the other processes, and ends this one if one of them fails or dies.
 
     Args:
-        store: a connection to the store that the processes share, of this object's own.
-        rank: of this process.
+        store: a connection to the shared store that nothing else uses.
+        rank: rank of this process.
         world_size: number of processes.
-        interval: seconds between two looks.
-        silence: seconds after which a process without a sign of life counts as dead.
+        interval: seconds between two checks.
+        silence: seconds without a heartbeat after which a process counts as dead.
 
     Attributes:
-        failed: whether this process ends before it has done its part.
+        failed: whether this process ends before its work is done.
     """
 
     def __init__(
@@ -51,34 +51,34 @@ class RankWatch(threading.Thread):
         self._interval, self._silence = interval, silence
         self.failed = False
         self._ending = threading.Event()
-        self._lock = threading.Lock()  # one connection, two threads
+        self._lock = threading.Lock()  # two threads use the connection
         self._seen: dict[int, tuple[str, float]] = {}
 
     def run(self) -> None:
-        """Look at the others until this process ends."""
+        """Check the others until this process ends."""
         beat = 0
         while not self._ending.wait(self._interval):
             beat += 1
-            sentence = self._look(beat)
+            sentence = self._check(beat)
             if sentence is not None and not self._ending.wait(GRACE):
                 print(f"deux: {sentence}", file=sys.stderr, flush=True)
-                os._exit(1)  # the main thread may wait for ever in a collective operation
+                os._exit(1)  # the main thread may wait forever in a collective operation
 
     def stop(self) -> None:
-        """Stop looking. A thread that Python ends within a call of the store takes the process down with SIGABRT.
+        """Stop the thread: if Python ends during one of its calls of the store, the process dies by SIGABRT.
 
-        A process that has done its part takes back its last sign of life, or it would count as dead where the leading
-        one goes on alone, such as in an evaluation.
+        A process that has done its work removes its heartbeat. Otherwise it would count as dead while the leading
+        process continues alone, such as in an evaluation.
         """
         self._ending.set()
         self.join(timeout=_PATIENCE)
         if self.failed or self.is_alive():
             return
-        with self._lock, suppress(RuntimeError):  # the leading process may have ended, and the store with it
+        with self._lock, suppress(RuntimeError):  # the leading process may have ended, and with it the store
             self._store.set(_alive(self._rank), "")
 
     def fail(self, error: BaseException, sentence: str) -> DeuxError | None:
-        """As `deux.training.rank_failures.told_to_all`."""
+        """See `deux.training.rank_failures.share_failure`."""
         self.failed = True
         self._ending.set()
         lost_contact = _is_distributed(error)
@@ -89,16 +89,16 @@ class RankWatch(threading.Thread):
             return DeuxError(found)
         if lost_contact:
             return DeuxError(
-                f"another of the {self._world_size} processes that train together has ended without a word, as when "
-                "the system kills one for want of memory; the same command goes on from the last checkpoint."
+                f"another of the {self._world_size} processes that train together has ended without a message, such as "
+                "when the system kills one for lack of memory; the same command resumes from the last checkpoint."
             )
         with self._lock:
             self._store.set(_FAILURE, f"process {self._rank} of the {self._world_size} that train together: {sentence}")
-        self._wait_until_heard()
+        self._wait_until_read()
         return None
 
-    def _look(self, beat: int) -> str | None:
-        """Show life; the sentence of what is wrong with another process, or None."""
+    def _check(self, beat: int) -> str | None:
+        """Send a heartbeat; return a message if another process has failed or died."""
         try:
             with self._lock:
                 self._store.set(_alive(self._rank), str(beat))
@@ -107,18 +107,18 @@ class RankWatch(threading.Thread):
             return "the leading one of the processes that train together has ended."
 
     def _failure(self) -> str | None:
-        """The sentence of a process that has failed; it learns that this one has heard of it."""
+        """The message of a process that has failed, or None; notes in the store that this process has read it."""
         try:
             with self._lock:
                 if not self._store.check([_FAILURE]):
                     return None
-                self._store.set(_heard(self._rank), "1")
+                self._store.set(_has_read(self._rank), "1")
                 return str(self._store.get(_FAILURE).decode())
         except RuntimeError:
             return None
 
     def _silent(self) -> str | None:
-        """The sentence of a process that shows no life any more."""
+        """A message if the heartbeat of another process has stopped."""
         now = time.monotonic()
         for rank in range(self._world_size):
             with self._lock:
@@ -128,14 +128,14 @@ class RankWatch(threading.Thread):
                 self._seen[rank] = beat, now
             elif beat and now - self._seen[rank][1] > self._silence:
                 return (
-                    f"process {rank} of the {self._world_size} that train together has shown no life for "
+                    f"process {rank} of the {self._world_size} that train together has sent no heartbeat for "
                     f"{self._silence:.0f} s."
                 )
         return None
 
-    def _wait_until_heard(self) -> None:
-        """Give the others time to hear of a failure: if this process leads, the store ends with it."""
-        others = [_heard(rank) for rank in range(self._world_size) if rank != self._rank]
+    def _wait_until_read(self) -> None:
+        """Wait until the others have read this failure: if this process leads, the store ends with it."""
+        others = [_has_read(rank) for rank in range(self._world_size) if rank != self._rank]
         deadline = time.monotonic() + _PATIENCE
         while time.monotonic() < deadline:
             with self._lock:
@@ -148,11 +148,11 @@ def _alive(rank: int) -> str:
     return f"alive-{rank}"
 
 
-def _heard(rank: int) -> str:
-    return f"heard-{rank}"
+def _has_read(rank: int) -> str:
+    return f"read-{rank}"
 
 
 def _is_distributed(error: BaseException) -> bool:
-    """Whether an operation between processes has failed."""
+    """Whether an error comes from communication between processes."""
     known: tuple[Any, ...] = (torch.distributed.DistError,)
     return isinstance(error, known) or (isinstance(error, RuntimeError) and "gloo" in str(error))

@@ -1,9 +1,10 @@
-"""Processes that train one model together (`trainer.strategy=ddp`): which of them leads, decides and writes.
+"""Coordination of processes that train one model together (`trainer.strategy=ddp`); the leading one decides and writes.
 
-All of them run the whole command. Under torchrun or SLURM they start together; otherwise Lightning starts the others
-within the first `Trainer.fit` of the leading one, and they come after it, from the command's beginning.
+Each process runs the whole command. Under torchrun or Slurm, all start together; otherwise Lightning starts the others,
+from the beginning of the command, in the leading process's first `Trainer.fit`.
 
-Every task asks who leads, and Lightning takes seconds to import: it is imported where a process may not be alone.
+Every task uses this module, and Lightning takes seconds to import; so it is imported only if there can be several
+processes.
 """
 
 import os
@@ -19,20 +20,20 @@ if TYPE_CHECKING:
     from lightning.pytorch import Trainer
 
 _RANK_VARIABLES = ("RANK", "LOCAL_RANK", "SLURM_PROCID", "JSM_NAMESPACE_RANK")
-"""Environment variables, one of which is set in each process that a launcher or Lightning starts."""
+"""Environment variables of the rank; launchers and Lightning set one of them in each process that they start."""
 
 _DECIDED = "DEUX_DECISIONS"
-"""Environment variable with the leader's decisions so far, "0" or "1" each, for the processes that it starts."""
+"""Environment variable with the leading process's decisions so far, "0" or "1" each, for processes that it starts."""
 
 _PATIENCE = timedelta(days=7)
-"""How long the others wait for a decision; if the leader ends, so does their waiting."""
+"""How long the others wait for a decision; they stop waiting if the leading process ends."""
 
 _decisions: list[bool] = []
 _store: torch.distributed.Store | None = None
 
 
 def leads() -> bool:
-    """Whether this process is the first of those that train together, or the only one."""
+    """Whether this process has rank 0 or is the only one."""
     if _alone():
         return True
     from lightning.pytorch.utilities import rank_zero_only
@@ -41,18 +42,18 @@ def leads() -> bool:
 
 
 def wait_for_all() -> None:
-    """Wait until every process of the training has come here; returns at once where there is only one."""
+    """Wait until every process of the training has called this; returns immediately if there is only one."""
     if torch.distributed.is_available() and torch.distributed.is_initialized():
         torch.distributed.barrier()
 
 
 def decided_by_leader(decide: Callable[[], bool]) -> bool:
-    """What the leading process decides, in every process that trains with it.
+    """Decide something once, in the leading process, for all processes that train together.
 
-    Whether a file exists may change from one process's look to another's, and then one of them trains and waits for
-    ever for the other. All processes must call this equally often and in the same order, counted from their start; no
-    process group is needed. The leading process must not end before the others have asked: let `wait_for_all` follow
-    the last decision.
+    It prevents that processes decide differently, such as when one of them still sees no file that another already
+    sees, and one trains while the other does not. All processes must call this equally often and in the same order from
+    their start; no process group is needed. The leading process must not end before the others have called it: call
+    `wait_for_all` after the last decision.
 
     Args:
         decide: called in the leading process only.
@@ -73,9 +74,9 @@ def decided_by_leader(decide: Callable[[], bool]) -> bool:
 
 
 def starts_the_command_again(trainer: "Trainer") -> bool:
-    """Whether the trainer will start this process's command once more for each further process, as `ddp` does here.
+    """Whether the trainer will start the command again for each further process, as `ddp` does on a single machine.
 
-    On a cluster, or under torchrun, they have all been started from outside.
+    On a cluster or under torchrun, all processes were started from outside.
     """
     from lightning.fabric.plugins.environments import LightningEnvironment
 
@@ -85,19 +86,19 @@ def starts_the_command_again(trainer: "Trainer") -> bool:
 
 
 def connect_store() -> torch.distributed.Store | None:
-    """A further connection to the key-value store that the processes share; None as long as there is only this one."""
+    """Open a further connection to the key-value store of all processes; None if there is only one process."""
     return None if _shared_store() is None else _connected(serves=False)
 
 
 def _shared_store() -> torch.distributed.Store | None:
-    """The key-value store that the processes share, at the address where PyTorch's process groups meet.
+    """The key-value store of all processes, at the rendezvous address of PyTorch's process groups.
 
     Returns:
-        The store; None as long as there is only this process.
+        The store; None if there is only one process.
     """
     global _store
     if _store is None:
-        # torchrun's agent serves the store itself, and once more after each restart of its processes.
+        # torchrun's agent serves the store itself, also after a restart of its processes.
         _store = _connected(serves=leads() and os.environ.get("TORCHELASTIC_USE_AGENT_STORE") != "True")
     return _store
 
@@ -111,18 +112,18 @@ def _connected(serves: bool) -> torch.distributed.Store | None:
         is_master=serves,
         timeout=_PATIENCE,
         wait_for_workers=False,
-        multi_tenant=True,  # a process group of the same process serves its own store at this port
+        multi_tenant=True,  # a process group of this process serves its own store at the same port
     )
     return torch.distributed.PrefixStore(f"deux-{os.environ.get('TORCHELASTIC_RESTART_COUNT', 0)}", store)
 
 
 def _alone() -> bool:
-    """Whether nothing has started this process beside others; Lightning, once imported, knows of those it starts."""
+    """Whether this is certainly the only process: no launcher started it, and Lightning is not imported."""
     return "lightning" not in sys.modules and not any(variable in os.environ for variable in _RANK_VARIABLES)
 
 
 def _launcher() -> "ClusterEnvironment | None":
-    """What has started the processes, if there are several."""
+    """Lightning's environment of whatever started the processes; None if there is only one."""
     if _alone():
         return None
     from lightning.fabric.plugins.environments import LightningEnvironment, SLURMEnvironment, TorchElasticEnvironment
@@ -131,6 +132,6 @@ def _launcher() -> "ClusterEnvironment | None":
         if environment.detect():
             found: ClusterEnvironment = environment()
             return found if found.world_size() > 1 else None
-    # Lightning names the address to the processes that it starts, and keeps it in its own environment.
+    # Lightning sets these in its own environment and in that of the processes that it starts.
     started_by_lightning = "LOCAL_RANK" in os.environ and "MASTER_PORT" in os.environ
     return LightningEnvironment() if started_by_lightning else None

@@ -1,4 +1,4 @@
-"""The learning rate over the course of a training run."""
+"""The learning rate schedule."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -16,11 +16,11 @@ class Schedule:
         learning_rate: the rate that the factors multiply.
         boundaries: where the rate changes, increasing; above 0 and, as fractions, below 1.
         factors: the factor from each boundary on; 1 before the first.
-        unit: what the boundaries count: the fraction of the training that is done, or finished epochs.
-        warmup_steps: number of first steps over which the rate rises to its value.
+        unit: unit of the boundaries: the fraction of the training that is done, or finished epochs.
+        warmup_steps: number of steps at the beginning over which the rate rises linearly.
 
     Raises:
-        DeuxError: the rate is not above 0, or the boundaries do not fit the factors.
+        DeuxError: the rate is not above 0, or boundaries and factors differ in number.
     """
 
     learning_rate: float = 1e-4
@@ -36,7 +36,7 @@ class Schedule:
             check_range("training.factors", factor, 0)
         if len(self.boundaries) != len(self.factors) or list(self.boundaries) != sorted(set(self.boundaries)):
             raise DeuxError(
-                f"the learning rate's boundaries {self.boundaries} and factors {self.factors} must be equally many, "
+                f"the learning rate's boundaries {self.boundaries} and factors {self.factors} must be equal in number, "
                 "and the boundaries increasing."
             )
         by_epoch = self.unit == "epoch"
@@ -52,11 +52,11 @@ class Schedule:
             )
 
     def factor(self, step: int, fraction: float, epoch: int) -> float:
-        """Factor of the learning rate in one step.
+        """The factor of the learning rate in one step.
 
         Args:
             step: optimiser steps done so far.
-            fraction: part of the training that is done, in [0, 1]; 0 if it has no end.
+            fraction: fraction of the training that is done, in [0, 1]; 0 if it has no end.
             epoch: epochs done so far.
         """
         progress = epoch if self.unit == "epoch" else fraction

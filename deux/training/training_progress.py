@@ -1,27 +1,40 @@
-"""How far a training is, also where the frames become more while it goes on (`deux.training.active_collection`)."""
+"""The progress of a training, also while frames are added to it (`deux.training.active_collection`)."""
 
 import math
 from fractions import Fraction
+from typing import NamedTuple
 
 from lightning.pytorch import Trainer
 
 
-def training_progress(trainer: Trainer) -> tuple[int, float]:
-    """Optimiser steps done, and those of the whole training if all its epochs are as long as the present one.
-
-    With frames that stay the same these are the true numbers. Frames that are added make later epochs longer, and how
-    many steps a training in epochs then has is not known before its end; its part that is done is known at any time,
-    also right after it was resumed, and it is the quotient of the two.
+class TrainingProgress(NamedTuple):
+    """Optimiser steps done and in total, as if all epochs were as long as the current one.
 
     Args:
-        trainer: of the training; before its first batch nothing is done.
-
-    Returns:
-        Steps done and steps of the whole; infinitely many where the training has no end.
+        done: steps done.
+        total: steps of the whole training; infinite if it has no end.
     """
-    done, steps = trainer.global_step, math.inf
-    if trainer.max_steps > 0:
-        steps = trainer.max_steps
+
+    done: int
+    total: float
+
+    @property
+    def fraction(self) -> float:
+        """The fraction of the training that is done, in [0, 1]; 0 if it has no end."""
+        return self.done / self.total
+
+
+def training_progress(trainer: Trainer) -> TrainingProgress:
+    """The progress of a training.
+
+    If frames are added, later epochs become longer. The total number of steps of a training in epochs is then unknown
+    until its end, but the fraction that is done is known at any time, also right after resuming.
+
+    Args:
+        trainer: the training's trainer; before its first batch, no step is done.
+    """
+    done = trainer.global_step
+    total = trainer.max_steps if trainer.max_steps > 0 else math.inf
     batches, epochs = trainer.num_training_batches, trainer.max_epochs or 0
     if epochs > 0 and 0 < batches < math.inf:  # infinite before the frames are listed
         accumulated = trainer.accumulate_grad_batches
@@ -29,7 +42,7 @@ def training_progress(trainer: Trainer) -> tuple[int, float]:
         batch = trainer.fit_loop.epoch_loop.batch_idx + 1
         finished = length if batch == batches else batch // accumulated
         in_epochs = trainer.current_epoch * length + finished, epochs * length
-        # Whichever of the two limits comes first ends the training.
-        if math.isinf(steps) or Fraction(*in_epochs) > Fraction(done, int(steps)):
-            return in_epochs
-    return done, steps
+        # The training ends at the limit that is reached first.
+        if math.isinf(total) or Fraction(*in_epochs) > Fraction(done, int(total)):
+            return TrainingProgress(*in_epochs)
+    return TrainingProgress(done, total)

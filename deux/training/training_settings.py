@@ -1,4 +1,4 @@
-"""The options of the section `training`: how long, on what size and at which learning rate a model is trained."""
+"""The options of the section `training`: budget, data loading, optimiser and precision."""
 
 from dataclasses import dataclass, field
 
@@ -11,38 +11,38 @@ from deux.training.schedule import Schedule
 
 @dataclass(frozen=True)
 class TrainingSettings(Schedule):
-    """How long, on what size and at which learning rate a model is trained. The defaults are the paper's.
+    """Options of a training besides the learning rate schedule. The defaults are the paper's.
 
     Args:
         batch_size: samples in a batch.
-        epochs: passes over the frames; not used where `steps` is set.
+        epochs: passes over the frames; unused if `steps` is set.
         steps: optimiser steps; equal for all explorers in a comparison.
-        betas: Adam's, of the running means of the gradient and of its square. 0.999, the published one, remembers some
-            1,000 steps: where the gradient grows quickly, steps are too large for hundreds of them
-            (docs/decisions/0028-adam-memory.md).
+        betas: Adam's decay rates of the running means of the gradient and of its square. With 0.999, the published
+            value, the mean covers some 1,000 steps: after the gradient has grown quickly, hundreds of steps are too
+            large (docs/decisions/0028-adam-memory.md).
         crop: height and width of the samples; None for whole frames.
-        num_workers: processes that load data; None takes none where the frames are at hand, else one for each core but
-            one, no more than eight.
-        validations: least number of validations over the whole training, as far as it has so many steps or epochs; they
-            are evenly spread over whole steps or epochs, which can make up to twice as many.
-        sources: how the source frames are chosen. "baseline": of the five frames before and after the target the two
-            that show most of it with parallax, by the poses and sparse points (`deux.geometry.source_frames`);
-            "recent": the paper's t-1 and t-2, or those at `offsets`.
-        offsets: the recent source frames, in frames from the target, where the dataset does not list them; without
-            effect by baseline, except in sequences without poses.
-        checkpoint_minutes: time between two checkpoints within an epoch; there is one at the end of each epoch, too.
-        tf32: on a card, let the networks' float32 convolutions round to TensorFloat-32 (10 bits of mantissa); the
-            geometry never does. Nothing to gain in bf16-mixed, the default there.
-        cuda_graphs: on a card, record the networks and losses of a step as a CUDA graph and replay it from then on:
-            the same kernels without the host's part in launching them. Not with several processes or added gradients.
-        compile: compile the networks, and on a card the objective, by `torch.compile` in this mode; true is "default",
-            the others record graphs themselves. The first step takes up to minutes longer.
-        averaging: fraction of the training, from the end, over whose optimiser steps the weights are averaged to make
-            the final model; 0 takes those of the last step.
-        supervised: let the objective read ground truth also of a model that is published as an unsupervised one.
-        augmentation: how samples differ from the stored frames: other cameras, other points.
-        start: weights that the final model starts from in place of random ones: a run folder, a model file, the
-            model's published checkpoint or the name of a model that ships. Seed models and foundations start anew.
+        num_workers: processes that load data. None: no process if the frames are cached on the device, else one less
+            than there are cores, at most eight.
+        validations: minimal number of validations over the whole training, as far as it has that many steps or epochs.
+            They are evenly spread over whole steps or epochs, which can make up to twice as many.
+        sources: how source frames are chosen. "baseline": of the five frames before and after the target, the two that
+            show most of it with parallax, by poses and sparse points (`deux.geometry.source_frames`); "recent": the
+            paper's t-1 and t-2, or those at `offsets`.
+        offsets: the recent source frames as offsets from the target, in frames, if the dataset does not list them;
+            unused with "baseline", except for sequences without poses.
+        checkpoint_minutes: time between two checkpoints within an epoch; there is also one at the end of each epoch.
+        tf32: on a GPU, let the networks' float32 convolutions round to TensorFloat-32 (10 bits of mantissa); the
+            geometry never does. No gain in bf16-mixed, the default there.
+        cuda_graphs: on a GPU, record the networks and losses of a step as a CUDA graph and replay it: the same kernels
+            without the host's launch overhead. Not used with several processes or gradient accumulation.
+        compile: compile the networks, and on a GPU the objective, by `torch.compile` in this mode; true is "default",
+            the other modes use CUDA graphs themselves. The first step takes up to minutes longer.
+        averaging: fraction of the training, from its end, over whose steps the weights of the final model are averaged;
+            0 uses those of the last step.
+        supervised: let the objective read ground truth even if the model was published as an unsupervised one.
+        augmentation: how samples differ from the stored frames, such as in camera and sparse points.
+        start: initial weights of the final model in place of random ones: a run folder, a model file, the model's
+            published checkpoint or the name of a shipped model. Seed models and foundations start from random weights.
 
     Raises:
         DeuxError: a value is out of its range.

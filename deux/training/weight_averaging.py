@@ -13,15 +13,15 @@ from deux.training.training_progress import training_progress
 
 
 class TailAveraging(WeightAveraging):
-    """Gives the model, at the end of its training, the mean of its weights after each step of the last part.
+    """At the end of the training, replaces the weights by their mean over the steps of the last part of it.
 
-    The training itself goes on from the weights of the last step, and so do validations: what they log is not of the
-    mean. The mean is in float32 and on the training's device whatever the precision. A checkpoint holds both, so that a
-    training which was killed goes on as if it had never stopped; buffers are those of the last step.
+    Training and validation use the weights of the last step, not the mean. The mean is float32, on the training's
+    device, whatever the precision. Checkpoints contain both, so that a resumed training is identical to an
+    uninterrupted one. Buffers are those of the last step.
 
     Args:
-        fraction: of the training, from the end, that the mean is over; above 0, at most 1. It is of the optimiser
-            steps, or of the epochs where these become longer (`deux.training.training_progress`).
+        fraction: fraction of the training, from its end, to average over; above 0, at most 1. It is a fraction of the
+            optimiser steps or, if epochs become longer, of the epochs (`deux.training.training_progress`).
 
     Raises:
         DeuxError: at the start of the training, if it has no end.
@@ -33,70 +33,69 @@ class TailAveraging(WeightAveraging):
         self._in_last_part = False
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """Make the mean's tensors, if the training has an end."""
+        """Create the mean's tensors; raises DeuxError if the training has no end."""
         check_end(trainer, self.fraction)
         super().setup(trainer, pl_module, stage)
 
     def should_update(self, step_idx: int | None = None, epoch_idx: int | None = None) -> bool:
-        """Whether the step that is done belongs to the last part."""
+        """Whether the finished step belongs to the last part."""
         return step_idx is not None and self._in_last_part
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Bring the mean to the training's device."""
+        """Move the mean to the training's device."""
         assert self._average_model is not None
         self._average_model.to(pl_module.device)
 
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: STEP_OUTPUT, batch: Any, batch_idx: int
     ) -> None:
-        """Count the weights in, if the step belongs to the last part."""
-        done, steps = training_progress(trainer)
-        # There is at least one step in the last part.
-        self._in_last_part = done > min(steps - 1, round(steps * (1.0 - self.fraction)))
+        """Update the mean, if the step belongs to the last part, which has at least one step."""
+        done, total = training_progress(trainer)
+        self._in_last_part = done > min(total - 1, round(total * (1.0 - self.fraction)))
         super().on_train_batch_end(trainer, pl_module, outputs, batch, batch_idx)
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Wait for `on_fit_end`, which also follows where a training is resumed that has no step left to do."""
+        """Do nothing: unlike this hook, `on_fit_end` also runs for a resumed training that has no step left."""
 
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Give the model the mean, unless the training ended before its last part."""
+        """Copy the mean to the model, unless the training ended before its last part."""
         assert self._average_model is not None
         if int(self._average_model.n_averaged) > 0:
             self._copy_average_to_current(pl_module)
 
     def on_validation_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Leave the weights of the last step: exchanging them would round them where the precisions differ."""
+        """Do not swap in the mean: if the precisions differ, swapping would round the weights."""
 
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Nothing was exchanged."""
+        """Nothing was swapped."""
 
     def on_load_checkpoint(self, trainer: Trainer, pl_module: LightningModule, checkpoint: dict[str, Any]) -> None:
-        """Load the mean and the weights of the last step; a training without averaging goes on with it from here."""
+        """Restore mean and weights; averaging starts here if the checkpoint was written without it."""
         if "averaging_state" in checkpoint:
             super().on_load_checkpoint(trainer, pl_module, checkpoint)
 
 
 def check_one_mean(fraction: float, callbacks: Sequence[Callback]) -> None:
-    """Find two means of the weights, which keep each other's in the checkpoints and lose the weights themselves.
+    """Check that at most one callback averages weights: two would overwrite the weights in the checkpoints.
 
     Args:
         fraction: `training.averaging`; 0 for none.
-        callbacks: all others of the training.
+        callbacks: all other callbacks of the training.
 
     Raises:
-        DeuxError: more than one of them makes a mean.
+        DeuxError: more than one of them averages the weights.
     """
     names = [type(one).__name__ for one in callbacks if isinstance(one, WeightAveraging)]
     means = [*([f"training.averaging={fraction:g}"] if fraction else []), *(f"the callback {name}" for name in names)]
     if len(means) > 1:
         raise DeuxError(
-            f"{' and '.join(means)} both make the trained model a mean of its weights: leave one of them out"
+            f"{' and '.join(means)} both average the weights of the trained model: leave one of them out"
             f"{', such as by training.averaging=0' if fraction else ''}."
         )
 
 
 def check_end(trainer: Trainer, fraction: float) -> None:
-    """Raise DeuxError if a fraction of the training is to be averaged that has no end."""
+    """Raise DeuxError if the training, of which a fraction is to be averaged, has no end."""
     if trainer.max_steps == -1 and trainer.max_epochs == -1:
         raise DeuxError(
             f"training.averaging={fraction:g} is the last part of a training, and with trainer.max_epochs=-1 this one "

@@ -18,34 +18,34 @@ from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 from deux_plugins.depth_models.scaffnet import ScaffNet
 
 MIN_FACTOR, MAX_FACTOR = 0.25, 4.0
-"""Between which the network multiplies the scaffold's depth."""
+"""Range of the factor by which the network multiplies the scaffold's depth."""
 
 MAX_OFFSET = 1000.0
-"""How many metres, at most, the network adds; what is left after the clamp to the depth range is far less."""
+"""Largest offset in metres that the network adds, far beyond the depth range to which the sum is clamped."""
 
 
 class FusionNet(DepthModel):
-    """Corrects a frozen ScaffNet's depth: d = a d' + b, with a and b at each pixel from image and depth.
+    """Corrects a frozen ScaffNet's depth: d = a d' + b, with a and b predicted for each pixel from image and depth.
 
-    d' is ScaffNet's depth with its scale matched to the sparse points near by. The defaults are the published VOID
-    settings, with DEUX's depth range. Works at any image size.
+    d' is ScaffNet's depth with its scale matched to nearby sparse points. The defaults are the published VOID settings,
+    with DEUX's depth range. Works at any image size.
 
     Args:
         image_filters: channels of the image encoder at its five levels.
         depth_filters: channels of the depth encoder at its five levels.
         decoder_filters: channels of the decoder's five levels.
-        scale_window: side of the window, an odd number of pixels, in which a sparse point sets the scale of ScaffNet's
-            depth.
+        scale_window: side of the window around a sparse point in which it determines the scale of ScaffNet's depth, an
+            odd number of pixels.
         scaffnet_pools: ScaffNet's `pools`.
         scaffnet_filters: ScaffNet's `filters`.
         scaffnet_decoder_filters: ScaffNet's `decoder_filters`.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres.
         scaffnet_min_depth: ScaffNet's `min_depth`; None for FusionNet's own.
-        scaffnet_max_depth: ScaffNet's `max_depth`; None for FusionNet's own. The published ones differ: 10 m on VOID,
-            where FusionNet has 8, and 80 on KITTI, where it has 100.
-        margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
-            depth loses again, as KBNet's. ScaffNet sees the extended points too; 0 is the published network.
+        scaffnet_max_depth: ScaffNet's `max_depth`; None for FusionNet's own. The published values differ: 10 m on VOID,
+            with 8 m for FusionNet, and 80 m on KITTI, with 100 m for FusionNet.
+        margin: as for KBNet: in evaluation, images are extended on all sides by this many pixels, and depth is cropped.
+            ScaffNet's points are extended, too. 0 is the published network.
     """
 
     objective: ClassVar[LossSettings] = {
@@ -98,7 +98,7 @@ class FusionNet(DepthModel):
         self.decoder = Decoder(channels[4], [*channels[3::-1], 0], decoder_filters, out_channels=2)
 
     def train(self, mode: bool = True) -> Self:
-        """Set the mode of all but ScaffNet, whose batch statistics stay those of its own training."""
+        """Set the mode of all modules but ScaffNet, which keeps the batch statistics of its own training."""
         super().train(mode)
         self.scaffnet.eval()
         return self
@@ -106,7 +106,7 @@ class FusionNet(DepthModel):
     def forward(
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
     ) -> Prediction:
-        """Predict dense depth; see `DepthModel.forward`. `extras["prior"]` is ScaffNet's depth as it came."""
+        """Predict dense depth; see `DepthModel.forward`. `extras["prior"]` is ScaffNet's unscaled depth."""
         margin = 0 if self.training else self.margin
         if margin:
             image = repeat_edge(image, margin)
@@ -115,7 +115,7 @@ class FusionNet(DepthModel):
             prior = self.scaffnet(image, sparse_depth, validity, intrinsics).depth
         points = sparse_depth * validity
         scaffold = match_scale(prior, points, self.scale_window)
-        # ScaffNet's depth is float32 also where the networks compute in half precision.
+        # ScaffNet's depth is float32 even if the networks compute in half precision.
         depth_inputs = torch.cat([scaffold, points.clamp(max=self.max_depth)], dim=1).to(image.dtype)
         features = joined(self.encoder_image(image), self.encoder_depth(depth_inputs))
         *skips, latent = features
@@ -128,21 +128,21 @@ class FusionNet(DepthModel):
         return Prediction(crop(depth, margin), {"prior": crop(prior, margin)})
 
     def augmentation(self) -> Sequence[Augmentation]:
-        """Half of the samples are mirrored left to right."""
-        from torchvision.transforms import v2  # slow, and of no use to inference
+        """Mirror half of the samples horizontally."""
+        from torchvision.transforms import v2  # slow to import, and not needed for inference
 
         return (v2.RandomHorizontalFlip(p=0.5),)
 
     def pose_network(self) -> PoseNetwork:
-        """The pose network of seven convolutions, newly made."""
+        """A new pose network of seven convolutions."""
         return seven_convolution_pose_network()
 
     def foundation(self) -> Foundation:
-        """The ScaffNet inside."""
+        """The inner ScaffNet."""
         return Foundation("scaffnet", self.scaffnet_settings, self.scaffnet)
 
     def published_modules(self) -> dict[str, nn.Module]:
-        """The modules that fusionnet-*.pth holds, ScaffNet's among them."""
+        """The modules in fusionnet-*.pth, including ScaffNet's."""
         return {
             **self.scaffnet.published_modules(),
             "fusionnet_encoder_image_state_dict": self.encoder_image,
@@ -154,14 +154,13 @@ class FusionNet(DepthModel):
 def match_scale(depth: Tensor, points: Tensor, window: int = 5, largest: float = 2.0) -> Tensor:
     """Scale depth near each sparse point so that it agrees with the point.
 
-    Where windows overlap the greater factor counts; a point that is more than `largest` times as far as the depth says
-    sets no scale.
+    Where windows overlap, the larger factor is used; points that would need a factor above `largest` are ignored.
 
     Args:
         depth: N x 1 x H x W metres, above 0.
         points: N x 1 x H x W metres, 0 = none.
         window: side of the window around a point, pixels, odd.
-        largest: greatest factor that is believed.
+        largest: largest plausible factor.
     """
     factor = points / depth
     factor = sliding_max(factor.masked_fill(factor > largest, 0.0), window)

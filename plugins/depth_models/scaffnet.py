@@ -18,7 +18,7 @@ from deux_plugins.depth_models.parts.vgg_encoder import VGGEncoder
 
 
 class SpatialPyramidPool(nn.Module):
-    """The sparse points and their maxima in windows of several sizes, mixed by 1 x 1 convolutions.
+    """Sparse depth and its maxima in windows of several sizes, combined by 1 x 1 convolutions.
 
     Args:
         windows: sides of the windows, pixels.
@@ -40,20 +40,20 @@ class SpatialPyramidPool(nn.Module):
 
 
 class ScaffNet(DepthModel):
-    """Learns the shapes of scenes from synthetic depth: it sees sparse points only, so that it transfers.
+    """Learns the shapes of scenes from synthetic depth; since its only input is sparse points, it transfers.
 
-    The one supervised model; FusionNet is built on it. The defaults are the published SceneNet settings, with DEUX's
-    depth range. Works at any image size.
+    It is the only supervised model; FusionNet is built on it. The defaults are the published SceneNet settings, with
+    DEUX's depth range. Works at any image size.
 
     Args:
-        pools: windows, pixels, in which the farthest sparse point is looked for.
-        pool_filters: channels of the pooling layer, which are also joined at the full size.
+        pools: sides of the max-pooling windows of sparse depth, in pixels.
+        pool_filters: channels of the pooling layer, which is also the skip connection at full resolution.
         filters: channels of the encoder's five levels.
         decoder_filters: channels of the decoder's five levels.
         min_depth: nearest predicted depth in metres.
-        max_depth: farthest predicted depth in metres; sparse points beyond it are taken to lie there.
-        margin: pixels without a point by which a trained network's map of points is extended on all sides, and which
-            its depth loses again, as KBNet's; 0 is the published network.
+        max_depth: farthest predicted depth in metres, to which sparse points are clamped.
+        margin: as for KBNet: in evaluation, sparse depth is extended on all sides by this many pixels without points,
+            and depth is cropped. 0 is the published network.
     """
 
     supervised: ClassVar[bool] = True
@@ -99,13 +99,13 @@ class ScaffNet(DepthModel):
         return Prediction(depth_from_logits(crop(logits, margin), self.min_depth, self.max_depth))
 
     def augmentation(self) -> Sequence[Augmentation]:
-        """Half of the samples are mirrored left to right."""
-        from torchvision.transforms import v2  # slow, and of no use to inference
+        """Mirror half of the samples horizontally."""
+        from torchvision.transforms import v2  # slow to import, and not needed for inference
 
         return (v2.RandomHorizontalFlip(p=0.5),)
 
     def published_modules(self) -> dict[str, nn.Module]:
-        """The modules that scaffnet-*.pth holds."""
+        """The modules in scaffnet-*.pth."""
         return {
             "spatial_pyramid_pool_state_dict": self.spatial_pyramid_pool,
             "scaffnet_encoder_state_dict": self.encoder,

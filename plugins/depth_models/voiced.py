@@ -91,11 +91,11 @@ class VOICED(DepthModel):
         return Prediction(depth_from_nearness(crop(nearness, margin), self.min_depth, self.max_depth))
 
     def pose_network(self) -> PoseNetwork:
-        """The pose network of seven convolutions, newly made."""
+        """A new pose network of seven convolutions."""
         return seven_convolution_pose_network()
 
     def published_modules(self) -> dict[str, nn.Module]:
-        """The modules that voiced-*.pth holds."""
+        """The modules in voiced-*.pth."""
         return {
             "encoder_image_state_dict": self.encoder_image,
             "encoder_depth_state_dict": self.encoder_depth,

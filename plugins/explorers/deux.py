@@ -1,4 +1,4 @@
-"""The depth-uncertainty-guided explorer: Algorithm 1 of the paper."""
+"""The explorer guided by depth uncertainty: Algorithm 1 of the paper, with extensions."""
 
 from dataclasses import replace
 from typing import Literal
@@ -17,61 +17,61 @@ from deux.mapping.residual_field import PoseResidualField, ResidualField, Surfac
 
 
 class DeuxExplorer(GoalExplorer):
-    """Goes where the depth model's uncertainty is high.
+    """Drives to places where the depth model's uncertainty is high.
 
-    Each target is drawn among places on the frontiers in proportion to w ** (1 / temperature), where
-    w = u ** guidance / (actions to get there + `overhead`) and u is the uncertainty recorded nearby (Eq. 8). A frontier
-    that resolves itself on the way (it came into view) is dropped at once. Where no frontier is left, places on the
-    free floor are drawn in proportion to u ** (1 / temperature). With target="informative" it goes to the view that is
-    expected to teach the most for each action instead (`deux.mapping.informative_targets`).
+    Each target is sampled from places on the frontiers with probability proportional to w ** (1 / temperature), where
+    w = u ** guidance / (actions to get there + `overhead`) and u is the uncertainty nearby (Eq. 8). A frontier that is
+    resolved on the way, by coming into view, is abandoned. If no frontier is left, places on the free floor are sampled
+    in proportion to u ** (1 / temperature). With target="informative", it drives instead to the view with the highest
+    expected information per action (`deux.mapping.informative_targets`).
 
-    The paper's explorer is `explore=deux_paper`, this one with other options (conf/explore/deux_paper.yaml).
+    The paper's explorer is `explore=deux_paper`, this class with other options (conf/explore/deux_paper.yaml).
 
     Args:
-        residual_pose: where uncertainty lives: on the "surface" that the depth model got wrong; at the "pose" that the
-            robot stood at (the paper), of which frontiers are mostly too far away to differ; or "constant", the same
-            everywhere.
-        map_depth: what the map is built from: the "predicted" depth (the paper) or the "sensor".
-        target: "sampled", drawn as above; "greedy", the place that is worth most; or "informative".
-        temperature: of sampled targets: 1 draws in proportion to the worth; towards 0 the draw becomes greedy.
-        guidance: exponent of the uncertainty, for targets that are sampled or greedy: with 2, a place of twice the
-            uncertainty is worth four times the actions. 0 leaves the nearest frontiers.
+        residual_pose: what uncertainty is assigned to: the "surface" whose depth was wrong; the robot's "pose" (as in
+            the paper), from which most frontiers are too far away to differ; or "constant", the same everywhere.
+        map_depth: the depth that the map is built from: "predicted" (as in the paper) or of the "sensor".
+        target: "sampled", as above; "greedy", the place with the largest w; or "informative".
+        temperature: of sampled targets: with 1, probabilities are proportional to w; near 0, sampling becomes greedy.
+        guidance: exponent of the uncertainty, for sampled and greedy targets: with 2, a place with twice the
+            uncertainty may cost four times the actions. With 0, only the actions matter.
         resolution: edge of a map cell in metres.
-        max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
-            and 3 for predicted depth, whose errors grow with the distance.
-        depth_error: relative error of the depth that the map allows for: with too little, errors of the floor become
-            obstacles, with too much, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth
-            it is what the frames' sparse points show (`Observation.depth_error`).
-        max_incidence: degrees between the line of sight and a surface's normal above which pixels do not enter the map.
-            81 leaves out the ramps that a network makes of steps in depth; in images of 64 x 64 pixels small obstacles
-            go with them. 90 leaves nothing out.
-        safety_margin: metres that paths keep from obstacles beyond the robot's radius.
-        unknown_traversable: whether paths may lead through the unknown.
-        motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
-        least_way: metres of path to its frontier at least, for targets that are sampled or greedy, where a frontier of
-            some size is that far. Nearer ones are mostly edges of the view beside the robot, for which it would turn on
-            the spot. 0 for any.
-        per_action: whether the value of a target, its uncertainty or what it teaches, is divided by the actions that it
-            costs; Eq. 8 of the paper does not divide.
-        keep_targets: whether a sampled or greedy frontier stays the target when it has come into view, as in the paper.
-        revisits: whether informative targets lie on known floor too while there is a frontier to go to.
-        on_the_way: whether the views on the way to an informative target count as well as the one there.
+        max_range: distance along the floor in metres up to which depth is mapped. None is 5 for the sensor's depth and
+            3 for predicted depth, whose errors grow with the distance.
+        depth_error: relative depth error that the map allows for: if it is too small, errors turn floor into obstacles;
+            if it is too large, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth it is
+            the error measured at the frames' sparse points (`Observation.depth_error`).
+        max_incidence: degrees between the line of sight and a surface's normal above which pixels are not mapped. 81
+            excludes the ramps by which networks blur steps in depth but, in images of 64 x 64 pixels, also small
+            obstacles. 90 excludes nothing.
+        safety_margin: distance in metres that paths keep from obstacles, besides the robot's radius.
+        unknown_traversable: whether paths may lead through unknown cells.
+        motion: "arcs" for turning while moving, if there is room; or "turns" for turning on the spot.
+        least_way: least path length in metres to the frontier of a sampled or greedy target, if there is a large enough
+            frontier that far away. Nearer ones are mostly edges of the view beside the robot, for which it would turn
+            on the spot. 0 for no limit.
+        per_action: whether the value of a target is divided by the actions that it costs; Eq. 8 of the paper does not
+            divide.
+        keep_targets: whether a sampled or greedy frontier remains the target after it has come into view, as in the
+            paper.
+        revisits: whether informative targets can be on known floor even if there are frontiers.
+        on_the_way: whether the value of an informative target includes the views on the path to it.
     """
 
     spacing = 0.5
-    """Metres of frontier for each place that is drawn on it."""
+    """Metres of frontier for each place that is sampled on it."""
 
     places_without_frontier = 64
-    """Number of places drawn from the free floor where no frontier is left."""
+    """Number of places sampled from the free floor if no frontier is left."""
 
     overhead = InformativeTargets.overhead
-    """Actions that are added to the way to each frontier; without them the nearest one nearly always wins."""
+    """Actions added to the cost of each frontier; without them, the nearest one would nearly always win."""
 
     clearly = 1.5
-    """A frontier nearer than `least_way` counts if it is this many times as uncertain as all that are farther."""
+    """A frontier nearer than `least_way` is allowed if it is this many times as uncertain as all farther ones."""
 
     review_interval = 8
-    """Actions after which an informative target is compared with others again."""
+    """Number of actions after which an informative target is compared with others again."""
 
     def __init__(
         self,
@@ -101,17 +101,17 @@ class DeuxExplorer(GoalExplorer):
             max_range,
             safety_margin,
             unknown_traversable,
-            "deux's map_depth",
-            motion,
-            least_way,
-            depth_error,
-            max_incidence,
+            depth_option="deux's map_depth",
+            motion=motion,
+            least_way=least_way,
+            depth_error=depth_error,
+            max_incidence=max_incidence,
         )
         if residual_pose not in ("pose", "surface", "constant"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')
         if target not in ("sampled", "greedy", "informative"):
             raise DeuxError(f'deux\'s target is "{target}": it must be "sampled", "greedy" or "informative".')
-        if not temperature > 0.0:  # NaN neither
+        if not temperature > 0.0:  # false for NaN as well
             raise DeuxError(
                 f'deux\'s temperature is {temperature}: it must be positive (target="greedy" is its limit).'
             )
@@ -137,19 +137,19 @@ class DeuxExplorer(GoalExplorer):
         self._until_review = self.review_interval
 
     def mapped(self, observation: Observation) -> None:
-        """Record the frame's residual, and what it shows, so that the choice of a target knows of it."""
+        """Record the frame's residual and view, before a target is chosen."""
         assert observation.residual is not None
         assert observation.uncertainty is not None
         self._pose = observation.pose
-        seen = observation.pose, self.map_depth(observation), observation.residual, observation.uncertainty
+        record = observation.pose, self.map_depth(observation), observation.residual, observation.uncertainty
         if self._residual_pose != "constant":
-            self._field.update(*seen)
+            self._field.update(*record)
         if self._target == "informative":
-            self._views.record(*seen)
+            self._views.record(*record)
             self._views.mark_seen(observation.pose, self.occupancy.cells, self.occupancy.frame)
 
     def target_is_stale(self, target: Target) -> bool:
-        """Whether an informative target is clearly outdone by another, or a frontier has come into view."""
+        """Whether another informative target is clearly better, or the target's frontier has come into view."""
         if self._target != "informative":
             return not self._keep_targets and self.frontier_is_resolved()
         self._until_review -= 1
@@ -159,11 +159,10 @@ class DeuxExplorer(GoalExplorer):
         reach = self._reach(self.occupancy.frame.cell(self._pose[0, 3], self._pose[2, 3]))
         if reach is None:
             return False
-        _, distance, candidates = reach
-        return self._views.is_outdone(target, self._map_now(self._pose, candidates, distance))
+        return self._views.is_outdone(target, self._map_now(self._pose, reach.candidates, reach.distance))
 
     def map(self) -> ExplorerMap | None:
-        """The occupancy map with the uncertainty field over what is known of the floor."""
+        """The occupancy map with the uncertainty field over known cells."""
         known = super().map()
         if known is None:
             return None
@@ -192,17 +191,17 @@ class DeuxExplorer(GoalExplorer):
         return self.frontier_target(candidates, self._draw(self._worth(pose, candidates)))
 
     def _preferred(self, candidates: FrontierCandidates) -> FrontierCandidates:
-        """The frontiers that are far enough to walk to; all where one that is not is clearly the most uncertain."""
+        """The frontiers that are far enough away; all if a nearer one is clearly the most uncertain."""
         preferred = self.preferred_frontiers(candidates)
         if len(preferred) == len(candidates):
             return candidates
-        largest, of_preferred = (
+        of_all, of_preferred = (
             self._field.at(cell_centres(self.occupancy.frame, some.cells)).max() for some in (candidates, preferred)
         )
-        return candidates if largest > self.clearly * of_preferred else preferred
+        return candidates if of_all > self.clearly * of_preferred else preferred
 
     def _worth(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
-        """What it is worth to go to each frontier cell, N float64: its uncertainty, for each action."""
+        """The value w of each frontier cell, N float64: its uncertainty, per action."""
         uncertainty = self._field.at(cell_centres(self.occupancy.frame, candidates.cells))
         if not self._per_action:
             return uncertainty**self._guidance
@@ -214,7 +213,7 @@ class DeuxExplorer(GoalExplorer):
         return MapNow(self.occupancy.cells, self.occupancy.frame, distance, pose, candidates.places)
 
     def _draw(self, worth: np.ndarray) -> int:
-        """Index of one of N places, drawn by what they are worth."""
+        """Sample the index of one of N places by their values."""
         largest = worth.max()
         if largest <= 0.0:
             return int(self.rng.integers(len(worth)))

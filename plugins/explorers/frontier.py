@@ -1,4 +1,4 @@
-"""The frontier explorer (Yamauchi 1997), with A* for its paths."""
+"""The frontier explorer (Yamauchi 1997), with paths by A*."""
 
 from typing import Literal
 
@@ -12,29 +12,29 @@ from deux.mapping.pursuit import Target
 
 
 class FrontierExplorer(GoalExplorer):
-    """Goes to frontiers between free floor and the unknown until none is left, then to random places.
+    """Drives to frontiers between free and unknown cells until none is left, then to random places.
 
-    A frontier that resolves itself on the way (it came into view) is dropped at once. One that is still there after
-    the robot stood before it and looked at it is not chosen again.
+    A frontier that is resolved on the way, by coming into view, is abandoned. One that remains after the robot has
+    looked at it from nearby is not chosen again.
 
     Args:
-        depth: what the map is built from, the depth "sensor" or the depth model's "predicted" depth.
+        depth: the depth that the map is built from: of the "sensor" or "predicted" by the depth model.
         choose: "nearest", the frontier that takes the fewest actions, turns included (Yamauchi); or "largest", a
             random place on one of the three largest (the published agent of exploring_exploration).
         resolution: edge of a map cell in metres.
-        max_range: distance along the floor in metres up to which depth enters the map. None is 5 for the sensor's depth
-            and 3 for predicted depth, whose errors grow with the distance.
-        depth_error: relative error of the depth that the map allows for: with too little, errors of the floor become
-            obstacles, with too much, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth
-            it is what the frames' sparse points show (`Observation.depth_error`).
-        max_incidence: degrees between the line of sight and a surface's normal above which pixels do not enter the map.
-            81 leaves out the ramps that a network makes of steps in depth; in images of 64 x 64 pixels small obstacles
-            go with them. 90 leaves nothing out.
-        safety_margin: metres that paths keep from obstacles beyond the robot's radius.
-        unknown_traversable: whether paths may lead through the unknown.
-        motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
-        least_way: metres of path to its frontier at least, where a frontier of some size is that far. Nearer ones are
-            mostly edges of the view beside the robot, for which it would turn on the spot. 0 for any.
+        max_range: distance along the floor in metres up to which depth is mapped. None is 5 for the sensor's depth and
+            3 for predicted depth, whose errors grow with the distance.
+        depth_error: relative depth error that the map allows for: if it is too small, errors turn floor into obstacles;
+            if it is too large, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth it is
+            the error measured at the frames' sparse points (`Observation.depth_error`).
+        max_incidence: degrees between the line of sight and a surface's normal above which pixels are not mapped. 81
+            excludes the ramps by which networks blur steps in depth but, in images of 64 x 64 pixels, also small
+            obstacles. 90 excludes nothing.
+        safety_margin: distance in metres that paths keep from obstacles, besides the robot's radius.
+        unknown_traversable: whether paths may lead through unknown cells.
+        motion: "arcs" for turning while moving, if there is room; or "turns" for turning on the spot.
+        least_way: least path length in metres to a frontier, if there is a large enough one that far away. Nearer ones
+            are mostly edges of the view beside the robot, for which it would turn on the spot. 0 for no limit.
     """
 
     def __init__(
@@ -58,18 +58,18 @@ class FrontierExplorer(GoalExplorer):
             max_range,
             safety_margin,
             unknown_traversable,
-            "frontier's depth",
-            motion,
-            least_way,
-            depth_error,
-            max_incidence,
+            depth_option="frontier's depth",
+            motion=motion,
+            least_way=least_way,
+            depth_error=depth_error,
+            max_incidence=max_incidence,
         )
         if choose not in ("nearest", "largest"):
             raise DeuxError(f'frontier\'s choose is "{choose}": it must be "nearest" or "largest".')
         self._choose = choose
 
     def choose_target(self, pose: np.ndarray, candidates: FrontierCandidates, distance: np.ndarray) -> Target | None:
-        """A frontier; a random reachable place if none is left."""
+        """Choose a frontier, or a random reachable place if none is left."""
         if len(candidates) == 0:
             row, column = self.free_places(distance, 1)[0]
             return Target(self.occupancy.frame.centre(row, column))
@@ -84,11 +84,11 @@ class FrontierExplorer(GoalExplorer):
         return self.frontier_target(candidates, index)
 
     def _estimated_actions(self, pose: np.ndarray, candidates: FrontierCandidates) -> np.ndarray:
-        """About how many actions each candidate costs: the turn to face it and the steps along the path."""
+        """Estimated number of actions for each candidate: turns to face it, and steps along the path."""
         x, z = cell_centres(self.occupancy.frame, candidates.cells).T
         turns = np.degrees(np.abs(heading_error(pose, x, z))) / self.robot.turn_angle
         return turns + candidates.lengths * self.occupancy.resolution / self.robot.forward_step
 
     def target_is_stale(self, target: Target) -> bool:
-        """Whether no frontier cell is left around the one that was chosen."""
+        """Whether no frontier cell is left around the chosen one."""
         return self.frontier_is_resolved()

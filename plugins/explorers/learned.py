@@ -1,4 +1,4 @@
-"""The learned explorers: policies that PPO trained (`task=train_explorer`), each with a reward of its own."""
+"""The learned explorers: policies trained by PPO (`task=train_explorer`), each for its own reward."""
 
 from pathlib import Path
 
@@ -9,11 +9,11 @@ WEIGHTS = Path(__file__).with_name("weights")
 
 
 class CoverageExplorer(LearnedExplorer):
-    """Seeks the growth of the known area (`deux_plugins.rewards.coverage`).
+    """Maximises the growth of the known area (`deux_plugins.rewards.coverage`).
 
     Args:
-        weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
-        greedy: whether the likeliest action is taken. Otherwise actions are drawn, as they were in training.
+        weights: a policy file from `task=train_explorer`; None for the one that ships with the explorer.
+        greedy: take the most likely action instead of sampling from the policy, as in training.
     """
 
     reward = "coverage"
@@ -21,11 +21,11 @@ class CoverageExplorer(LearnedExplorer):
 
 
 class SmoothCoverageExplorer(LearnedExplorer):
-    """Seeks parts of the map that it has seldom seen (`deux_plugins.rewards.coverage`).
+    """Seeks parts of the map that it has rarely seen (`deux_plugins.rewards.coverage`).
 
     Args:
-        weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
-        greedy: whether the likeliest action is taken. Otherwise actions are drawn, as they were in training.
+        weights: a policy file from `task=train_explorer`; None for the one that ships with the explorer.
+        greedy: take the most likely action instead of sampling from the policy, as in training.
     """
 
     reward = "smooth_coverage"
@@ -33,11 +33,11 @@ class SmoothCoverageExplorer(LearnedExplorer):
 
 
 class NoveltyExplorer(LearnedExplorer):
-    """Seeks places where it has seldom been (`deux_plugins.rewards.novelty`).
+    """Seeks places where it has rarely been (`deux_plugins.rewards.novelty`).
 
     Args:
-        weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
-        greedy: whether the likeliest action is taken. Otherwise actions are drawn, as they were in training.
+        weights: a policy file from `task=train_explorer`; None for the one that ships with the explorer.
+        greedy: take the most likely action instead of sampling from the policy, as in training.
     """
 
     reward = "novelty"
@@ -45,11 +45,11 @@ class NoveltyExplorer(LearnedExplorer):
 
 
 class CuriosityExplorer(LearnedExplorer):
-    """Seeks what its forward model does not foresee (`deux_plugins.rewards.curiosity`).
+    """Seeks observations that its forward model does not predict (`deux_plugins.rewards.curiosity`).
 
     Args:
-        weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
-        greedy: whether the likeliest action is taken. Otherwise actions are drawn, as they were in training.
+        weights: a policy file from `task=train_explorer`; None for the one that ships with the explorer.
+        greedy: take the most likely action instead of sampling from the policy, as in training.
     """
 
     reward = "curiosity"
@@ -60,8 +60,8 @@ class SemanticReconstructionExplorer(LearnedExplorer):
     """Seeks objects, and better views of them (`deux_plugins.rewards.semantic_reconstruction`).
 
     Args:
-        weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
-        greedy: whether the likeliest action is taken. Otherwise actions are drawn, as they were in training.
+        weights: a policy file from `task=train_explorer`; None for the one that ships with the explorer.
+        greedy: take the most likely action instead of sampling from the policy, as in training.
     """
 
     reward = "semantic_reconstruction"

@@ -1,4 +1,4 @@
-"""The oracle explorer: it is given the true free floor and visits targets all over it by shortest paths."""
+"""The oracle explorer: it knows the true free floor, and visits targets all over it on shortest paths."""
 
 import math
 
@@ -18,17 +18,17 @@ Cell = tuple[int, int]
 
 
 class OracleExplorer(Explorer):
-    """Visits targets spread evenly over the true free floor: a privileged bound for explorers that have to map it.
+    """Visits targets spread evenly over the true free floor: a privileged upper bound for explorers that build a map.
 
-    The floor is divided into parts of equal area with one target at random in each. The robot goes to the nearest of
-    those left, by the length of the path. When the last has been visited, new ones are drawn. It keeps no map: figures
-    show what its frames saw, not the whole floor that it was given.
+    The floor is divided into parts of equal area, with a random target in each. The robot always drives to the nearest
+    remaining target, by path length, and draws new ones after the last. It keeps no map: figures show what its frames
+    saw, not the given floor.
 
     Args:
-        targets: number of targets. In generated flats the robot sees most of a flat within 250 steps with 8 of them,
+        targets: number of targets. In generated flats, the robot sees most of a flat within 250 steps with 8 of them,
             and within 500 steps with 12.
-        safety_margin: metres that paths keep from obstacles beyond the robot's radius, where there is room for it.
-        motion: "arcs", turns while it goes on, where there is room; or "turns", on the spot.
+        safety_margin: distance in metres that paths keep from obstacles if there is room, besides the robot's radius.
+        motion: "arcs" for turning while moving, if there is room; or "turns" for turning on the spot.
     """
 
     needs = frozenset({Need.FREE_SPACE})
@@ -54,19 +54,19 @@ class OracleExplorer(Explorer):
         self._pursuit: Pursuit | None = None
         self._margin = math.ceil(self._safety_margin / self._space.frame.resolution) + 1
         self._roomy = self._space.free & (self._space.clearance >= self._robot.radius + self._safety_margin)
-        # A path takes a diagonal step only where both cells beside it are free, so paths join what edges join.
+        # Paths step diagonally only between two free cells, so they connect exactly the 4-connected components.
         self._components, _ = ndimage.label(self._roomy)
 
     def act(self, observation: Observation) -> Action:
-        """Go on towards the target, or to the next; a target on whose way the robot gets stuck is given up."""
+        """Move towards the target or the next one; a target is abandoned if the robot gets stuck on the way."""
         action = self._recovery.action(observation.pose, observation.collided)
         if action is not None:
             self._pursuit = None
             return action
-        return self._go_on(observation.pose)
+        return self._pursue(observation.pose)
 
-    def _go_on(self, pose: np.ndarray) -> Action:
-        """The next action towards the present target or, where that has ended, towards the next."""
+    def _pursue(self, pose: np.ndarray) -> Action:
+        """The next action towards the current target or, if its pursuit has ended, the next one."""
         frame = self._space.frame
         here = frame.cell(pose[0, 3], pose[2, 3])
         for _ in range(self._count + 1):
@@ -82,7 +82,7 @@ class OracleExplorer(Explorer):
         return self._recovery.turn_away()  # all targets are where the robot stands
 
     def _next_target(self, here: Cell) -> Cell:
-        """Take the nearest target off the list, which is drawn anew when it is empty."""
+        """Remove the nearest target from the list and return it; new ones are drawn if the list is empty."""
         if not self._targets:
             drawn = [self._rng.choice(part) for part in stratify(self._space.free, self._count)]
             self._targets = [(int(row), int(column)) for row, column in drawn]
@@ -90,9 +90,9 @@ class OracleExplorer(Explorer):
         return self._targets.pop(int(np.argmin([distance[target] for target in self._targets])))
 
     def _floor(self, here: Cell, goal: Cell) -> np.ndarray:
-        """Floor to plan on, rows x columns bool: the free floor, without its margins if a path leads through the rest.
+        """The cells to plan on, rows x columns bool: the free floor without safety margins, if a path exists there.
 
-        The margins are left in around the robot and the target, which may stand in them.
+        Around the robot and the target, which may be within the margins, the margins are included.
         """
         free, roomy = self._free_around(here), self._roomy.copy()
         for cell in (here, goal):
@@ -101,9 +101,9 @@ class OracleExplorer(Explorer):
         return roomy if self._components_near(here, roomy) & self._components_near(goal, roomy) else free
 
     def _components_near(self, cell: Cell, roomy: np.ndarray) -> set[int]:
-        """Numbers of the connected components of the floor without margins that a cell is connected to.
+        """Labels of the connected components of the floor without margins to which a cell is connected.
 
-        Two cells that have one in common are connected; unlike a search for the path, this looks at a few cells only.
+        Cells with a common label are connected; unlike a path search, this reads only a few cells.
         """
         window = _window(cell, self._margin + 1)
         patches, _ = ndimage.label(roomy[window])
@@ -111,7 +111,7 @@ class OracleExplorer(Explorer):
         return set(self._components[window][patches == patch].tolist()) - {0} if patch else set()
 
     def _free_around(self, here: Cell) -> np.ndarray:
-        """The free floor and what is next to the robot, which may stand in a cell whose centre is too near a wall."""
+        """The free floor and the cells next to the robot, whose own cell's centre may be too close to a wall."""
         free = self._space.free.copy()
         window = _window(here, 1)
         free[window] |= self._space.clearance[window] > 0.0

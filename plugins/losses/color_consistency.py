@@ -11,16 +11,16 @@ from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels,
 class ColorConsistency(LossTerm):
     """L1 difference between the target frame and its reconstructions, summed over the source frames.
 
-    The defaults are Eq. 2, except that only pixels which the source frame sees count. |.| of a colour is read as the
-    L1 norm of its three channels, as in the published models. KBNet and FusionNet: `pixels="all"`. VOICED:
-    `pixels="all", skip_points=True, divisor="image"`.
+    The defaults are Eq. 2, restricted to pixels that the source frame sees. |.| of a colour is the L1 norm of its three
+    channels, as in the published models. KBNet and FusionNet use `pixels="all"`; VOICED uses `pixels="all",
+    skip_points=True, divisor="image"`.
 
     Args:
-        channels: sum the absolute differences of the three channels, or take their mean.
-        pixels: count the pixels that the source frame sees, or all.
-        skip_points: leave out pixels with a valid sparse point.
-        divisor: divide by the number of counted pixels, or of all pixels in the image.
-        sources: count each source frame's value, or at each pixel the least of all source frames.
+        channels: sum or average the absolute differences of the three channels.
+        pixels: use the pixels that the source frame sees, or all.
+        skip_points: exclude pixels with a valid sparse point.
+        divisor: divide by the number of pixels used, or of all pixels in the image.
+        sources: use each source frame's value, or at each pixel the least of all source frames.
     """
 
     needs = frozenset({LossNeed.RECONSTRUCTIONS})

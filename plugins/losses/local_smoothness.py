@@ -8,8 +8,8 @@ from deux.contracts import LossInputs, LossTerm
 class LocalSmoothness(LossTerm):
     """Mean depth difference of neighbouring pixels, each weighted by exp(-|colour difference|).
 
-    Eq. 5's gradients are taken along each axis with a weight of its own and added up, as in the works that the paper
-    follows; the image's gradient is the mean of its channels'. Depth enters in metres, not normalised.
+    Eq. 5's gradients are weighted along each axis separately and added, as in the works that the paper follows; the
+    image's gradient is the mean over its channels. Depth is in metres, not normalised.
     """
 
     def __call__(self, inputs: LossInputs) -> Tensor:

@@ -1,4 +1,4 @@
-"""Consistency of the estimated relative poses with those of the way back (VOICED)."""
+"""Consistency of the estimated forward and backward relative poses (VOICED)."""
 
 import torch
 from torch import Tensor
@@ -9,9 +9,9 @@ from deux.contracts import LossInputs, LossNeed, LossTerm
 class PoseConsistency(LossTerm):
     """Mean square of T_ab T_ba - I over its 16 entries and the batch, summed over the source frames.
 
-    T_ab carries points of the target camera a into the source camera b, T_ba carries them back. The robot's own poses
-    are exact inverses and cost nothing: the term teaches a pose network (`pose=learned`). Rotation (no unit) and
-    translation (metres) enter alike, as published.
+    T_ab transforms points of the target camera a to the source camera b, T_ba transforms them back. The robot's own
+    poses are exact inverses, so the term is zero for them; it trains a pose network (`pose=learned`). Rotation
+    (unitless) and translation (metres) have equal weights, as published.
     """
 
     needs = frozenset({LossNeed.BACKWARD_POSES})

@@ -9,8 +9,8 @@ from deux.contracts import LossInputs, LossTerm
 class SparseDepth(LossTerm):
     """Mean absolute difference in metres at the sparse points that survive outlier removal.
 
-    The mean is taken in each frame and then over the batch, as in the published models. A frame without points adds
-    zero where the published code gives NaN.
+    The mean is over each frame, then over the batch, as in the published models. A frame without points contributes
+    zero, where the published code returns NaN.
     """
 
     def __call__(self, inputs: LossInputs) -> Tensor:

@@ -14,22 +14,22 @@ from deux_plugins.losses.photometric import Divisor, PhotometricAverage, Pixels,
 class StructuralConsistency(LossTerm):
     """Structural dissimilarity of the target frame and its reconstructions, summed over the source frames.
 
-    The defaults are Eq. 3 with the similarity of a pixel being the mean of its channels', and only pixels count whose
-    neighbourhood the source frame sees as a whole. The paper leaves the window open: it is a Gaussian over the 3 x 3
-    pixels that the published models use. The published models: `halved=True, channels="sum", window="box",
-    pixels="all"`, to which KBNet adds `border="stretch"` and VOICED `skip_points=True, divisor="image"`.
+    The defaults are Eq. 3, averaged over the channels and restricted to pixels whose whole neighbourhood the source
+    frame sees. The paper does not specify the window; here it is a Gaussian on 3 x 3 pixels, the size that the
+    published models use. These use `halved=True, channels="sum", window="box", pixels="all"`; KBNet also
+    `border="stretch"`, and VOICED `skip_points=True, divisor="image"`.
 
     Args:
         halved: use (1 - SSIM) / 2 limited to [0, 1] instead of the paper's 1 - SSIM.
-        channels: take the mean of the three channels' values, or their sum.
+        channels: average or sum the values of the three channels.
         window: weights of the neighbourhood.
-        window_size: edge of the neighbourhood in pixels, odd; 1 compares brightness alone.
-        border: mirror the images at their edges, or compute the values where the neighbourhood fits and stretch
+        window_size: side of the neighbourhood in pixels, odd; 1 compares only intensities.
+        border: pad the images by reflection, or compute the values where the whole neighbourhood is inside and resize
             their map to the image's size by nearest neighbours.
-        pixels: count the pixels whose neighbourhood the source frame sees, or all.
-        skip_points: leave out pixels with a valid sparse point.
-        divisor: divide by the number of counted pixels, or of all pixels in the image.
-        sources: count each source frame's value, or at each pixel the least of all source frames.
+        pixels: use the pixels whose neighbourhood the source frame sees, or all.
+        skip_points: exclude pixels with a valid sparse point.
+        divisor: divide by the number of pixels used, or of all pixels in the image.
+        sources: use each source frame's value, or at each pixel the least of all source frames.
 
     Raises:
         DeuxError: the window has no centre pixel.

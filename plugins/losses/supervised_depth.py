@@ -1,4 +1,4 @@
-"""Agreement of the predicted depth with the ground truth, relative to it (ScaffNet). For supervised models only."""
+"""Relative error of the predicted depth against ground truth (ScaffNet); for supervised models only."""
 
 import torch
 from torch import Tensor
@@ -10,13 +10,13 @@ EPSILON = 1e-8
 
 
 class SupervisedDepth(LossTerm):
-    """Mean over the pixels of v |d - g| / (|g| + 1e-8), g being the ground truth and v 1 where there is any, else 0.
+    """Mean over the pixels of v |d - g| / (|g| + 1e-8), where g is the ground truth and v is 1 where it exists, else 0.
 
-    Ground truth beyond the farthest depth that the model predicts is set to that depth, as published.
+    Ground truth is clamped to the farthest depth that the model predicts, as published.
 
     Args:
-        divisor: divide by the number of all pixels in the image (published), or of those with ground truth, frame by
-            frame. A frame without any adds zero.
+        divisor: divide by the number of all pixels in the image (published), or of those with ground truth in each
+            frame. A frame without any contributes zero.
     """
 
     needs = frozenset({LossNeed.GROUND_TRUTH})

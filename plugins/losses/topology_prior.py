@@ -1,4 +1,4 @@
-"""Agreement of the predicted depth with the model's prior, where the prior explains the image as well (FusionNet)."""
+"""Agreement of the predicted depth with the model's prior where the prior explains the image (FusionNet)."""
 
 import torch
 from torch import Tensor
@@ -12,18 +12,18 @@ from deux_plugins.losses.photometric import Pixels
 class TopologyPrior(LossTerm):
     """Mean absolute difference from the prior, in metres, at the pixels where the prior is trusted.
 
-    sum(w |d - prior|) / sum(w) in each frame, then the mean over the batch. w is 1 where the colour error of the frame
-    rebuilt with the prior is no larger than with the prediction, else 0; a colour error is the L1 norm of the three
-    channels, and both are rebuilt from the first source frame (t-1) alone. The prior is the extra "prior" of the
-    prediction, N x 1 x H x W metres. Gradients reach the prediction only: neither w nor the prior passes any on.
+    sum(w |d - prior|) / sum(w) in each frame, then the mean over the batch. w is 1 where the colour error of the
+    reconstruction with the prior is no larger than with the prediction, else 0. The colour error is the L1 norm of the
+    three channels; both reconstructions are from the first source frame (t-1) only. The prior is the extra "prior" of
+    the prediction, N x 1 x H x W metres. Only the prediction receives gradients, not w or the prior.
 
-    A frame adds zero where it trusts no pixel, or where the prediction rebuilds it so badly that the pose may be to
-    blame. Each frame is judged by itself. The published code (`pixels="all"`) does the same at batch size 1 but
-    gives NaN without any pixel; in larger batches it weights each frame with the maps of all of them.
+    A frame contributes zero if no pixel is trusted, or if its reconstruction is so bad that the pose may be wrong. The
+    published code (`pixels="all"`) is equal for batch size 1, except that it returns NaN without any pixel; in larger
+    batches, it weights each frame with the maps of all frames.
 
     Args:
-        threshold: a frame's mean colour error, images in [0, 1], from which on it adds zero.
-        pixels: count the pixels that the source frame sees with both depths, or all.
+        threshold: mean colour error of a frame, images in [0, 1], from which on it contributes zero.
+        pixels: use the pixels that the source frame sees with both depths, or all.
     """
 
     needs = frozenset({LossNeed.RECONSTRUCTIONS})
@@ -45,7 +45,7 @@ class TopologyPrior(LossTerm):
 
     @torch.no_grad()
     def _trusted(self, batch: Batch, reconstructions: Reconstructions, prior: Tensor) -> Tensor:
-        """Where the prior is compared with, N x 1 x H x W bool."""
+        """The pixels where the prior is trusted, N x 1 x H x W bool."""
         poses = reconstructions.source_from_target[:, :1]
         rebuilt, seen = reproject(batch.sources[:, :1], prior, batch.intrinsics, poses)
         error = _color_error(batch.image, reconstructions.images[:, 0])

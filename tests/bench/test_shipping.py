@@ -6,12 +6,15 @@ from pathlib import Path
 
 import pytest
 import torch
+from safetensors import safe_open
 
 from deux.bench import shipping
 from deux.deployment.model_files import load_model, save_model
+from deux.deployment.shipped_models import CARD_KEY
+from deux.io.json_files import checked_record
 from deux.metrics.point_conditions import PointCondition
 from deux.registry import registry
-from deux.report.model_card import read_card
+from deux.report.model_card import ModelCard
 
 sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("data", "collection")]
 
@@ -26,6 +29,12 @@ def make_run(folder: Path, steps: int, start: str | None = None) -> Path:
     (folder / "run.json").write_text(json.dumps({"training": training, "seed": 3, "training_data": "some/rooms"}))
     save_model(folder / "model.safetensors", registry().create("depth_models", "kbnet", SMALL), "kbnet", SMALL)
     return folder
+
+
+def read_card(file: Path) -> ModelCard:
+    """The card in a model file's header."""
+    with safe_open(file, framework="np") as stream:
+        return checked_record(json.loads(stream.metadata()[CARD_KEY]), ModelCard, file)
 
 
 @pytest.fixture

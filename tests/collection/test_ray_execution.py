@@ -199,7 +199,7 @@ def test_a_mistake_that_a_worker_finds_is_told_in_its_own_sentence(tmp_path: Pat
 
 
 def test_a_job_that_ends_its_worker_again_and_again_is_given_up(tmp_path: Path, cluster: Any) -> None:
-    with pytest.raises(DeuxError, match=r"^room-0 has cost 2 workers, the last one on .* memory ran out"):
+    with pytest.raises(DeuxError, match=r"^2 workers died running room-0, the last one on .* memory ran out"):
         RayExecutor(cluster.address, workers=1, attempts=2)(
             EpisodeRunner(ToySimulator, Deadly), make_jobs(tmp_path, toy_scenes(1)), lambda frames: None
         )

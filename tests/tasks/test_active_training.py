@@ -203,7 +203,7 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
         ),
         (
             ["callbacks=[active_collection]", "+trainer.reload_dataloaders_every_n_epochs=2"],
-            "trainer.reload_dataloaders_every_n_epochs=2 would leave out frames that are collected during the training",
+            "trainer.reload_dataloaders_every_n_epochs=2 would ignore frames that are collected during the training",
         ),
         (
             ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=val_loss", "scenes.validation=1"],
@@ -216,8 +216,8 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
         ),
         (
             ["callbacks=[ema_weight_averaging]", "training.averaging=0.3"],
-            "training.averaging=0.3 and the callback EMAWeightAveraging both make the trained model a mean of its "
-            "weights: leave one of them out, such as by training.averaging=0.",
+            "training.averaging=0.3 and the callback EMAWeightAveraging both average the weights of the trained "
+            "model: leave one of them out, such as by training.averaging=0.",
         ),
     ],
 )

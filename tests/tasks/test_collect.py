@@ -25,6 +25,6 @@ def test_a_recording_ends_where_the_explorer_goes_another_way(tiny, collected, m
     monkeypatch.setattr(RandomExplorer, "act", lambda self, seen: choose(self, seen) if seen.step < 4 else Action.LEFT)
     outcome = tiny(collected, "task=collect", "explore=random", "collect.viewer=rerun", f"hydra.run.dir={run}")
     assert outcome.code == 0
-    assert "-00 cannot be watched beyond step" in outcome.err
+    assert "-00 cannot be replayed beyond step" in outcome.err
     assert (run / "scorecard.json").exists()
     assert [path.suffix for path in (run / "recordings").iterdir()] == [".rrd"]

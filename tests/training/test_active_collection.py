@@ -260,7 +260,7 @@ def test_the_model_explores_in_any_precision(tmp_path, precision):
 
 
 def test_a_trainer_that_would_not_read_new_frames_is_refused(tmp_path):
-    with pytest.raises(DeuxError, match=r"reload_dataloaders_every_n_epochs=2 would leave out"):
+    with pytest.raises(DeuxError, match=r"reload_dataloaders_every_n_epochs=2 would ignore"):
         active_run.train(tmp_path, trainer={"reload_dataloaders_every_n_epochs": 2})
 
 
@@ -301,7 +301,7 @@ def test_later_rounds_are_as_far_apart_and_come_to_an_end():
         ({"rounds": 0}, r"callbacks\.active_collection\.rounds is 0"),
         (
             {"every": 2, "unit": "fraction"},
-            r"active_collection\.every=2 never comes.*callbacks\.active_collection\.unit=epoch",
+            r"active_collection\.every=2 is never reached.*callbacks\.active_collection\.unit=epoch",
         ),
     ],
 )

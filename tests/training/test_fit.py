@@ -6,7 +6,7 @@ import pytest
 from lightning.pytorch import Callback
 
 from deux.errors import DeuxError
-from deux.training.fit import _arithmetic, _graphed, check_trainer, make_trainer
+from deux.training.fit import _graphed, _hardware_and_precision, check_trainer, make_trainer
 from deux.training.training_settings import TrainingSettings
 
 # Under a name of its own: another test's copy of this module stays as it is.
@@ -20,13 +20,15 @@ def test_the_log_says_what_a_training_computes_with():
     trainer = make_trainer(
         {"accelerator": "cpu", "precision": "bf16-mixed", "logger": False, "enable_checkpointing": False}
     )
-    assert _arithmetic(trainer, TrainingSettings()) == (
+    assert _hardware_and_precision(trainer, TrainingSettings()) == (
         "training on 1 x CPU with precision bf16-mixed, float32 convolutions exact, not compiled"
     )
-    assert _arithmetic(trainer, TrainingSettings(tf32=True, compile=True)).endswith(
+    assert _hardware_and_precision(trainer, TrainingSettings(tf32=True, compile=True)).endswith(
         "float32 convolutions in TensorFloat-32, compiled (default)"
     )
-    assert _arithmetic(trainer, TrainingSettings(compile="max-autotune")).endswith("compiled (max-autotune)")
+    assert _hardware_and_precision(trainer, TrainingSettings(compile="max-autotune")).endswith(
+        "compiled (max-autotune)"
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,8 +129,8 @@ def test_an_interval_that_is_longer_than_the_epoch_it_is_counted_in_is_told_in_o
         ({}, {"enable_checkpointing": False}, r"^trainer\.enable_checkpointing=false would leave a training that is"),
         ({"steps": None, "averaging": 0.2}, {"max_epochs": -1}, r"^training\.averaging=0\.2 is the last part .* end"),
         ({}, {"max_epoch": 3}, r"^trainer\.max_epoch is not an option"),
-        ({}, {"callbacks": []}, r"^trainer\.callbacks holds objects, .*: callbacks=\[early_stopping\] chooses"),
-        ({}, {"plugins": None}, r"^trainer\.plugins holds objects"),
+        ({}, {"callbacks": []}, r"^trainer\.callbacks takes objects, .*: callbacks=\[early_stopping\] chooses"),
+        ({}, {"plugins": None}, r"^trainer\.plugins takes objects"),
         (
             {},
             {"logger": ["csv"]},

@@ -263,7 +263,7 @@ def test_a_model_without_weights_is_told(small_model, fit):
     model = small_model()
     model.requires_grad_(False)
     module = DepthCompletion(model, make_objective(model), schedule=FAST)
-    with pytest.raises(DeuxError, match=r"^the depth model SmallModel has no parameters that can be trained: a model"):
+    with pytest.raises(DeuxError, match=r"^the depth model SmallModel has no trainable parameters: a model"):
         fit(module, perfect_sample().batch, copies=1, max_steps=1)
 
 
@@ -282,6 +282,6 @@ def test_a_loss_without_a_gradient_is_told_with_its_cause(small_model, fit):
     model = small_model()
     module = DepthCompletion(model, Objective({"constant": (1.0, Constant())}, (0.1, 10.0)), schedule=FAST)
     with pytest.raises(
-        DeuxError, match=r"SmallModel has no gradient, .* none of the loss terms \(constant\) has one, tho"
+        DeuxError, match=r"SmallModel has no gradient, .* none of the loss terms \(constant\) has one alt"
     ):
         fit(module, perfect_sample().batch, copies=1, max_steps=1)

@@ -15,7 +15,7 @@ import torch
 
 from deux.errors import DeuxError
 from deux.training import rank_failures, rank_watch
-from deux.training.rank_failures import EndTogether, told_to_all
+from deux.training.rank_failures import EndTogether, share_failure
 from deux.training.rank_watch import RankWatch
 
 PROGRAM = Path(__file__).with_name("watched_rank.py")
@@ -78,17 +78,17 @@ def pair():
 
 def test_all_is_well_as_long_as_all_show_life(pair):
     for beat in range(5):
-        assert [watch._look(beat) for watch in pair] == [None, None]
+        assert [watch._check(beat) for watch in pair] == [None, None]
         time.sleep(0.1)
 
 
 def test_a_process_without_a_sign_of_life_counts_as_dead(pair):
     leader, other = pair
-    assert leader._look(0) is None  # it may not have begun
-    other._look(0)
-    assert leader._look(1) is None
+    assert leader._check(0) is None  # it may not have begun
+    other._check(0)
+    assert leader._check(1) is None
     time.sleep(0.3)
-    assert leader._look(2) == "process 1 of the 2 that train together has shown no life for 0 s."
+    assert leader._check(2) == "process 1 of the 2 that train together has sent no heartbeat for 0 s."
 
 
 def test_a_process_that_has_done_its_part_does_not_count_as_dead(pair):
@@ -96,11 +96,11 @@ def test_a_process_that_has_done_its_part_does_not_count_as_dead(pair):
     leader, other = pair
     other.start()
     while leader._seen.get(1, ("", 0.0))[0] == "":
-        assert leader._look(0) is None
+        assert leader._check(0) is None
     other.stop()
-    assert leader._look(1) is None
+    assert leader._check(1) is None
     time.sleep(0.3)
-    assert leader._look(2) is None
+    assert leader._check(2) is None
 
 
 @pytest.mark.parametrize("end", ["fail", "interrupt"])
@@ -109,16 +109,16 @@ def test_a_process_that_ends_within_a_training_counts_as_dead(pair, monkeypatch,
     leader, other = pair
     other.start()
     while leader._seen.get(1, ("", 0.0))[0] == "":
-        assert leader._look(0) is None
+        assert leader._check(0) is None
     if end == "fail":
         other.fail(RuntimeError("[gloo] Connection closed by peer"), "an error of the program")
     else:
         monkeypatch.setattr(rank_failures, "_watch", other)
         EndTogether().on_exception(None, None, KeyboardInterrupt())
     other.stop()
-    leader._look(1)
+    leader._check(1)
     time.sleep(0.3)
-    assert leader._look(2) == "process 1 of the 2 that train together has shown no life for 0 s."
+    assert leader._check(2) == "process 1 of the 2 that train together has sent no heartbeat for 0 s."
 
 
 def test_a_failure_is_found_by_an_operation_that_fails_because_of_it(pair):
@@ -133,8 +133,8 @@ def test_a_failure_is_found_by_an_operation_that_fails_because_of_it(pair):
 def test_an_operation_that_fails_because_another_process_was_killed(pair, monkeypatch):
     monkeypatch.setattr(rank_watch, "_PATIENCE", 0.2)
     found = pair[0].fail(RuntimeError("[gloo] Connection closed by peer"), "an error of the program")
-    assert str(found).startswith("another of the 2 processes that train together has ended without a word")
+    assert str(found).startswith("another of the 2 processes that train together has ended without a message")
 
 
 def test_a_process_alone_has_nobody_to_tell():
-    assert told_to_all(DeuxError("a frame is broken."), "a frame is broken.") is None
+    assert share_failure(DeuxError("a frame is broken."), "a frame is broken.") is None

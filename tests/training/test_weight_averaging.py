@@ -124,7 +124,7 @@ def test_two_means_of_the_weights_are_refused():
     ema, plain = EMAWeightAveraging(), WeightAveraging()
     check_one_mean(0.3, [HealthCheck()])
     check_one_mean(0.0, [HealthCheck(), ema])
-    with pytest.raises(DeuxError, match=r"^training\.averaging=0\.3 and the callback EMAWeightAveraging both make"):
+    with pytest.raises(DeuxError, match=r"^training\.averaging=0\.3 and the callback EMAWeightAveraging both average"):
         check_one_mean(0.3, [ema])
     with pytest.raises(DeuxError, match=r"^the callback EMAWeightAveraging and the callback WeightAveraging .* out\.$"):
         check_one_mean(0.0, [ema, plain])

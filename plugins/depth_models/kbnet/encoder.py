@@ -1,4 +1,4 @@
-"""KBNet's encoder: an image branch, a depth branch, and a branch that places image features in space."""
+"""KBNet's encoder: an image branch, a depth branch, and a fused branch of features backprojected to 3D."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ CALIBRATED_LEVELS = 4
 
 
 def halve(x: Tensor) -> Tensor:
-    """Every second pixel of every second row; the result and its gradient lie in memory as `x` does."""
+    """Every second pixel of every second row; the result and its gradient keep the memory format of `x`."""
     return _Halve.apply(x)
 
 
@@ -29,7 +29,7 @@ def _layout(x: Tensor) -> torch.memory_format:
 
 
 class _Halve(torch.autograd.Function):
-    """Slicing alone gives the gradient channels first, and all that is done with it afterwards takes longer."""
+    """Slicing with a channels-last gradient: that of plain slicing is channels first, which slows down later steps."""
 
     @staticmethod
     def forward(context: Any, x: Tensor) -> Tensor:
@@ -49,13 +49,13 @@ class CalibratedBackprojection(nn.Module):
     """Backprojects the depth branch's features with the camera's intrinsics and joins them to the image's.
 
     Args:
-        image_channels: channels that come in on the image branch.
-        depth_channels: channels that come in on the depth branch.
-        fused_channels: channels that come in on the fused branch, 0 at the first layer.
-        image_filters: channels that leave on the image branch and on the fused branch.
-        depth_filters: channels that leave on the depth branch.
-        image_output: whether the image branch goes on after this layer. The last layer's does not, yet the
-            published checkpoints hold its convolution; it is kept for them, unused and never trained.
+        image_channels: input channels of the image branch.
+        depth_channels: input channels of the depth branch.
+        fused_channels: input channels of the fused branch, 0 at the first layer.
+        image_filters: output channels of the image branch and of the fused branch.
+        depth_filters: output channels of the depth branch.
+        image_output: whether the image branch continues after this layer. It does not after the last one, whose
+            convolution is kept only for published checkpoints, which contain it; it is never used or trained.
     """
 
     def __init__(

@@ -28,20 +28,20 @@ class KBNet(DepthModel):
     The defaults are the published VOID settings, with DEUX's depth range. Works at any image size.
 
     Args:
-        min_pools: windows, pixels, in which the nearest sparse point is looked for.
-        max_pools: windows, pixels, in which the farthest sparse point is looked for.
+        min_pools: sides of the min-pooling windows of sparse depth, in pixels.
+        max_pools: sides of the max-pooling windows of sparse depth, in pixels.
         pool_filters: channels of the sparse-to-dense layer.
         image_filters: channels of the encoder's image branch at its five levels.
         depth_filters: channels of the encoder's depth branch at its five levels.
         decoder_filters: channels of the decoder's five levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres.
-        margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
-            depth loses again. The convolutions have no bias and pad with zeros, so that a briefly trained network
-            predicts the outer pixels too near; with a margin those are cropped. Training goes without it, as it gains
-            nothing from it (docs/decisions/0022-rim.md). The published network has none.
-        first_weights: what a training from scratch starts from: "glorot", as published; or "he", with which short
-            trainings are less often stuck at the near end (docs/decisions/0023-first-weights.md).
+        margin: in evaluation, images are extended on all sides by this many pixels, by repeating their edge, and depth
+            is cropped. The convolutions have no bias and zero padding, so that a briefly trained network predicts the
+            outer pixels too near; a margin crops those. Training does not use it, as it gains nothing from it
+            (docs/decisions/0022-rim.md). 0 is the published network.
+        first_weights: initial weights: "glorot", as published; or "he", with which short trainings less often saturate
+            at the near end (docs/decisions/0023-first-weights.md).
     """
 
     objective: ClassVar[LossSettings] = {
@@ -95,17 +95,17 @@ class KBNet(DepthModel):
         return Prediction(depth_from_logits(crop(logits, margin), self.min_depth, self.max_depth))
 
     def augmentation(self) -> Sequence[Augmentation]:
-        """Half of the samples lose 30 to 60 % of the points that the network is shown."""
-        from deux.data.transforms import DropPoints  # brings torchvision, slow and of no use to inference
+        """Remove 30 to 60 % of the input points in half of the samples."""
+        from deux.data.transforms import DropPoints  # imports torchvision, slow and not needed for inference
 
         return (DropPoints(fraction=(0.30, 0.60), p=0.5),)
 
     def pose_network(self) -> PoseNetwork:
-        """KBNet's ResNet18-style pose network, newly made."""
+        """A new pose network in the style of ResNet18."""
         return residual_pose_network()
 
     def published_modules(self) -> dict[str, nn.Module]:
-        """The modules that kbnet-*.pth holds."""
+        """The modules in kbnet-*.pth."""
         return {
             "sparse_to_dense_pool_state_dict": self.sparse_to_dense_pool,
             "encoder_state_dict": self.encoder,

@@ -1,4 +1,4 @@
-"""KBNet's first layer: spreads the sparse points over their neighbourhood."""
+"""KBNet's first layer, which spreads sparse points over their neighbourhood."""
 
 import torch
 from torch import Tensor, nn
@@ -9,11 +9,11 @@ from deux_plugins.depth_models.parts.pooling import check_windows, sliding_min_o
 
 
 class SparseToDensePool(nn.Module):
-    """Nearest and farthest sparse points in windows of several sizes, mixed by convolutions.
+    """Minima and maxima of sparse depth in windows of several sizes, combined by convolutions.
 
     Args:
-        min_pools: windows of the nearest point, pixels.
-        max_pools: windows of the farthest point, pixels.
+        min_pools: sides of the windows of the minima, in pixels.
+        max_pools: sides of the windows of the maxima, in pixels.
         filters: channels of the convolutions and of the output.
         convolutions: number of 1 x 1 convolutions over the pools.
     """

@@ -41,11 +41,6 @@ class Draws:
         """One of the options."""
         return options[self.integer(0, len(options) - 1)]
 
-    def shuffled(self, options: Sequence[Option]) -> list[Option]:
-        """All options in random order."""
-        keys = self._generator.random(len(options))
-        return [options[index] for index in np.argsort(keys, kind="stable")]
-
     def field(self, *shape: int) -> np.ndarray:
         """Independent numbers in [-1, 1), float32 of this shape."""
         return (self._generator.random(shape) * 2.0 - 1.0).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The semantic labels of generated flats."""
+"""The semantic labels of generated flats and houses: the building's first, then those of furniture."""
 
 LABEL_NAMES: tuple[str, ...] = (
     "wall", "floor", "ceiling", "door frame", "door", "window",
@@ -7,9 +7,6 @@ LABEL_NAMES: tuple[str, ...] = (
     "tv", "computer", "lamp", "plant", "rug", "picture", "curtain", "cushion", "book", "vase", "box",
 )  # fmt: skip
 """The labels of every flat, whatever it contains; a face's label is an index into this tuple."""
-
-STRUCTURE: frozenset[str] = frozenset({"wall", "floor", "ceiling", "door frame", "door", "window"})
-"""The labels that belong to the building; all others are furniture."""
 
 LABEL_INDEX: dict[str, int] = {name: index for index, name in enumerate(LABEL_NAMES)}
 """Index of each label."""

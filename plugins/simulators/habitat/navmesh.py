@@ -18,7 +18,7 @@ class NavmeshSamples:
     """The navmesh at the centres of the cells of a grid; one cell may have several, on different storeys.
 
     Args:
-        frame: where the grid lies.
+        frame: position, size and resolution of the grid.
         rows: N int64.
         columns: N int64.
         heights: N float64: world y of the navmesh, metres.

@@ -1,22 +1,31 @@
 """The trained models that come with the package: their cards, and what they do in a flat that they never saw."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 
 import deux
 from deux.configuration import compose, sections_of
 from deux.data.dataset_reader import DatasetReader
 from deux.deployment.model_files import model_config
-from deux.deployment.shipped_models import shipped_files
+from deux.deployment.shipped_models import CARD_KEY, shipped_files
+from deux.io.json_files import checked_record
 from deux.metrics.point_conditions import PointCondition, errors_under
-from deux.report.model_card import read_card
+from deux.report.model_card import ModelCard
 from deux.tasks.datasets import Datasets
 
 MOST_BYTES = 40e6
 NAMES = sorted(shipped_files())
+
+
+def read_card(file: Path) -> ModelCard:
+    """The card in a model file's header."""
+    with safe_open(file, framework="np") as stream:
+        return checked_record(json.loads(stream.metadata()[CARD_KEY]), ModelCard, file)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from deux.studies.participants import find_participants
 def test_the_ceiling_takes_no_actions() -> None:
     ceiling: Explorer = registry().create("explorers", "viewpoints", {})
     assert not ceiling.needs
-    with pytest.raises(DeuxError, match="no explorer that acts"):
+    with pytest.raises(DeuxError, match="choose no actions"):
         ceiling.reset(Episode(seed=0, steps=3, camera=Camera(), robot=Robot()))
 
 

@@ -11,6 +11,9 @@ from deux.scenes.ray_caster import Hits, RayCaster
 Rays = tuple[np.ndarray, np.ndarray]
 """Origins and unit directions, N x 3 each."""
 
+STRUCTURE = frozenset({"wall", "floor", "ceiling", "door frame", "door", "window"})
+"""The labels that belong to the building; all others are furniture."""
+
 
 def digest(scene: Scene) -> str:
     """SHA-256 of all that is drawn of a scene."""

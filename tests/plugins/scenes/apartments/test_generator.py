@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from generated_scenes import Rays, digest, rays_from_the_floor, seen_from_behind, sharing_a_plane
+from generated_scenes import STRUCTURE, Rays, digest, rays_from_the_floor, seen_from_behind, sharing_a_plane
 
 from deux.contracts import Robot, Scene
 from deux.errors import DeuxError
@@ -16,7 +16,6 @@ from deux.scenes.ray_caster import Hits, RayCaster
 from deux_plugins.scenes.apartments import APARTMENT_VERSION, LABEL_NAMES, apartment
 from deux_plugins.scenes.apartments.layout import make_floor_plan
 from deux_plugins.scenes.parts.draws import Draws
-from deux_plugins.scenes.parts.labels import STRUCTURE
 
 DIGEST_OF_SEED_0 = "2b4b918cede33889aad1c079ff972ca25e00661eda32695d5b818afcc97af267"
 """Of version 1. If it changes, either something became machine-dependent or APARTMENT_VERSION has to be raised."""

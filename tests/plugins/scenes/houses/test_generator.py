@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from generated_scenes import Rays, digest, rays_from_the_floor, seen_from_behind, sharing_a_plane
+from generated_scenes import STRUCTURE, Rays, digest, rays_from_the_floor, seen_from_behind, sharing_a_plane
 from scipy import ndimage
 
 from deux.contracts import COLOR, Robot, Scene, SceneMesh
@@ -22,7 +22,7 @@ from deux.simulator.starts import random_starts
 from deux_plugins.scenes.apartments import apartment
 from deux_plugins.scenes.houses import HOUSE_VERSION, house
 from deux_plugins.scenes.houses.generator import house_plan
-from deux_plugins.scenes.parts.labels import LABEL_NAMES, STRUCTURE
+from deux_plugins.scenes.parts.labels import LABEL_NAMES
 
 DIGEST_OF_SEED_2 = "222a394bf53ec7ce52ccbcc3aecf66300354eaaf2c05b1e3c0b30df4fffb0bbf"
 """Of version 1. If it changes, either something became machine-dependent or HOUSE_VERSION has to be raised."""

@@ -63,4 +63,3 @@ def test_draws_of_different_streams_are_independent_and_in_range():
     assert numbers == [again.uniform(2.0, 3.0) for _ in range(200)]
     assert 2.0 <= min(numbers) < 2.05 < 2.95 < max(numbers) <= 3.0
     assert {first.integer(1, 4) for _ in range(200)} == {1, 2, 3, 4}
-    assert sorted(first.shuffled(range(9))) == list(range(9))

@@ -50,7 +50,7 @@ SECTIONS = {
 INTRODUCTION = """# Configuration
 
 Any line can be given on the command line, `python -m deux camera.width=256`, or in a YAML file of a package of your own
-([Writing a plugin](../plugins.md#bringing-configuration-files)). An option that does not exist or a value of another
+([Writing a plugin](../plugins.md#configuration-files-in-a-package)). An option that does not exist or a value of another
 type ends the command with one sentence, before any work is done. `python -m deux --help` lists groups and presets, and
 `python -m deux --cfg job` with options prints what they are composed to.
 

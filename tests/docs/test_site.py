@@ -47,6 +47,26 @@ def test_links_and_pictures_of_a_page_are_there(page):
             assert (page.parent / target).exists(), target
 
 
+def anchors(page: Path) -> set[str]:
+    """The anchors of a page's headings, as Python-Markdown makes them of plain text."""
+    headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S), re.M)
+    plain = (re.sub(r"[^\w\s-]", "", heading).strip().lower() for heading in headings)
+    return {re.sub(r"[-\s]+", "-", heading) for heading in plain}
+
+
+@pytest.mark.parametrize(
+    "page",
+    [*PAGES, ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "docs" / "reference.py"],
+    ids=lambda path: path.relative_to(ROOT).as_posix(),
+)
+def test_links_lead_to_headings_that_are_there(page):
+    folder = ROOT / "docs" / "reference" if page.name == "reference.py" else page.parent
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)#([^)\s]+)\)", page.read_text()):
+        linked = Path(os.path.normpath(folder / target)) if target else page
+        if "://" not in target and linked.suffix == ".md" and linked.stem != "configuration":
+            assert anchor in anchors(linked), f"{target}#{anchor}"
+
+
 @pytest.mark.slow  # .ci/run builds it on its own
 def test_the_site_is_built_strictly(tmp_path):
     if find_spec("zensical") is None or find_spec("mkdocstrings") is None:

@@ -51,8 +51,8 @@ INTRODUCTION = """# Configuration
 
 Any line can be given on the command line, `python -m deux camera.width=256`, or in a YAML file of your own package
 ([Writing a plugin](../plugins.md#configuration-files-in-a-package)). An option that does not exist or a value of the
-wrong type ends the command with one sentence, before any work is done. `python -m deux --help` lists groups and presets, and
-`python -m deux --cfg job` with options prints the composed configuration.
+wrong type ends the command with one sentence, before any work is done. `python -m deux --help` lists groups and
+presets, and `python -m deux --cfg job` with options prints the composed configuration.
 
 The lists are made from the constructors; a required option has no default.
 """

@@ -117,7 +117,7 @@ def test_a_dataset_is_that_of_one_process_though_a_machine_dies_meanwhile(
         return make_jobs(folder, toy_scenes(4))
 
     assert_that_of_one_process(EpisodeRunner(slow_toy, Wanderer), jobs_in, tmp_path, cluster, "streamed")
-    assert "is done again" in caplog.text
+    assert "is run again" in caplog.text
     assert capfd.readouterr().err == ""
 
 

@@ -154,23 +154,11 @@ class InformativeTargets:
         heading = int(np.argmax(np.cos(self._yaws - yaw)))
         return bool(rates[1:][candidate].max(initial=0.0) > self.switch * rates[0, heading])
 
-    def values(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
-        """The values of the views from N x 2 cells (row, column), N x HEADINGS float64, without those on the way."""
-        return self._values(now, cells, on_the_way=False)
+    def values(self, now: MapNow, cells: np.ndarray, on_the_way: bool) -> np.ndarray:
+        """The values of the views from N x 2 cells (row, column), N x HEADINGS float64.
 
-    def _rates(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
-        """The value of each target per action, N x HEADINGS."""
-        worth = self._values(now, cells, self._on_the_way)
-        if not self._per_action:
-            return worth
-        costs = action_costs(np.isfinite(now.distance), now.frame, now.pose, self._robot)
-        actions = costs.to_views(np.repeat(cells, HEADINGS, axis=0), np.tile(self._yaws, len(cells)))
-        return worth / (actions.reshape(worth.shape) + self.overhead)
-
-    def _values(self, now: MapNow, cells: np.ndarray, on_the_way: bool) -> np.ndarray:
-        """The values of the views from the cells, N x HEADINGS, with or without those along the path to them.
-
-        A view along the path is approximated by that from the nearest of the cells.
+        With `on_the_way`, those of the views along the path to each cell are added, each approximated by the view from
+        the nearest of the cells.
         """
         places = cell_centres(now.frame, cells)
         rays = cast_rays(now.occupancy, now.frame, places, self.max_range)
@@ -184,6 +172,15 @@ class InformativeTargets:
         yaw = np.arctan2(-points.motion[:, 1], -points.motion[:, 0])
         heading = np.rint(yaw / (2.0 * math.pi / HEADINGS)).astype(np.int64) % HEADINGS
         return values_along_paths(self._surfaces, rays, worth, self._shares, points.goal, nearest, heading)
+
+    def _rates(self, now: MapNow, cells: np.ndarray) -> np.ndarray:
+        """The value of each target per action, N x HEADINGS."""
+        worth = self.values(now, cells, self._on_the_way)
+        if not self._per_action:
+            return worth
+        costs = action_costs(np.isfinite(now.distance), now.frame, now.pose, self._robot)
+        actions = costs.to_views(np.repeat(cells, HEADINGS, axis=0), np.tile(self._yaws, len(cells)))
+        return worth / (actions.reshape(worth.shape) + self.overhead)
 
     def _places(self, now: MapNow) -> tuple[np.ndarray, np.ndarray]:
         """N x 2 places (row, column), one in each square of floor and frontier, and N bool: which are candidates."""

@@ -59,7 +59,7 @@ def test_it_goes_to_look_at_the_uncertain_wall(left, right, side):
 
 def test_where_all_is_alike_a_value_is_the_share_of_the_image_that_shows_a_surface():
     """From the middle the long wall is 3.85 m away: within 5 m up to acos(3.85 / 5) = 39.6 degrees aside."""
-    values = targets(residual_pose="constant").values(now(), np.array([[40, 60]]))
+    values = targets(residual_pose="constant").values(now(), np.array([[40, 60]]), on_the_way=False)
     assert values[0, 0] == pytest.approx(math.tan(math.acos(3.85 / 5.0)), abs=0.08)  # a ray is 5 degrees wide
     assert values[0, 3] == pytest.approx(0.0, abs=0.08)  # all that can be seen that way is more than 5 m away
 
@@ -75,10 +75,10 @@ def test_novelty_alone_prefers_what_was_not_seen():
 def test_turns_without_motion_teach_nothing_and_leave_the_novelty():
     chooser = targets(residual_pose="constant")
     chooser.mark_seen(camera_pose(6.0, 1.25, 4.0, 0.0), room(), FRAME)
-    before = chooser.values(now(), np.array([[40, 60]]))
+    before = chooser.values(now(), np.array([[40, 60]]), on_the_way=False)
     for yaw in (1.0, 2.0, 3.0):
         chooser.mark_seen(camera_pose(6.0, 1.25, 4.0, yaw), room(), FRAME)
-    assert np.array_equal(chooser.values(now(), np.array([[40, 60]])), before)
+    assert np.array_equal(chooser.values(now(), np.array([[40, 60]]), on_the_way=False), before)
 
 
 def test_a_turn_right_after_a_step_has_parallax():
@@ -86,9 +86,9 @@ def test_a_turn_right_after_a_step_has_parallax():
     chooser = targets(residual_pose="constant")
     marked = []
     for x, yaw in ((5.0, 0.0), (5.25, 0.0), (5.25, -0.6), (5.25, -1.2), (5.5, -1.2), (5.5, -2.0)):
-        before = chooser.values(now(), np.array([[15, 60]]))
+        before = chooser.values(now(), np.array([[15, 60]]), on_the_way=False)
         chooser.mark_seen(camera_pose(x, 1.25, 1.5, yaw), room(), FRAME)
-        marked.append(not np.array_equal(chooser.values(now(), np.array([[15, 60]])), before))
+        marked.append(not np.array_equal(chooser.values(now(), np.array([[15, 60]]), on_the_way=False), before))
     assert marked == [True, True, True, False, True, False]
 
 
@@ -98,7 +98,9 @@ def test_what_was_in_full_view_is_not_new_from_beside(shift):
     seen, never = targets(residual_pose="constant"), targets(residual_pose="constant")
     seen.mark_seen(camera_pose(6.0, 1.25, 4.0, 0.0), room(), FRAME)
     cell = np.array([FRAME.cell(6.0 + shift, 4.0)])
-    assert seen.values(now(), cell)[0, 0] / never.values(now(), cell)[0, 0] < 0.32  # (1 + 1) ** -2, and the rim
+    assert (
+        seen.values(now(), cell, on_the_way=False)[0, 0] / never.values(now(), cell, on_the_way=False)[0, 0] < 0.32
+    )  # (1 + 1) ** -2, and the rim
 
 
 def test_the_unknown_is_worth_the_mean_error():
@@ -106,7 +108,9 @@ def test_the_unknown_is_worth_the_mean_error():
     occupancy[:, 90:] = 0
     chooser = targets()
     show_walls(chooser, 0.3, 0.3)
-    into_the_unknown, to_the_wall = (chooser.values(now(occupancy), np.array([[40, column]])) for column in (75, 35))
+    into_the_unknown, to_the_wall = (
+        chooser.values(now(occupancy), np.array([[40, column]]), on_the_way=False) for column in (75, 35)
+    )
     assert into_the_unknown[0, 9] == pytest.approx(0.3, rel=0.05)  # heading 9: a quarter turn right
     assert to_the_wall[0, 3] == pytest.approx(0.3, rel=0.05)
 
@@ -116,7 +120,7 @@ def test_what_the_way_shows_counts_once():
     chooser = targets(residual_pose="constant")
     there = now(x=2.0)
     cells = np.array([FRAME.cell(x, 4.0) for x in np.arange(2.05, 11.0, 0.5)])
-    alone, along = (chooser._values(there, cells, on_the_way)[:, 9] for on_the_way in (False, True))
+    alone, along = (chooser.values(there, cells, on_the_way)[:, 9] for on_the_way in (False, True))
     assert np.all(along[1:] >= along[:-1])  # a longer way shows no less
     assert along[-1] < 0.6 * alone.sum()  # and far less than the sum of its views
 

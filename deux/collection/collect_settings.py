@@ -23,6 +23,8 @@ class CollectSettings:
         uncertainty_options: options of its constructor.
         correct_depth: correct the predicted depth that explorers receive by the frame's sparse points
             (`deux.geometry.depth_correction`); the uncertainty is still computed for the model's own prediction.
+        remembered_frames: number of earlier frames whose sparse points correct that depth as well, where they are
+            visible (`deux.collection.point_memory`).
         batch_size: number of robots that explore in lock-step and share each call of the depth model.
         processes: number of parallel processes on this machine if `executor` is "local", each with a copy of the depth
             model; other executors have an option of their own.
@@ -40,6 +42,7 @@ class CollectSettings:
     batch_size: int
     processes: int
     correct_depth: bool = True
+    remembered_frames: int = 30
     executor: str = "local"
     executor_options: Mapping[str, Any] = field(default_factory=dict)
     uncertainty_options: Mapping[str, Any] = field(default_factory=dict)
@@ -48,6 +51,7 @@ class CollectSettings:
     def __post_init__(self) -> None:
         check_range("collect.steps", self.steps, FRAMES_OF_A_TRIPLET)
         check_range("collect.episodes", self.episodes, 1)
+        check_range("collect.remembered_frames", self.remembered_frames, 0)
         check_range("collect.batch_size", self.batch_size, 1)
         check_range("collect.processes", self.processes, 1)
 

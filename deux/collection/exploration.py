@@ -64,6 +64,7 @@ def explore(
     sparse: SparseSettings | None = None,
     uncertainty: Uncertainty | None = None,
     correct_depth: bool = False,
+    remembered_frames: int = 0,
     batch_size: int = 4,
     execute: Executor = run_here,
     progress: Progress = ignore_progress,
@@ -79,6 +80,7 @@ def explore(
         sparse: how sparse points are sampled for the depth model.
         uncertainty: the uncertainty measure (Eq. 8), for explorers that need the residual.
         correct_depth: correct the depth that these explorers receive by the sparse points (`Perception`).
+        remembered_frames: number of earlier frames whose points correct it as well.
         batch_size: number of episodes that run in lock-step if a depth model guides them; this is also the number of
             frames in a batch and of scenes in memory. Each `batch_size` consecutive plans form a job, whatever executes
             it; jobs may be smaller if `predict_depth.batch_invariant` is true.
@@ -94,7 +96,7 @@ def explore(
     guided = bool(explorer.needs & MODEL_NEEDS)
     perception = None
     if guided and predict_depth is not None:
-        perception = Perception(predict_depth, sparse, uncertainty, correct_depth)
+        perception = Perception(predict_depth, sparse, uncertainty, correct_depth, remembered_frames)
     check_perception(explorer, perception)
     size = batch_size if guided else 1  # without a model, episodes are independent
     divisible = perception is None or perception.batch_invariant

@@ -1,5 +1,6 @@
 """Depth predictions and their uncertainty for the frames of all exploring robots, in one batch."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -7,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from deux.collection.point_memory import PointMemory
 from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.collection.transfers import download, upload
 from deux.contracts import DepthPredictor, Frame, Need, Uncertainty, View
@@ -38,7 +40,7 @@ class Percept:
         residual: H x W float32, the uncertainty of each pixel; NaN where the measure has no value, and everywhere
             before the third frame. None without an uncertainty measure.
         uncertainty: scalar float32, delta of Eq. 8: the residual reduced to one number.
-        corrected_depth: H x W float32 metres, the view's depth corrected by the sparse points; None without correction.
+        corrected_depth: H x W float32 metres, the view's depth corrected by sparse points; None without correction.
     """
 
     view: View
@@ -85,8 +87,10 @@ class Perception:
         predict_depth: the depth model. If it has a `device`, as `FastPredictor` has, everything is computed there.
         sparse: how the depth model's sparse points are sampled.
         uncertainty: the uncertainty measure, which may call the model again; or None.
-        correct_depth: also correct the predicted depth by its sparse points (`deux.geometry.depth_correction`). View
-            and residual remain those of the model's own prediction.
+        correct_depth: also correct the predicted depth by sparse points (`deux.geometry.depth_correction`). View and
+            residual remain those of the model's own prediction.
+        remembered_frames: number of earlier frames whose sparse points correct the depth as well, where they are
+            visible (`deux.collection.point_memory`).
     """
 
     def __init__(
@@ -95,8 +99,10 @@ class Perception:
         sparse: SparseSettings | None = None,
         uncertainty: Uncertainty | None = None,
         correct_depth: bool = False,
+        remembered_frames: int = 0,
     ) -> None:
         self.uncertainty = uncertainty
+        self._remembered_frames = remembered_frames
         self._correct_depth = correct_depth
         self._predict_depth = predict_depth
         self._sparse = sparse or SparseSettings()
@@ -117,19 +123,37 @@ class Perception:
 
     @torch.inference_mode()
     @tf32_convolutions(False)
-    def __call__(self, histories: Sequence[Sequence[Frame]], intrinsics: np.ndarray) -> list[Percept]:
+    def __call__(
+        self,
+        histories: Sequence[Sequence[Frame]],
+        intrinsics: np.ndarray,
+        memories: Sequence[PointMemory] | None = None,
+    ) -> list[Percept]:
         """Predict the depth of every robot's newest frame in one batch, and compute its uncertainty.
 
         Args:
             histories: each robot's latest frames, newest first; all of the same length, 1 to 1 + `SOURCES`.
             intrinsics: 3 x 3, the same for all robots.
+            memories: each robot's `memory`, to which the newest frame is added; None to correct the depth by the newest
+                frame's points alone.
         """
-        view = self._view(histories, intrinsics)
+        points = [sample_sparse(history[0].rgb, history[0].depth, self._sparse) for history in histories]
+        if memories is None:
+            memories = [self.memory() for _ in histories]
+        known = points
+        if self._correct_depth:
+            known = [
+                memory.add(own, history[0].pose, intrinsics)
+                for memory, own, history in zip(memories, points, histories, strict=True)
+            ]
+        view, known_depth = self._view(histories, intrinsics, points, known)
         views = [frame_of(view, i) for i in range(len(histories))]
         depths: list[Tensor | None] = [None] * len(views)
         if self._correct_depth:
-            spacing = self._sparse.density**-0.5
-            depths = [*correct_depth(view.depth, view.sparse_depth, spacing)[:, 0]]
+            depths = [
+                correct_depth(one.depth, known_depth[i : i + 1], _spacing(known[i]))[0, 0]
+                for i, one in enumerate(views)
+            ]
         if self.uncertainty is None:
             return [Percept(one, corrected_depth=depth) for one, depth in zip(views, depths, strict=True)]
         if view.sources.shape[1] == SOURCES:
@@ -138,15 +162,26 @@ class Perception:
             residuals = torch.full_like(view.depth[:, 0], torch.nan)
         return [Percept(*parts) for parts in zip(views, residuals, frame_uncertainty(residuals), depths, strict=True)]
 
-    def _view(self, histories: Sequence[Sequence[Frame]], intrinsics: np.ndarray) -> View:
-        points = np.stack([sample_sparse(history[0].rgb, history[0].depth, self._sparse) for history in histories])
+    def memory(self) -> PointMemory:
+        """A new memory of points, for one robot's episode."""
+        return PointMemory(self._remembered_frames)
+
+    def _view(
+        self,
+        histories: Sequence[Sequence[Frame]],
+        intrinsics: np.ndarray,
+        points: Sequence[np.ndarray],
+        known: Sequence[np.ndarray],
+    ) -> tuple[View, Tensor]:
+        """The view of the newest frames with their sparse points; and all points that are known, N x 1 x H x W."""
         colors = np.stack([np.stack([frame.rgb for frame in history]) for history in histories])
         motions = np.stack([_motions(history) for history in histories]).astype(np.float32)
-        host = [points, motions, intrinsics.astype(np.float32), colors]
-        sparse_depth, motion, matrix, color = upload(host, self._device)
+        host = [np.stack(points), np.stack(known), motions, intrinsics.astype(np.float32), colors]
+        sparse_depth, known_depth, motion, matrix, color = upload(host, self._device)
         images = color.permute(0, 1, 4, 2, 3).float() / 255.0
         matrices = matrix.expand(len(histories), 3, 3)
-        return make_view(images[:, 0], sparse_depth[:, None], matrices, images[:, 1:], motion, self._predict_depth)
+        view = make_view(images[:, 0], sparse_depth[:, None], matrices, images[:, 1:], motion, self._predict_depth)
+        return view, known_depth[:, None]
 
 
 @torch.inference_mode()
@@ -187,6 +222,11 @@ def error_at_points(depth: Tensor, sparse_depth: Tensor) -> Tensor:
     """
     errors = torch.where(sparse_depth > 0, (depth - sparse_depth).abs() / sparse_depth, torch.nan)
     return errors.nanmedian()
+
+
+def _spacing(points: np.ndarray) -> float:
+    """The mean distance in pixels of neighbouring points in H x W metres of sparse depth."""
+    return math.sqrt(points.size / max(1, int(np.count_nonzero(points))))
 
 
 def _motions(history: Sequence[Frame]) -> np.ndarray:

@@ -131,6 +131,7 @@ def _explore(
         sparse=spec.sparse,
         uncertainty=spec.uncertainty.create() if spec.uncertainty else None,
         correct_depth=spec.correct_depth,
+        remembered_frames=spec.remembered_frames,
         batch_size=spec.batch_size,
         execute=execute,
         progress=progress,

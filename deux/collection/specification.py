@@ -46,6 +46,7 @@ class DatasetSpec:
         model: identity of the depth model that guides the explorer, or None.
         uncertainty: uncertainty measure of that model's predictions (Eq. 8), or None.
         correct_depth: whether the explorer receives that model's depth corrected by the sparse points.
+        remembered_frames: number of earlier frames whose points correct it as well.
         batch_size: number of episodes that run in lock-step (`collect.batch_size`).
         split: the prefix of the list files.
         explorer_settings: all the explorer's options, defaults included; JSON values only.
@@ -64,12 +65,15 @@ class DatasetSpec:
     model: str | None = None
     uncertainty: PluginChoice | None = None
     correct_depth: bool = False
+    remembered_frames: int = 0
     batch_size: int = 4
     split: Split = "train"
 
     def description(self) -> dict[str, Any]:
         """The specification as JSON values, for the hash and the manifest."""
         values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "simulation"}
+        if self.remembered_frames == 0:
+            del values["remembered_frames"]  # so that datasets from before this option keep their hash
         return {
             "version": DATASET_VERSION,
             **values,

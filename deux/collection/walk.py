@@ -157,13 +157,15 @@ def run_walks(walks: Sequence[Walk], perception: Perception | None = None) -> It
     """
     for walk in walks:
         check_perception(walk.explorer, perception)
+    memories = {} if perception is None else {walk: perception.memory() for walk in walks}
     while active := [walk for walk in walks if not walk.over]:
         for walk in active:
             walk.observe()
         percepts: Sequence[Percept | None] = [None] * len(active)
         seen: Sequence[HostPercept | None] = [None] * len(active)
         if perception is not None:
-            found = perception([walk.frames for walk in active], active[0].simulator.camera.intrinsics)
+            histories, intrinsics = [walk.frames for walk in active], active[0].simulator.camera.intrinsics
+            found = perception(histories, intrinsics, [memories[walk] for walk in active])
             needs = frozenset[Need]().union(*(walk.explorer.needs for walk in active))
             percepts, seen = found, on_host(found, needs)
             for one in seen:

@@ -55,6 +55,7 @@ GUIDANCE = (
     "collect.uncertainty",
     "collect.uncertainty_options",
     "collect.correct_depth",
+    "collect.remembered_frames",
     "collect.batch_size",
 )
 """What an explorer that a depth model guides is made of, too: that model, how it is judged, and what is mapped."""
@@ -99,6 +100,7 @@ UNUSED = {
 """Options that nothing depends on where another one has a value."""
 
 AS_BEFORE = {
+    "collect.remembered_frames": "0",
     "explore.max_incidence": "90",
     "training.augmentation.scale": "[1, 1]",
     "training.averaging": "0",

@@ -64,6 +64,7 @@ def study_uncertainty(
     show: ShowSamples | None = None,
     progress: Progress = ignore_progress,
     correct_depth: bool = False,
+    remembered_frames: int = 0,
 ) -> UncertaintyStudy:
     """Hold measures of uncertainty against the true error of a depth model, along an explorer's walks.
 
@@ -82,6 +83,7 @@ def study_uncertainty(
         show: is given some frames of the first scene, before that scene is kept.
         progress: told the number of walks.
         correct_depth: whether the explorer is given the depth corrected by the sparse points; what is judged is not.
+        remembered_frames: number of earlier frames whose points correct it as well.
 
     Raises:
         DeuxError: a scene cannot be read, the explorer needs a measure that was not given, the file of a scene is
@@ -91,7 +93,8 @@ def study_uncertainty(
     guide: Uncertainty | None = None
     if guidance is not None and explorer.create().needs & MODEL_NEEDS:
         guide = made[guidance.name] if guidance in measures else guidance.create()
-    walks = _Walks(simulation, explorer, Perception(predict_depth, sparse, guide, correct_depth), made, seed, steps)
+    perception = Perception(predict_depth, sparse, guide, correct_depth, remembered_frames)
+    walks = _Walks(simulation, explorer, perception, made, seed, steps)
     make_folder(folder)
     judged = []
     floors = count_all_floors(scenes, folder / "floors", simulation.make)

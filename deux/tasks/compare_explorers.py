@@ -188,7 +188,7 @@ def _perception(sections: Sections, model: DepthModel, collect: CollectSettings)
     """What the seed model sees."""
     predictor = FastPredictor(model, sections.plain("trainer").get("accelerator", "auto"))
     sparse = sections.read("sampling", SparseSettings)
-    return Perception(predictor, sparse, collect.measure.create(), collect.correct_depth)
+    return Perception(predictor, sparse, collect.measure.create(), collect.correct_depth, collect.remembered_frames)
 
 
 def _failure(files: Sequence[Path]) -> str:

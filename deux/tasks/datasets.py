@@ -178,7 +178,8 @@ class Datasets:
         perception = None
         if predictor is not None:
             measure = self.collect.measure.create()
-            perception = Perception(predictor, self.sampling, measure, self.collect.correct_depth)
+            remembered = self.collect.remembered_frames
+            perception = Perception(predictor, self.sampling, measure, self.collect.correct_depth, remembered)
         return replay(sequence, scene, self.collect.steps, self.simulation.make, explorer.create, perception)
 
     def _exploration(self, explorer: PluginChoice, predictor_identity: str | None) -> DatasetSpec:
@@ -196,6 +197,7 @@ class Datasets:
                 seed=self._seed,
             )
         fingerprint = fingerprint_of(explorer.create())
+        corrected = self.collect.correct_depth and predictor_identity is not None
         return DatasetSpec(
             name=explorer.name,
             scenes=self.scenes.train,
@@ -209,7 +211,8 @@ class Datasets:
             seed=self._seed,
             model=predictor_identity,
             uncertainty=self.collect.measure if predictor_identity else None,
-            correct_depth=self.collect.correct_depth and predictor_identity is not None,
+            correct_depth=corrected,
+            remembered_frames=self.collect.remembered_frames if corrected else 0,
             # Robots that no model guides walk alone, so their frames do not depend on it.
             batch_size=self.collect.batch_size if predictor_identity else DatasetSpec.batch_size,
         )

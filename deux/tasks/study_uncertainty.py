@@ -89,6 +89,7 @@ class Studying:
                 show,
                 report,
                 datasets.collect.correct_depth,
+                datasets.collect.remembered_frames,
             )
 
     def draw(self, study: UncertaintyStudy, run: RunFolder) -> None:

@@ -90,7 +90,8 @@ def test_the_depth_that_explorers_get_is_corrected_and_the_judged_one_is_not():
     (plain,) = Perception(GuessingModel(), sparse, L1Residual())([frames], CAMERA.intrinsics)
     (percept,) = Perception(GuessingModel(), sparse, L1Residual(), correct_depth=True)([frames], CAMERA.intrinsics)
     (given,) = on_host([percept], {Need.PREDICTED_DEPTH, Need.RESIDUAL})
-    expected = correct_depth(plain.view.depth, plain.view.sparse_depth, 0.02**-0.5)
+    spacing = (CAMERA.width * CAMERA.height / np.count_nonzero(plain.view.sparse_depth)) ** 0.5
+    expected = correct_depth(plain.view.depth, plain.view.sparse_depth, spacing)
     np.testing.assert_array_equal(given.predicted_depth, expected[0, 0])
     np.testing.assert_array_equal(percept.view.depth, plain.view.depth)
     np.testing.assert_array_equal(percept.residual, plain.residual)
@@ -102,6 +103,24 @@ def test_the_depth_that_explorers_get_is_corrected_and_the_judged_one_is_not():
         np.abs(plain.predicted_depth.numpy() - truth)[known],
     )
     assert corrected.mean() < 0.9 * before.mean()
+
+
+def test_remembered_points_improve_the_depth_that_explorers_get_and_nothing_else():
+    frames, sparse = history(), SparseSettings(0.02)
+    truth = frames[0].depth
+    known, errors = truth > 0, {}
+    for remembered in (0, 5):
+        perception = Perception(GuessingModel(), sparse, L1Residual(), correct_depth=True, remembered_frames=remembered)
+        memory = perception.memory()
+        for length in (1, 2):
+            perception([frames[-length:]], CAMERA.intrinsics, [memory])
+        (percept,) = perception([frames], CAMERA.intrinsics, [memory])
+        errors[remembered] = np.abs(percept.predicted_depth.numpy() - truth)[known].mean()
+        (alone,) = Perception(GuessingModel(), sparse, L1Residual())([frames], CAMERA.intrinsics)
+        np.testing.assert_array_equal(percept.view.sparse_depth, alone.view.sparse_depth)
+        np.testing.assert_array_equal(percept.residual, alone.residual)
+        assert percept.depth_error == alone.depth_error
+    assert errors[5] < 0.9 * errors[0]
 
 
 @pytest.mark.parametrize(

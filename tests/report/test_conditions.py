@@ -3,6 +3,7 @@ from dataclasses import fields
 import pytest
 import yaml
 
+from deux.collection.specification import DatasetSpec
 from deux.configuration import config_folder
 from deux.data.augmentation import AugmentationSettings
 from deux.registry import registry
@@ -270,6 +271,8 @@ def test_what_counts_as_before_is_the_default(key):
     section, name = key.split(".", 1)
     if section == "explore":
         default = registry().choose("explorers", {"name": "deux"}).settings[name]
+    elif section == "collect":
+        default = getattr(DatasetSpec, name)
     elif name.startswith("augmentation."):
         default = getattr(AugmentationSettings(), name.partition(".")[2])
     else:

@@ -23,6 +23,7 @@ SWITCHES = {
     "explore.on_the_way": ("true", "false"),
     "explore.temperature": ("0.1", "0.25", "1.0"),
     "collect.correct_depth": ("true", "false"),
+    "collect.remembered_frames": ("30", "0"),
     "seed_model.checkpoint": ("kbnet-indoor", "somewhere/model.safetensors", "null"),
     "callbacks": ("[]", "[active_collection]"),
 }

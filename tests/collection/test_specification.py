@@ -28,6 +28,13 @@ def test_an_identity_that_is_no_text_is_told_of_the_scene():
         check_apart(SceneSplits((Numbered("seven"),), (), ()))
 
 
+def test_remembered_frames_are_part_of_the_hash_unless_there_are_none():
+    """Datasets from before the option have no such entry, and were collected as with 0."""
+    spec = DatasetSpec("d", (ToyScene(),), "wanderer", SIMULATION, steps=3, correct_depth=True)
+    assert "remembered_frames" not in spec.description()
+    assert len({replace(spec, remembered_frames=frames).key() for frames in (0, 10, 30)}) == 3
+
+
 @pytest.mark.parametrize("found", [7, b"hash", ("a",)])
 def test_a_fingerprint_that_is_no_text_is_told_of_the_explorer(found):
     class Marked(Wanderer):

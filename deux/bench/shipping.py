@@ -30,7 +30,7 @@ from deux.report.model_card import CardErrors, ModelCard
 from deux.report.runs import read_overrides
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
-from deux.tasks.recorded_frames import read_given
+from deux.tasks.recorded_frames import make_reader
 
 CONDITIONS = (
     PointCondition("corners", 0.05),
@@ -136,7 +136,7 @@ def _frames(text: str) -> CardFrames:
     sections = sections_of(compose(["task=evaluate", *overrides.split()]))
     settings, camera = sections.read("evaluation", EvaluationSettings), sections.read("camera", Camera)
     if settings.data is not None:
-        return CardFrames(title, read_given(sections, settings.data), camera)
+        return CardFrames(title, make_reader(sections, settings.data), camera)
     viewpoints = Datasets(sections, ["test"]).viewpoints("test", settings.viewpoints)
     return CardFrames(title, DatasetReader(viewpoints), camera)
 

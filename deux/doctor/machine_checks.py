@@ -11,7 +11,7 @@ import torch
 from omegaconf import DictConfig
 
 from deux.bench.machine import cores, processor
-from deux.compilation import kept_folders
+from deux.compilation import cache_folders
 from deux.configuration import user_path
 from deux.doctor.checkup import Checkup
 from deux.inference.precision import default_precision
@@ -63,7 +63,7 @@ def check_folders(checkup: Checkup, cfg: DictConfig) -> None:
         checkup.fact("outputs", f"{outputs}, {_free(outputs)}")
         if shutil.disk_usage(_existing(outputs)).free < LEAST_SPACE:
             checkup.fault(f"paths.outputs={outputs} is on a disk with less than 1 GiB free: name a folder elsewhere.")
-    _report_folders(checkup, "compiled code", kept_folders())
+    _report_folders(checkup, "compiled code", cache_folders())
     _report_folders(checkup, "temporary files", [Path(tempfile.gettempdir())])
 
 

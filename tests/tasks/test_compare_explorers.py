@@ -156,4 +156,4 @@ def test_a_damaged_episode(compare, finished, tmp_path):
     shutil.copytree(finished, tmp_path / "run")
     (tmp_path / "run" / "episodes" / "random-apartment_200000-00" / "episode.json").write_text("{}")
     sentence = compare(tmp_path / "run", "compare.explorers=[frontier,random]").sentence
-    assert "random-apartment_200000-00/episode.json is damaged, it holds no episode" in sentence
+    assert "random-apartment_200000-00/episode.json is damaged, it is not an episode" in sentence

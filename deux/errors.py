@@ -100,6 +100,17 @@ def shown(value: object, most: int = 80) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
+def first_line(error: BaseException) -> str:
+    """The type of an unexpected error and the first line of its message, without a full stop.
+
+    Example:
+        >>> first_line(OSError("no route to host.\\nTry again.")), first_line(KeyError())
+        ('OSError: no route to host', 'KeyError')
+    """
+    line = str(error).strip().partition("\n")[0].rstrip(". ")
+    return f"{type(error).__name__}: {line}" if line else type(error).__name__
+
+
 def sizes(shape: Iterable[int]) -> str:
     """The shape of an array or tensor for a message.
 

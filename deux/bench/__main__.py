@@ -37,7 +37,7 @@ BENCHMARKS = {
     "processes": Benchmark("process_speed", "measure_processes", ("model", "device")),
     "environment": Benchmark("environment_speed", "measure_environment"),
     "models": Benchmark("model_speed", "measure_models", ("device",)),
-    "published": Benchmark("published_way", "measure_published_way", ("device",)),
+    "published": Benchmark("published_training", "measure_published_training", ("device",)),
     "limits": Benchmark("step_limits", "measure_limits", ("device",)),
     "data": Benchmark("data_waiting", "measure_data_waiting", ("model", "device")),
     "peers": Benchmark("peer_figures", "measure_peers", ("scene", "device")),

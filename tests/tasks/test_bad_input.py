@@ -301,10 +301,10 @@ def load_settings(model: Path) -> dict:
     ("kind", "sentence"),
     [
         ("damaged", "damaged.safetensors cannot be read as safetensors, it is damaged or something else: "),
-        ("foreign", "foreign.safetensors does not say which model it holds: it was not written by deux;"),
+        ("foreign", "foreign.safetensors has no configuration of a model, so it was not written by deux:"),
         (
             "other",
-            "holds a 'kbnit' that cannot be made here: there is no depth model called 'kbnit': did you mean kbnet",
+            "has a 'kbnit' that cannot be created here: there is no depth model called 'kbnit': did you mean kbnet",
         ),
         ("lacking", "does not fit the kbnet that is installed: it lacks 1 tensor ("),
         ("lightning", ".ckpt is for resuming a training: give the model.safetensors of a run folder, or the folder."),

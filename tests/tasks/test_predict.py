@@ -217,7 +217,7 @@ def test_a_published_checkpoint_completes_a_frame(predict, frame, model_file):
     assert outcome.code == 0
     assert outcome.err.startswith("WARNING: ")
     assert outcome.err.count("\n") == 1
-    assert "published.pth does not say which range of depths it was trained with" in outcome.err
+    assert "published.pth does not contain the depth range of its training" in outcome.err
     near, far = {"hydra.run.dir": frame.folder / "near"}, {"hydra.run.dir": frame.folder / "far"}
     named = [predict(checkpoint="published.pth", **options, **near, **{"model.max_depth": 8})]
     named.append(predict(checkpoint="published.pth", **options, **far, **{"model.max_depth": 10}))
@@ -377,7 +377,7 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
             "task=predict needs the files .*: sparse and intrinsics are not given.$",
         ),
         ({"checkpoint": None}, "a trained model is needed: set predict.checkpoint= to a run folder, .* checkpoint.$"),
-        ({"checkpoint": "."}, "there is no model .*/model.safetensors: name a file of weights, a run folder"),
+        ({"checkpoint": "."}, "there is no model .*/model.safetensors: give a model file, a run folder"),
         ({"image": "nothing.png"}, ".*/nothing.png is missing.$"),
         ({"image": "K.txt"}, ".*/K.txt cannot be read as an image, .*: it has no format that Pillow knows.$"),
         (

@@ -153,14 +153,14 @@ def test_what_was_done_before_a_kill_is_not_done_again(predict, room_folder, mon
     outcome = predict(batch_size=2)
     assert outcome.code == 0
     assert "Predict 7 frames of" in outcome.out
-    assert ", 3 of them before" in outcome.out
+    assert ", 3 of them done before" in outcome.out
     assert sum(calls[3:]) == 4
     assert all(path.stat().st_mtime_ns == time for path, time in whole.items() if path.name != "002.png")
     assert len((run / "frames.jsonl").read_text().splitlines()) == FRAMES
     assert len(table(run)) == FRAMES
     monkeypatch.undo()
     outcome = predict(batch_size=5, export="ply", agreement="null")  # what takes nothing anew
-    assert ", 7 of them before" in outcome.out
+    assert ", 7 of them done before" in outcome.out
     assert (run / "clouds" / "room.ply").exists()
 
 
@@ -325,7 +325,7 @@ def test_a_model_that_brings_its_weights_resumes_with_the_same_options_only(pred
     outcome = predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy")
     assert (outcome.code, outcome.err) == (0, "")
     assert (np.load(room_folder.parent / "run" / "depth" / "room" / "000.npy") == 1.5).all()
-    assert "7 of them before" in predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy").out
+    assert "7 of them done before" in predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy").out
     sentence = predict(f"model={wall}", "model.distance=2.5", checkpoint=None, format="npy").sentence
     assert "contains a run with other settings" in sentence
 

@@ -46,7 +46,7 @@ QUICK = PublishedSettings(batch_size=1, size=128, steps=1, rounds=2)
 """Settings for a quick look."""
 
 
-def measure_published_way(settings: PublishedSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
+def measure_published_training(settings: PublishedSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
     """Measure a step of every installed depth model as deux trains here, and as the published code computes.
 
     Args:

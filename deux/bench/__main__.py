@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Benchmark(NamedTuple):
-    """Where a benchmark is, imported only when it is asked for.
+    """A benchmark, whose module is imported when it is run.
 
     Args:
         module: in `deux.bench`; it has the settings `QUICK`, of the same class as the default ones.
@@ -46,7 +46,7 @@ BENCHMARKS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmarks and return the exit code: 0, or 1 after a mistake of the user's, told on stderr."""
+    """Run the benchmarks and return the exit code: 0, or 1 for a user's mistake, reported on stderr."""
     options = _parser().parse_args(arguments)
     let_waiting_threads_sleep()
     try:

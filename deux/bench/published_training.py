@@ -1,7 +1,7 @@
 """Speed of training steps, compared with the implementation of the depth models' published code.
 
-The published code uses square pooling windows, upsampling before convolution, channels-first tensors, float32, PyTorch's
-default Adam and its own training loop. Networks, losses and samples are the same.
+The published code uses square pooling windows, upsampling before convolution, channels-first tensors, float32,
+PyTorch's default Adam and its own training loop. Networks, losses and samples are the same.
 """
 
 from collections.abc import Iterator

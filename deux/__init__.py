@@ -19,11 +19,11 @@ LAZY = {
     "load_published": ("deux.deployment.published_checkpoints", "load_published"),
     "predict": ("deux.deployment.array_prediction", "predict_arrays"),
 }
-"""Where the functions of this package live. They bring torch, which `--help` and composition must not wait for."""
+"""Modules of the package's functions. These import torch, which `--help` and composition must not wait for."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import one of the `LAZY` functions when it is first asked for (PEP 562)."""
+    """Import one of the `LAZY` functions at its first use (PEP 562)."""
     if name not in LAZY:
         raise AttributeError(f"module 'deux' has no attribute {name!r}")
     module, attribute = LAZY[name]
@@ -31,5 +31,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What is offered to users, for completion in notebooks; what this file imports for itself is left out."""
+    """The public names, for completion in notebooks."""
     return sorted(__all__)

@@ -1,9 +1,9 @@
-"""Callbacks of a training by name: those of Lightning that a configuration can describe, by their constructor.
+"""Training callbacks by name: those of Lightning that can be configured by the options of their constructor.
 
-The names are known without importing Lightning, so that the command line can list and check them fast. Left out are
-those that need objects, that find settings instead of training (learning_rate_finder, batch_size_finder), that change
-the weights' names (model_pruning), that set the learning rate themselves (stochastic_weight_averaging) or that do what
-`deux.training.fit` does anyway (progress bars, on_exception_checkpoint).
+Their names are listed here, so that the command line can check them without importing Lightning, which is slow. Left
+out are callbacks that need objects, that search settings instead of training (learning_rate_finder, batch_size_finder),
+that change the names of weights (model_pruning), that set the learning rate (stochastic_weight_averaging) or that
+duplicate `deux.training.fit` (progress bars, on_exception_checkpoint).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 ACTIVE_COLLECTION = "active_collection"
-"""The name of `deux.training.active_collection.ActiveCollection`, which is made where there is a collector for it."""
+"""Name of `deux.training.active_collection.ActiveCollection`, which tasks create themselves."""
 
 _LIGHTNING: dict[str, str] = {
     "device_stats_monitor": "DeviceStatsMonitor",
@@ -37,32 +37,32 @@ _LIGHTNING: dict[str, str] = {
 }
 
 CALLBACKS: dict[str, str] = {name: f"lightning.pytorch.callbacks:{cls}" for name, cls in _LIGHTNING.items()}
-"""Where the class of each callback lies, as "module:Class"."""
+"""The class of each callback, as "module:Class"."""
 
 _GIVEN: dict[str, dict[str, Any]] = {"throughput_monitor": {"batch_size_fn": lambda batch: len(batch.image)}}
-"""Arguments that no configuration can hold."""
+"""Arguments that cannot be options, such as functions."""
 
 _PACKAGES = {"device_stats_monitor": "psutil"}
-"""Packages that a callback asks for in the middle of a run; deux does not install them."""
+"""Packages that a callback imports in the middle of a run, and that deux does not install."""
 
 
 def callback_names() -> list[str]:
-    """The names that the configuration's `callbacks` may hold, sorted."""
+    """The names of all callbacks, sorted."""
     return sorted([*CALLBACKS, ACTIVE_COLLECTION])
 
 
 def make_callback(name: str, settings: Mapping[str, Any]) -> "Callback":
-    """A callback by name; `active_collection` is not made here.
+    """Create a callback by name, except `active_collection`.
 
     Args:
         name: one of `CALLBACKS`.
         settings: options of its constructor.
 
     Raises:
-        DeuxError: the name is unknown, an option is unknown or missing, a value is refused, or a package is missing.
+        DeuxError: the name is unknown, an option is unknown or missing, a value is invalid, or a package is missing.
     """
     if name not in CALLBACKS:
-        raise DeuxError(f"callbacks.{name} is no callback: {near_matches(name, callback_names())}")
+        raise DeuxError(f"there is no callback called {name!r}: {near_matches(name, callback_names())}")
     package = _PACKAGES.get(name)
     if package is not None and find_spec(package) is None:
         raise DeuxError(f"callbacks.{name} needs the package {package}: install it with pip install {package}.")
@@ -72,53 +72,53 @@ def make_callback(name: str, settings: Mapping[str, Any]) -> "Callback":
 
 
 def check_monitor(name: str, callback: "Callback", quantities: Sequence[str]) -> None:
-    """Find a quantity that no training logs, which Lightning misses in the middle of it.
+    """Check the quantity that a callback monitors; Lightning would only do so in the middle of the training.
 
     Args:
-        name: of the callback.
-        callback: made by that name.
-        quantities: what the training logs.
+        name: name of the callback.
+        callback: the callback.
+        quantities: quantities that the training logs.
 
     Raises:
-        DeuxError: the callback watches none of them.
+        DeuxError: the callback monitors a quantity that is not logged.
     """
     monitor = getattr(callback, "monitor", None)
-    known = [*quantities, *(("epoch", "step") if name == "model_checkpoint" else ())]
-    if monitor is not None and monitor not in known and getattr(callback, "strict", True):
-        told = "" if any(one.startswith("validation/") for one in known) else ", which has no frames to validate on"
+    logged = [*quantities, *(("epoch", "step") if name == "model_checkpoint" else ())]
+    if monitor is not None and monitor not in logged and getattr(callback, "strict", True):
+        validates = any(quantity.startswith("validation/") for quantity in logged)
         raise DeuxError(
-            f"callbacks.{name}.monitor={monitor} is nothing that this training logs{told}: "
-            f"{near_matches(monitor, known)}"
+            f"callbacks.{name}.monitor={monitor} is not logged by this training"
+            f"{'' if validates else ', which has no validation frames'}: {near_matches(monitor, logged)}"
         )
 
 
 def lightning_object(
     target: Callable[..., T], settings: Mapping[str, Any], where: str, given: Mapping[str, Any] | None = None
 ) -> T:
-    """`deux.options.construct` for a class of Lightning's, whose own complaints become one sentence.
+    """Like `deux.options.construct`, for a class of Lightning, whose errors are turned into a DeuxError.
 
     Args:
         target: the class.
-        settings: option values by name.
-        where: the settings' place in the configuration, such as "trainer".
-        given: arguments that are no options.
+        settings: values of options by name.
+        where: path of the settings in the configuration, such as "trainer".
+        given: arguments that are not options.
 
     Raises:
-        DeuxError: an option is unknown or missing, or its value is refused.
+        DeuxError: an option is unknown or missing, or its value is invalid.
     """
     _check_values(target, settings, where)
     try:
         return construct(target, settings, where, given)
     except DeuxError:
         raise
-    except Exception as error:  # Lightning checks few of its arguments, and the others fail in many ways
-        sentence = " ".join(str(error).split()).rstrip(".!")
+    except Exception as error:  # Lightning checks few arguments; the others raise errors of many types
+        cause = " ".join(str(error).split()).rstrip(".!")
         name = getattr(target, "__name__", str(target))
-        raise DeuxError(f"the settings under {where} make no lightning.{name}: {sentence}.") from error
+        raise DeuxError(f"lightning.{name} refuses the settings under {where}: {cause}.") from error
 
 
 def _check_values(target: Callable[..., Any], settings: Mapping[str, Any], where: str) -> None:
-    """Raise DeuxError where a value of the configuration is given for an object, which fails only when it is used."""
+    """Raise DeuxError for plain values of parameters that take objects, which would fail at their first use."""
     for name, option in options(target).items():
         value = settings.get(name)
         if value is None or not _is_plain(value):
@@ -127,13 +127,13 @@ def _check_values(target: Callable[..., Any], settings: Mapping[str, Any], where
         if not any(_fits(value, kind) for kind in kinds):
             words = " or ".join(map(describe, kinds)) or "left out"
             raise DeuxError(
-                f"{where}.{name} must be {words}, but is {shown(value)}: what else it takes are objects, which no "
-                "option can be."
+                f"{where}.{name} must be {words}, but is {shown(value)}: the other values that Lightning accepts are "
+                "objects, which cannot be options."
             )
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a configuration can hold a value."""
+    """Whether a value can be in a configuration."""
     if isinstance(value, Mapping):
         return all(map(_is_plain, value.values()))
     return (
@@ -142,7 +142,7 @@ def _is_plain(value: Any) -> bool:
 
 
 def _is_holdable(annotation: Any) -> bool:
-    """Whether a configuration can hold values of a type."""
+    """Whether values of a type can be in a configuration."""
     arguments = [argument for argument in get_args(annotation) if argument is not Ellipsis]
     if get_origin(annotation) is Literal:
         return True

@@ -1,4 +1,4 @@
-"""Functions compiled by numba, with the machine code kept on disk where that is possible."""
+"""Compilation of functions by numba, with a cache of the machine code on disk if possible."""
 
 import functools
 import warnings
@@ -8,46 +8,46 @@ from typing import Any
 
 from numba import njit
 
-_kept: list[Any] = []
-"""The functions that this process has imported and whose machine code is kept on disk."""
+_cached: list[Any] = []
+"""Imported functions whose machine code is cached on disk."""
 
 
 def compiled(function: Callable[..., Any] | None = None, **options: Any) -> Any:
-    """Compile a function when it is first called; a decorator, with or without options of `numba.njit`.
+    """Decorator that compiles a function at its first call, with or without options of `numba.njit`.
 
-    The machine code is kept beside the module, in the user's cache or in NUMBA_CACHE_DIR. Where none of them can be
-    written, as in a read-only installation, each process compiles anew, which a warning says.
+    The machine code is cached in NUMBA_CACHE_DIR, next to the module or in the user's cache folder. If none of these is
+    writable, a warning is issued, and each process compiles the function again.
     """
     if function is None:
         return lambda decorated: compiled(decorated, **options)
     try:
         dispatcher = njit(cache=True, **options)(function)
-    except RuntimeError:  # numba found no folder for its cache
-        _warn_once()
+    except RuntimeError:  # numba found no writable folder for its cache
+        _warn_about_cache()
         return njit(**options)(function)
-    _kept.append(dispatcher)
+    _cached.append(dispatcher)
     return dispatcher
 
 
 @functools.cache
-def _warn_once() -> None:
+def _warn_about_cache() -> None:
     warnings.warn(
-        "compiled code cannot be kept: the installation and the home folder are read-only, so every start takes "
-        "some seconds longer; set NUMBA_CACHE_DIR to a folder that can be written.",
+        "compiled code cannot be cached, since the installation and the home folder are read-only, so every start "
+        "takes some seconds longer: set NUMBA_CACHE_DIR to a writable folder.",
         stacklevel=3,
     )
 
 
 def nothing_compiled() -> bool:
-    """Whether no machine code is kept yet of any function imported so far, so that the first calls take many seconds.
+    """Whether no imported function has cached machine code, so that the first calls take many seconds.
 
-    Only the names of files are looked at: code of an older version of a function counts as kept.
+    Only file names are compared: machine code of an older version of a function counts as cached.
     """
-    return bool(_kept) and not any(
-        any(Path(dispatcher.stats.cache_path).glob(f"*{dispatcher.py_func.__qualname__}-*.nbi")) for dispatcher in _kept
+    return bool(_cached) and not any(
+        any(Path(function.stats.cache_path).glob(f"*{function.py_func.__qualname__}-*.nbi")) for function in _cached
     )
 
 
-def kept_folders() -> list[Path]:
-    """The folders in which machine code is kept, of the functions imported so far."""
-    return sorted({Path(dispatcher.stats.cache_path).resolve() for dispatcher in _kept})
+def cache_folders() -> list[Path]:
+    """The folders with cached machine code of the imported functions."""
+    return sorted({Path(function.stats.cache_path).resolve() for function in _cached})

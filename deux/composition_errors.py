@@ -1,4 +1,4 @@
-"""What a user may write wrongly on the command line, said in one sentence: Hydra's errors, and checks of our own."""
+"""Error messages about wrong overrides on the command line: translation of Hydra's errors, and additional checks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ RENAMED = {
     **{f"callbacks.{option}": f"callbacks.active_collection.{option}" for option in
        ("every", "unit", "rounds", "steps", "episodes", "mode")},
 }  # fmt: skip
-"""Options of earlier versions, and what they are called now."""
+"""Options of earlier versions, with their current names."""
 
 _NOUNS = {
     "model": "depth model",
@@ -45,10 +45,10 @@ _NOUNS = {
     "data": "reader",
     "callbacks": "callback",
 }
-"""What an option of a config group is called; other groups are called by their own names."""
+"""Nouns for the choices of config groups; those of other groups are called by the group's name."""
 
 _TEXT = ("paths.outputs", "hydra.run.dir", "hydra.sweep.dir", "training_data")
-"""Options that are names of files, also where they read as numbers."""
+"""Options that are file names, even if they look like numbers."""
 
 _LAUNCHER_EXTRAS = {
     "joblib": "joblib",
@@ -56,13 +56,13 @@ _LAUNCHER_EXTRAS = {
     "submitit_slurm": "slurm",
     "ray": "ray_launcher",
 }
-"""The extra that installs a launcher of sweeps, by the launcher's name; docs/sweeps.md."""
+"""The extra that installs a launcher of sweeps, by the launcher's name (docs/sweeps.md)."""
 
 _GROUPS = (*_NOUNS, "simulator", "scale", "report", "experiment")
-"""The options whose value names a file or a plugin, which is never a number."""
+"""Options whose values are names of files or plugins, which are never numbers."""
 
 _LIBRARIES = ("hydra", "omegaconf", "yaml", "antlr4")
-"""Packages that compose a configuration, and raise errors of any kind over a value that they cannot use."""
+"""Packages that compose a configuration; they raise errors of many types for invalid values."""
 
 _NO_OPTION = re.compile(r"Could not load '(?P<group>[^'/]+)/(?P<name>[^']+)'")
 _AMBIGUOUS = re.compile(r"Ambiguous value for argument '(?P<override>.+?)'", re.DOTALL)
@@ -75,15 +75,15 @@ _LIST_IN_QUOTES = re.compile(r"""(?P<quote>["'])\[(?P<items>.*)\](?P=quote)""", 
 
 
 def check_names(overrides: Iterable[str]) -> None:
-    """Raise DeuxError for an override by a name of an earlier version, or whose value Hydra would take for another.
+    """Raise DeuxError for an override with a name of an earlier version, or with a value that Hydra would misread.
 
     Args:
-        overrides: of the command line, such as "model=kbnet".
+        overrides: overrides of the command line, such as "model=kbnet".
     """
     for override in overrides:
-        found = _KEY.match(override)
+        match = _KEY.match(override)
         key, _, value = override.partition("=")
-        name = found["key"] if found else key
+        name = match["key"] if match else key
         if name in RENAMED:
             raise DeuxError(f"there is no option {name}: it is now called {RENAMED[name]}.")
         if name == "callbacks" and value == "none":
@@ -91,17 +91,17 @@ def check_names(overrides: Iterable[str]) -> None:
         if name in _GROUPS and name != "callbacks" and re.match(r"\+(?!\+)", override):
             raise _added_again(name)
         if name in _GROUPS and _NUMBER.fullmatch(value) and value.lower() != "null":
-            raise DeuxError(f"{name} is chosen by a name, and {value} is none.")
+            raise DeuxError(f"{name} is chosen by a name, but {value} is not a name.")
         if quoted := _LIST_IN_QUOTES.fullmatch(value):
             raise DeuxError(
                 f"the quotes around the whole list make {name} a single text: {_quote(key, quoted['items'])}."
             )
         if name in _TEXT and _NUMBER.fullmatch(value) and not _DIGITS.fullmatch(value):
-            raise DeuxError(f"{name} would read {value} as something else than text: write '{key}=\"{value}\"'.")
+            raise DeuxError(f"{name} must be text, but {value} would not be read as text: write '{key}=\"{value}\"'.")
 
 
 def quoted_digits(argument: str) -> str:
-    """An override whose value Hydra would take for a number though nobody writes numbers so, with quotes.
+    """Quote the value of an override that Hydra would read as a number, although it is not written like one.
 
     Example:
         >>> quoted_digits("paths.outputs=2024_01_15"), quoted_digits("training.steps=10_000")
@@ -114,9 +114,9 @@ def quoted_digits(argument: str) -> str:
 
 
 def raised_in_composition(error: BaseException) -> bool:
-    """Whether an error comes from the packages that compose a configuration, of whatever class it is.
+    """Whether an error of any type was raised by the packages that compose a configuration.
 
-    What a plugin or deux itself raises does not, but for what OmegaConf wraps.
+    Errors raised by plugins or deux itself do not count, unless OmegaConf wraps them.
     """
     if isinstance(error, HydraException | OmegaConfBaseException | YAMLError):
         return True
@@ -129,24 +129,25 @@ def composition_error(error: Exception) -> DeuxError:
     """The user's mistake behind an error raised while a configuration was composed.
 
     Args:
-        error: one that was `raised_in_composition`.
+        error: an error for which `raised_in_composition` is true.
 
     Returns:
-        The error to raise or print; its sentence names the override or key and what would be right.
+        The error to raise or print; its message contains the override or key and what would be right.
     """
-    if mistake := _told_before(error):
+    if mistake := _wrapped_mistake(error):
         return mistake
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options is not None:
         return _unknown_choice(str(error.missing_cfg_file), list(error.options))
-    if found := _NO_OPTION.search(str(error)):
-        return _unknown_choice(f"{found['group']}/{found['name']}", callback_names())  # the one group that is a list
+    if match := _NO_OPTION.search(str(error)):
+        # callbacks is the only group that is a list
+        return _unknown_choice(f"{match['group']}/{match['name']}", callback_names())
     if isinstance(error, OverrideParseException):
         return _unreadable(error.override)
-    if found := _AMBIGUOUS.search(str(error)):
-        key, _, values = found["override"].partition("=")
+    if match := _AMBIGUOUS.search(str(error)):
+        key, _, values = match["override"].partition("=")
         return DeuxError(f"{key} cannot be {values}: add -m to run each in turn, or write {key}=[{values}] for a list.")
-    if found := _PRESENT.search(str(error)):
-        return _added_again(found["key"])
+    if match := _PRESENT.search(str(error)):
+        return _added_again(match["key"])
     cause = error.__cause__ or error
     if isinstance(cause, InterpolationKeyError):
         return DeuxError(unresolved_reference(cause))
@@ -156,8 +157,8 @@ def composition_error(error: Exception) -> DeuxError:
     return DeuxError(_first_sentence(error))
 
 
-def _told_before(error: BaseException | None) -> DeuxError | None:
-    """The user's mistake that OmegaConf wraps in an error of its own where a resolver of ours raised it."""
+def _wrapped_mistake(error: BaseException | None) -> DeuxError | None:
+    """The DeuxError that one of deux's resolvers raised and OmegaConf wrapped, or None."""
     while error is not None and not isinstance(error, DeuxError):
         error = error.__cause__ or error.__context__
     return error
@@ -172,7 +173,7 @@ def _unknown_choice(missing: str, known: list[str]) -> DeuxError:
 
 
 def _added_again(key: str) -> DeuxError:
-    return DeuxError(f"+{key}= adds an option, and {key} is there: write {key}=, without the plus sign.")
+    return DeuxError(f"+{key}= adds an option, but {key} exists: write {key}=, without the plus sign.")
 
 
 def _unknown_option(full_key: str, parent: DictConfig) -> DeuxError:
@@ -183,11 +184,11 @@ def _unknown_option(full_key: str, parent: DictConfig) -> DeuxError:
         return DeuxError(f"there is no option {full_key}: {above} is a single value.")
     if above == "hydra.launcher" and "BasicLauncher" in str(parent.get("_target_")):
         return DeuxError(
-            f"there is no option {full_key}: the launcher basic has none. Choose one that has it, as with "
+            f"there is no option {full_key}: the launcher basic has no options; choose another one, such as with "
             "hydra/launcher=joblib."
         )
-    known = [str(name) for name in parent if name != "hydra"]
-    return DeuxError(f"there is no option {full_key}: {near_matches(key, known)}")
+    names = [str(name) for name in parent if name != "hydra"]
+    return DeuxError(f"there is no option {full_key}: {near_matches(key, names)}")
 
 
 def _unreadable(override: str) -> DeuxError:
@@ -200,12 +201,12 @@ def _unreadable(override: str) -> DeuxError:
 
 
 def _quote(key: str, items: str) -> str:
-    """How a list whose items need quotes is written, for the end of a sentence."""
+    """Advice on writing a list whose items need quotes, as the end of a sentence."""
     quoted = ",".join(f'"{item.strip()}"' for item in items.split(","))
     return f"write '{key}=[{quoted}]'"
 
 
 def _first_sentence(error: Exception) -> str:
-    """The messages of the error and of its cause, on one line, without the lines of advice on Hydra's syntax."""
+    """The first lines of the messages of an error and its cause, without Hydra's advice on syntax."""
     lines = [str(e).strip().splitlines()[0] for e in (error, error.__cause__) if e is not None and str(e).strip()]
     return f"the configuration cannot be composed: {'; '.join(lines) or type(error).__name__}"

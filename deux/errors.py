@@ -1,4 +1,4 @@
-"""The one error that a user's mistake raises, the one that says so of a sweep's job, and parts of their sentences."""
+"""The exceptions for mistakes of the user, and helpers for their messages."""
 
 import difflib
 import math
@@ -8,15 +8,15 @@ from collections.abc import Iterable, Sequence
 _PLURAL_VERBS = {"is": "are", "has": "have", "does": "do"}
 _BLANKS = str.maketrans("\n\r\t", "   ")
 _LONGEST_WORD = 400
-"""Characters in a row that a message shows: names of files are shorter."""
+"""Maximal length of a word in a message; file names are shorter."""
 
 
 class DeuxError(Exception):
-    """A mistake of the user's: one sentence that says what is wrong, where, and what would be right.
+    """A mistake of the user; its message is one sentence on what is wrong, where, and what would be right.
 
-    The command line prints the sentence without a stack trace and exits with code 1. Names and values from outside may
-    be part of it: line breaks become blanks, what no console prints as it is, such as escapes, is written as Python
-    writes it, and words of more than 400 characters are cut.
+    The command line prints the message without a stack trace and exits with code 1. As it may contain untrusted names
+    and values, line breaks become blanks, unprintable characters such as escapes are escaped as in Python, and words of
+    more than 400 characters are cut.
 
     Args:
         message: the sentence.
@@ -32,16 +32,16 @@ class DeuxError(Exception):
 
 
 class JobFailed(DeuxError):
-    """A job of a sweep failed, in this process or in another one, where the error itself was told.
+    """A job of a sweep failed, in this or another process; the error itself was reported there.
 
-    Stands for errors of any kind, some of which cannot be sent from one process to another.
+    It represents errors of any type, some of which cannot be pickled.
     """
 
 
 def printable(text: str) -> str:
-    """Text on one line as it may be printed: nothing in it moves a terminal's cursor or turns its text around.
+    """Make text safe for printing on one line, without terminal control characters or changes of text direction.
 
-    Line breaks and tabs become blanks; what no console prints as it is, is written as Python writes it.
+    Line breaks and tabs become blanks; unprintable characters are escaped as in Python.
 
     Example:
         >>> printable("a\\x1b[31m b\\nc")
@@ -54,7 +54,7 @@ def printable(text: str) -> str:
 
 
 def near_matches(wrong: str, known: Iterable[str]) -> str:
-    """Which of the `known` names could have been meant by `wrong`, then all of them: the end of a sentence.
+    """Suggest similar names and list all `known` names, as the end of a sentence.
 
     Example:
         >>> near_matches("kbnt", ["kbnet", "voiced"]), near_matches("x", [])
@@ -67,7 +67,7 @@ def near_matches(wrong: str, known: Iterable[str]) -> str:
 
 
 def plural(word: str, count: int) -> str:
-    """A noun, or the verb "is", "has" or "does", as it stands with a number: in the singular with 1 only.
+    """A noun, or the verb "is", "has" or "does", in singular or plural according to a count.
 
     Example:
         >>> plural("test scene", 1), plural("test scene", 2), plural("has", 0)
@@ -77,7 +77,7 @@ def plural(word: str, count: int) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """How many there are of something.
+    """A count with its noun.
 
     Example:
         >>> counted(1, "run"), counted(12, "run")
@@ -87,7 +87,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def shown(value: object, most: int = 80) -> str:
-    """A value from outside for a message: as Python writes it, cut where it is long.
+    """The `repr` of an untrusted value for a message, cut to `most` characters.
 
     Example:
         >>> shown([1, 2]), shown("x" * 1000, most=10), shown(10**10_000)
@@ -95,9 +95,20 @@ def shown(value: object, most: int = 80) -> str:
     """
     try:
         text = repr(value)
-    except (ValueError, RecursionError):  # numbers of thousands of digits, lists in lists
+    except (ValueError, RecursionError):  # numbers with thousands of digits, deeply nested lists
         text = f"a value of the type {type(value).__name__}"
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def first_line(error: BaseException) -> str:
+    """The type of an unexpected error and the first line of its message, without a full stop.
+
+    Example:
+        >>> first_line(OSError("no route to host.\\nTry again.")), first_line(KeyError())
+        ('OSError: no route to host', 'KeyError')
+    """
+    line = str(error).strip().partition("\n")[0].rstrip(". ")
+    return f"{type(error).__name__}: {line}" if line else type(error).__name__
 
 
 def sizes(shape: Iterable[int]) -> str:
@@ -111,10 +122,10 @@ def sizes(shape: Iterable[int]) -> str:
 
 
 def image_size(shape: Sequence[int]) -> str:
-    """The size of an image for a message: the width first, as cameras and viewers give it.
+    """The size of an image for a message, as width x height.
 
     Args:
-        shape: its height and width; what follows, such as the colours, does not matter.
+        shape: height and width; further dimensions, such as channels, are ignored.
 
     Example:
         >>> image_size((480, 640, 3))
@@ -124,7 +135,7 @@ def image_size(shape: Sequence[int]) -> str:
 
 
 def kind_of(value: object) -> str:
-    """What a value is, for a message that has no use for its content: a tensor is not read, nor its device waited for.
+    """Type, shape and dtype of a value for a message; does not read tensors, which would synchronise with the GPU.
 
     Example:
         >>> kind_of(None), kind_of(0.5)
@@ -142,14 +153,14 @@ def kind_of(value: object) -> str:
 def check_range(
     name: str, value: float, least: float = -math.inf, most: float = math.inf, *, ends: bool = True
 ) -> None:
-    """Raise DeuxError unless a number lies between `least` and `most`; NaN lies nowhere.
+    """Raise DeuxError unless a number is in a range; NaN never is.
 
     Args:
-        name: what the number is called, such as "camera.hfov"; it begins the message.
+        name: name of the number, such as "camera.hfov", with which the message begins.
         value: the number.
-        least: the lower end.
-        most: the upper end.
-        ends: whether the ends belong to the range.
+        least: lower limit.
+        most: upper limit.
+        ends: whether the limits belong to the range.
     """
     if least <= value <= most and (ends or value not in (least, most)):
         return

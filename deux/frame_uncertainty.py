@@ -1,4 +1,4 @@
-"""Views, on which measures of uncertainty work, and the uncertainty of a whole frame as one number (Eq. 8)."""
+"""Views, the input of uncertainty measures, and the uncertainty of a whole frame as one number (Eq. 8)."""
 
 import numpy as np
 import torch
@@ -18,14 +18,14 @@ def make_view(
     source_from_target: Tensor,
     predict_depth: DepthPredictor,
 ) -> View:
-    """Predict the depth of a batch of frames and rebuild them from their source frames (Eq. 1).
+    """Predict the depth of a batch of frames and reconstruct them from their source frames (Eq. 1).
 
     Args:
-        image: N x 3 x H x W in [0, 1]; its device is the view's.
-        sparse_depth: N x 1 x H x W metres, 0 = none.
+        image: N x 3 x H x W in [0, 1]; the view is on its device.
+        sparse_depth: N x 1 x H x W metres, 0 = no value.
         intrinsics: N x 3 x 3.
-        sources: N x S x 3 x H x W in [0, 1]; there may be none (S = 0).
-        source_from_target: N x S x 4 x 4, carries points of the frame's camera into each source camera.
+        sources: N x S x 3 x H x W in [0, 1]; S may be 0.
+        source_from_target: N x S x 4 x 4, transforms from the frame's camera to each source camera.
         predict_depth: the depth model; called once.
     """
     depth = predict_depth(image, sparse_depth, intrinsics).to(image.device, torch.float32)
@@ -34,7 +34,7 @@ def make_view(
 
 
 def frame_of(view: View, index: int) -> View:
-    """One frame of a view as a batch of one; the tensors share their memory."""
+    """One frame of a view as a batch of one; the tensors share memory."""
     one = slice(index, index + 1)
     return View(
         view.image[one],
@@ -50,25 +50,25 @@ def frame_of(view: View, index: int) -> View:
 
 
 def pixel_uncertainty(measure: Uncertainty, view: View) -> Tensor:
-    """What a measure makes of a view, N x H x W; only its shape and type are looked at, which waits for no device.
+    """The uncertainty of each pixel of a view, N x H x W; checks shape and type without synchronising with the device.
 
     Raises:
-        DeuxError: the measure gives something else.
+        DeuxError: the measure returns something else.
     """
-    found: object = measure(view)
+    uncertainty: object = measure(view)
     count, _, height, width = view.image.shape
-    wanted = (count, height, width)
-    if isinstance(found, Tensor) and found.shape == wanted and found.is_floating_point():
-        return found
-    raise broken_contract(measure, kind_of(found), f"a Tensor of N x H x W, float32, here {sizes(wanted)}")
+    shape = (count, height, width)
+    if isinstance(uncertainty, Tensor) and uncertainty.shape == shape and uncertainty.is_floating_point():
+        return uncertainty
+    raise broken_contract(measure, kind_of(uncertainty), f"a Tensor of N x H x W, float32, here {sizes(shape)}")
 
 
 def check_not_negative(measure: Uncertainty, uncertainty: np.ndarray | float) -> None:
-    """Raise DeuxError if what a measure gave is below 0 somewhere; for values that have arrived on the host.
+    """Raise DeuxError if a measure has returned a negative value.
 
     Args:
         measure: the measure.
-        uncertainty: its values for some pixels, NaN where it has none, or a frame's as one number.
+        uncertainty: its values on the host, for pixels (NaN where it has no value) or for a frame.
     """
     if np.any(np.less(uncertainty, 0.0)):
         wanted = "0 or more for each pixel: the larger, the less certain, and NaN where it has no value"
@@ -78,10 +78,10 @@ def check_not_negative(measure: Uncertainty, uncertainty: np.ndarray | float) ->
 def frame_uncertainty(uncertainty: Tensor) -> Tensor:
     """The uncertainty of a frame as one number, delta = 1 - exp(-mean) (Eq. 8).
 
-    The paper averages over all pixels; here a pixel for which the measure has no value is left out.
+    The paper averages over all pixels; here, pixels without a value are left out.
 
     Args:
-        uncertainty: N x H x W, what an `Uncertainty` returns.
+        uncertainty: N x H x W, from an `Uncertainty`; NaN = no value.
 
     Returns:
         N float32 in [0, 1), NaN for a frame without any value.

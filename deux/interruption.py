@@ -1,4 +1,4 @@
-"""SIGTERM ends a command as Ctrl-C does, and neither is lost where Python drops what is raised."""
+"""Handling of SIGTERM like Ctrl-C, also while Python ignores exceptions."""
 
 import os
 import signal
@@ -9,19 +9,19 @@ from contextlib import contextmanager
 from typing import Any
 
 _AGAIN_AFTER = 0.1
-"""Seconds after which a signal is sent again that came where it could end nothing."""
+"""Seconds after which a signal is sent again if its exception was ignored."""
 
 
 class Terminated(KeyboardInterrupt):
-    """The process was asked by SIGTERM to end: what works on ends as it does at Ctrl-C."""
+    """The process received SIGTERM; handled like an interrupt by Ctrl-C."""
 
 
 @contextmanager
 def termination_raised() -> Iterator[None]:
-    """Let SIGTERM end what happens inside as Ctrl-C does. Lightning and Ray keep this handler beside their own.
+    """Context manager in which SIGTERM raises `Terminated`. Lightning and Ray chain this handler with their own.
 
-    A signal that comes while a destructor or the callback of a weak reference runs raises there, and Python drops what
-    these raise: it is sent again a moment later.
+    Python ignores exceptions that are raised in destructors and callbacks of weak references. If a signal's exception
+    is raised there, the signal is sent again a moment later.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -30,17 +30,17 @@ def termination_raised() -> Iterator[None]:
     def end(*_: object) -> None:
         raise Terminated
 
-    waiting: list[threading.Timer] = []
+    timers: list[threading.Timer] = []
 
-    def send_again(dropped: Any) -> None:
-        if not isinstance(dropped.exc_value, KeyboardInterrupt):
-            hook(dropped)
+    def send_again(ignored: Any) -> None:
+        if not isinstance(ignored.exc_value, KeyboardInterrupt):
+            hook(ignored)
             return
-        number = signal.SIGTERM if isinstance(dropped.exc_value, Terminated) else signal.SIGINT
+        number = signal.SIGTERM if isinstance(ignored.exc_value, Terminated) else signal.SIGINT
         timer = threading.Timer(_AGAIN_AFTER, os.kill, (os.getpid(), number))
         timer.daemon = True
         timer.start()
-        waiting.append(timer)
+        timers.append(timer)
 
     hook, sys.unraisablehook = sys.unraisablehook, send_again
     earlier = signal.signal(signal.SIGTERM, end)
@@ -48,6 +48,6 @@ def termination_raised() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = hook
-        for timer in waiting:
+        for timer in timers:
             timer.cancel()
         signal.signal(signal.SIGTERM, earlier)

@@ -1,7 +1,7 @@
-"""How much memory there is, and the refusal of what would take more than its part of it.
+"""Available memory, and a check of large allocations before they are made.
 
-What a file from outside asks for is known before it is asked for: the pixels that a picture's header states, the
-elements of an array, the instances of a node. Whoever is about to take memory for such a number asks `check_memory`.
+The memory that an untrusted file needs is known from its header, such as the number of pixels of an image or elements
+of an array. Call `check_memory` before allocating memory of such a size.
 """
 
 from pathlib import Path
@@ -9,13 +9,13 @@ from pathlib import Path
 from deux.errors import DeuxError
 
 SHARE = 0.5
-"""Part of the free memory that one file, scene or prediction may take; the rest is for what is made of it."""
+"""Fraction of the free memory that one file, scene or prediction may use; the rest is for processing it."""
 
 SMALL = 16 * 1024**2
-"""Bytes up to which nothing is refused: to ask what is free takes longer than to decode a small picture."""
+"""Allocations up to this size in bytes are not checked, since reading the free memory would take too long."""
 
 UNKNOWN_MEMORY = 4 * 1024**3
-"""Bytes that are taken to be available where the system does not say."""
+"""Free memory in bytes that is assumed if the system does not report it."""
 
 _CONTROL_GROUP = Path("/sys/fs/cgroup")
 _MEMORY = Path("/proc/meminfo")
@@ -23,40 +23,40 @@ _PROCESS = Path("/proc/self/statm")
 
 
 def free_memory() -> int:
-    """Bytes that this process can still take, as Linux says it.
+    """Memory that this process can still allocate, in bytes.
 
-    Of what is free on the machine, within the limit of the container, and within the limit of the process's address
-    space (`ulimit -v`), the least.
+    On Linux, this is the minimum of the machine's free memory, the container's limit and the limit of the process's
+    address space (`ulimit -v`).
     """
-    found = [room for room in (_room_of_process(),) if room is not None]
+    limits = [] if (room := _free_address_space()) is None else [room]
     try:
         fields = dict(line.split(":") for line in _MEMORY.read_text().splitlines())
-        found.append(int(fields["MemAvailable"].split()[0]) * 1024)
+        limits.append(int(fields["MemAvailable"].split()[0]) * 1024)
         limit, used = ((_CONTROL_GROUP / name).read_text().strip() for name in ("memory.max", "memory.current"))
         if limit != "max":
-            # What the group's files occupy in memory is given up when programs need it.
+            # Cached pages of files are freed when programs need memory.
             pages = dict(line.split() for line in (_CONTROL_GROUP / "memory.stat").read_text().splitlines())
-            found.append(max(0, int(limit) - int(used) + int(pages["inactive_file"])))
-    except (OSError, KeyError, ValueError):  # another system, or no container
+            limits.append(max(0, int(limit) - int(used) + int(pages["inactive_file"])))
+    except (OSError, KeyError, ValueError):  # another operating system, or no container
         pass
-    return min(found, default=UNKNOWN_MEMORY)
+    return min(limits, default=UNKNOWN_MEMORY)
 
 
 def memory_budget() -> int:
-    """Bytes that one file, scene or prediction may take now."""
+    """Memory that one file, scene or prediction may use, in bytes."""
     return int(SHARE * free_memory())
 
 
 def check_memory(size: int, what: str, remedy: str) -> None:
-    """Refuse what would take more than `memory_budget`, before it is asked for; up to `SMALL` nothing is.
+    """Check an allocation against `memory_budget` before it is made; sizes up to `SMALL` are always accepted.
 
     Args:
-        size: bytes at its greatest, intermediate results included.
-        what: what takes them, with its file; it begins the message.
-        remedy: what would be right; it ends the message.
+        size: peak memory in bytes, including intermediate results.
+        what: description of the data, with its file; the message begins with it.
+        remedy: what the user can do; the message ends with it.
 
     Raises:
-        DeuxError: it is too much.
+        DeuxError: the size exceeds the budget.
 
     Example:
         >>> check_memory(10**18, "scene.glb: its 5,000 instances", "draw fewer")
@@ -71,10 +71,10 @@ def check_memory(size: int, what: str, remedy: str) -> None:
         )
 
 
-def _room_of_process() -> int | None:
+def _free_address_space() -> int | None:
     """Bytes by which the address space of this process may still grow; None without a limit."""
     try:
-        import resource  # of Unix
+        import resource  # on Unix only
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         if limit == resource.RLIM_INFINITY:

@@ -1,11 +1,19 @@
-"""Finds the third-party package in which an unexpected error was raised."""
+"""Messages about unexpected errors of plugins."""
 
 from __future__ import annotations
 
 import traceback
 
+from deux.errors import DeuxError, printable
 from deux.plugin_kinds import KINDS
 from deux.registry import OWN_PACKAGE, registry
+
+
+def creation_failure(name: str, error: BaseException) -> str:
+    """The message about a plugin that cannot be created: that of a DeuxError, or one with the error's type."""
+    if isinstance(error, DeuxError):
+        return str(error)
+    return f"{name} cannot be created: {type(error).__name__}: {printable(str(error))}."
 
 
 def raised_in(error: BaseException) -> str | None:

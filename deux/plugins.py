@@ -1,4 +1,4 @@
-"""What is installed: `python -m deux.plugins` lists the plugins, `python -m deux.plugins <name>` explains one."""
+"""Lists the installed plugins (`python -m deux.plugins`), or describes one (`python -m deux.plugins <name>`)."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from deux.search_path import leave_out_working_folder
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command and return its exit code: 0, or 1 after a mistake of the user's."""
+    """Run the command and return its exit code: 0, or 1 for a user's mistake."""
     leave_out_working_folder()
     parser = argparse.ArgumentParser(prog="python -m deux.plugins", description=__doc__)
     parser.add_argument("name", nargs="?", help="a plugin, whose description and options are then printed")
     name = parser.parse_args(arguments).name
     try:
-        text = explain(name) if name else None
+        text = describe_plugin(name) if name else None
     except DeuxError as error:
         print(f"deux: {error}", file=sys.stderr)
         return 1
@@ -39,15 +39,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             print(text)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader, such as `head`, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains once more as it ends
+    except BrokenPipeError:  # such as from `python -m deux.plugins | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python reports it again at exit
     return 0
 
 
 def listing() -> list[tuple[str, str, str, str, str]]:
-    """One row for each installed plugin: kind, name, package, version, and "" or what is wrong with it.
+    """A row for each installed plugin: kind, name, package, version, and "" or what is wrong with it.
 
-    Entry points of groups that deux does not have, misspelt ones perhaps, come last with their group as the kind.
+    Entry points of unknown groups, which are probably misspelt, come last, with their group as the kind.
     """
     rows = []
     for kind in KINDS:
@@ -55,15 +55,15 @@ def listing() -> list[tuple[str, str, str, str, str]]:
         for plugin in registry().plugins(kind):
             state = "the name is used twice" if names.count(plugin.name) > 1 else ""
             rows.append((KINDS[kind].noun, plugin.name, plugin.package, plugin.version, state))
-    for group, strangers in registry().unknown_groups().items():
+    for group, plugins in registry().unknown_groups().items():
         near = get_close_matches(group, GROUPS, n=1, cutoff=0.7)
         state = f"there is no such group{f'; did you mean {near[0]}?' if near else ''}"
-        rows += [(group, plugin.name, plugin.package, plugin.version, state) for plugin in strangers]
+        rows += [(group, plugin.name, plugin.package, plugin.version, state) for plugin in plugins]
     return rows
 
 
 def print_listing() -> None:
-    """Print the listing: a table in a terminal, lines with tabs between the columns elsewhere."""
+    """Print the listing: as a table in a terminal, else as tab-separated lines."""
     columns = ("kind", "name", "package", "version", "state")
     rows = listing()
     if not sys.stdout.isatty():
@@ -79,20 +79,20 @@ def print_listing() -> None:
     Console().print(table)
 
 
-def explain(name: str) -> str:
-    """The description and the options of the plugin called `name`, or of each one if several kinds have it.
+def describe_plugin(name: str) -> str:
+    """Description and options of the plugin `name`; of several, if plugins of several kinds have this name.
 
     Raises:
-        DeuxError: nothing is called so, or the plugin is installed twice or cannot be imported.
+        DeuxError: there is no plugin of this name, or it is installed twice or cannot be imported.
     """
     kinds = [kind for kind in KINDS if name in registry().names(kind)]
     if not kinds:
-        known = {known for kind in KINDS for known in registry().names(kind)}
-        raise DeuxError(f"there is no plugin called {name!r}: {near_matches(name, known)}")
-    return "\n\n".join(_explanation(registry().find(kind, name)) for kind in kinds)
+        names = {plugin for kind in KINDS for plugin in registry().names(kind)}
+        raise DeuxError(f"there is no plugin called {name!r}: {near_matches(name, names)}")
+    return "\n\n".join(_description(registry().find(kind, name)) for kind in kinds)
 
 
-def _explanation(plugin: Plugin) -> str:
+def _description(plugin: Plugin) -> str:
     kind = KINDS[plugin.kind]
     cls = registry().get(plugin.kind, plugin.name)
     lines = [
@@ -102,24 +102,25 @@ def _explanation(plugin: Plugin) -> str:
         "",
     ]
     where = kind.settings.format(name=plugin.name)
-    known = options(cls, kind.given)
-    for option in known.values():
+    plugin_options = options(cls, kind.given)
+    for option in plugin_options.values():
         lines.append(f"  {where}.{option.name}: {describe(option.annotation)}, {_default(option)}")
-    if not known:
+    if not plugin_options:
         lines.append("It has no options.")
     return "\n".join(lines)
 
 
 def _default(option: Option) -> str:
-    return "required" if option.default is REQUIRED else f"default {_written(option.default)}"
+    return "required" if option.default is REQUIRED else f"default {_override_value(option.default)}"
 
 
-def _written(value: Any) -> str:
-    """A default as a command line takes it: an enum's member by its name, a dataclass by its options, None as null."""
+def _override_value(value: Any) -> str:
+    """A default as on the command line: enum members by name, dataclasses by their options, None as null."""
     if isinstance(value, Enum):
         return value.name
     if is_dataclass(value) and not isinstance(value, type):
-        return f"{{{', '.join(f'{one.name}: {_written(getattr(value, one.name))}' for one in fields(value))}}}"
+        items = (f"{field.name}: {_override_value(getattr(value, field.name))}" for field in fields(value))
+        return f"{{{', '.join(items)}}}"
     return "null" if value is None else repr(value)
 
 

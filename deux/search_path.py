@@ -1,4 +1,4 @@
-"""Where Python looks for modules when it runs `python -m deux`."""
+"""The module search path of `python -m deux`."""
 
 import os
 import sys
@@ -6,11 +6,10 @@ from pathlib import Path
 
 
 def leave_out_working_folder() -> None:
-    """Look for no module in the working folder, which `python -m` puts first on the path.
+    """Remove the working folder, which `python -m` puts first, from the module search path.
 
-    A folder there may bear the name of a library that is not installed and that another one tries to import (numba
-    does so with `coverage`). A checkout of deux itself stays on the path, last: the processes that a run starts import
-    deux from there.
+    A folder in it may have the name of an optional dependency that is not installed, such as `coverage` of numba. A
+    checkout of deux is moved to the end of the path instead, since the processes of a run import deux from it.
     """
     here = Path.cwd()
     if sys.path and sys.path[0] in ("", os.fspath(here)):

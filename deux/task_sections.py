@@ -1,7 +1,7 @@
-"""The tasks, the sections of the configuration that each of them names, and how a task reads them.
+"""The tasks, and reading of the sections of the configuration that they use.
 
-A section is a node at the top of the configuration. It belongs to the package that uses it, whose dataclass or plugin
-says which options it has; a task reads and checks the sections that it names and no others.
+A section is a top-level node of the configuration. Its options are defined by the dataclass or plugin that uses it. A
+task reads and checks only the sections that it declares.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ T = TypeVar("T")
 
 
 class Task(NamedTuple):
-    """What `task=` can be.
+    """A value of `task=`.
 
     Args:
-        purpose: what it does, for the help page.
-        sections: the sections that it reads; they also decide which run folder the command has.
+        purpose: what the task does, for the help page.
+        sections: the sections that it reads; they determine the name of the run folder.
     """
 
     purpose: str
@@ -37,7 +37,7 @@ _SCENES = ("simulator", "camera", "robot", "scenes")
 _COLLECTION = (*_SCENES, "explore", "collect", "sampling", "verification")
 _TRAINING = ("model", "objective", "pose", "training", "trainer", "foundation")
 _MODEL_GUIDED = (*_COLLECTION, *_TRAINING, "seed_model", "evaluation", "seed")
-"""Validation frames, of which `evaluation` says how many, are part of every training."""
+"""Includes `evaluation`, which determines the number of validation frames of a training."""
 
 TASKS = {
     "experiment": Task(
@@ -46,31 +46,29 @@ TASKS = {
     ),
     "collect": Task("explore the training scenes and write the dataset", _MODEL_GUIDED),
     "train": Task(
-        "train the depth model on the dataset, which is collected first if it is not there",
+        "train the depth model on the dataset, which is collected first if it does not exist",
         (*_MODEL_GUIDED, "callbacks", "data", "training_data"),
     ),
     "evaluate": Task("evaluate a trained model on the held-out scenes", (*_MODEL_GUIDED, "callbacks", "data")),
-    "predict": Task(
-        "complete the depth of one frame or of many, from files and to files", ("predict", "model", "camera", "data")
-    ),
+    "predict": Task("complete the depth of one or many frames from files", ("predict", "model", "camera", "data")),
     "train_explorer": Task(
         "train the policy of a learned explorer with PPO", (*_SCENES, "explore", "explorer_training", "seed")
     ),
     "compare_explorers": Task(
-        "measure what the explorers see, in scenes that none of them knows",
+        "compare the explorers in unseen scenes",
         (*_SCENES, "explore", "collect", "sampling", "compare", "seed_model", "model", "trainer", "seed"),
     ),
     "study_uncertainty": Task(
-        "measure which uncertainty points at the depth model's errors, in scenes that it never saw", _MODEL_GUIDED
+        "measure how well uncertainty measures predict the depth model's errors in unseen scenes", _MODEL_GUIDED
     ),
     "export": Task(
-        "write a trained model as an ONNX file, or for the code that its authors published",
+        "export a trained model as an ONNX file, or for its authors' published code",
         ("export", "model", "camera"),
     ),
     "export_dataset": Task(
-        "write datasets in the layouts that foreign code reads", (*_MODEL_GUIDED, "data", "export_dataset")
+        "export datasets in formats that other code reads", (*_MODEL_GUIDED, "data", "export_dataset")
     ),
-    "report": Task("turn finished runs into the paper's tables and figures", ("report",)),
+    "report": Task("make the paper's tables and figures from finished runs", ("report",)),
 }
 """The tasks by name; each is the module of that name in `deux.tasks`."""
 
@@ -81,7 +79,7 @@ PLUGIN_SECTIONS = {
     "scenes": "scenes",
     "data": "readers",
 }
-"""The sections that choose a plugin, and of which kind."""
+"""The sections that choose a plugin, with its kind."""
 
 _NAMING_OPTIONS = (
     ("seed_model", "name", "depth_models"),
@@ -91,13 +89,13 @@ _NAMING_OPTIONS = (
     ("foundation", "source", "scenes"),
     ("explorer_training", "source", "scenes"),
 )
-"""Options of other sections that name a plugin: section, option and kind."""
+"""Options of other sections that choose a plugin: section, option and kind."""
 
 SINGLE_VALUES = ("pose", "seed", "training_data")
-"""The sections that hold one value; all others hold options by name."""
+"""The sections that are a single value; all others are options by name."""
 
 ALWAYS_READ = ("paths", "data")
-"""Sections that a task may read without naming them: where its outputs are kept, and where frames are cached."""
+"""Sections that any task may read: for the output folder, and for caching of frames."""
 
 MEANS = {
     "collect": ("processes", "executor", "executor_options", "viewer"),
@@ -105,24 +103,24 @@ MEANS = {
     "training": ("num_workers", "checkpoint_minutes", "cuda_graphs"),
     "predict": ("batch_size", "video", "export", "voxel", "keep", "least_confidence", "agreement", "viewer"),
 }
-"""Options of sections by which nothing that a task makes changes beyond the last bits of predictions: a command with
-others goes on where one was."""
+"""Options, by section, that do not affect results beyond the last bits of predictions: a run may be resumed with other
+values."""
 
-MEANS_NAMES = frozenset(f"{name}.{option}" for name, found in MEANS.items() for option in found)
-"""The same options by their names on the command line."""
+MEANS_NAMES = frozenset(f"{name}.{option}" for name, means in MEANS.items() for option in means)
+"""The options of `MEANS` by their names on the command line."""
 
 
 def without_means(name: str, section: Any) -> Any:
-    """A section's plain content without the options of `MEANS`."""
+    """The plain content of a section without the options of `MEANS`."""
     means = MEANS.get(name)
     return {key: value for key, value in section.items() if key not in means} if means else section
 
 
 class Sections:
-    """The sections of a composed configuration that its task names.
+    """The sections of a composed configuration that its task declares.
 
     Args:
-        cfg: what Hydra composed.
+        cfg: the composed configuration.
         outputs: the folder of runs, datasets and shared models.
     """
 
@@ -133,10 +131,10 @@ class Sections:
         self.names = TASKS[self.task].sections
 
     def read(self, name: str, target: type[T]) -> T:
-        """A section as an object of the class whose constructor says which options it has.
+        """A section as an object of a class, whose constructor defines its options.
 
         Raises:
-            DeuxError: an option is unknown, of another type or out of its range.
+            DeuxError: an option is unknown, of the wrong type or out of its range.
         """
         return construct(target, self._node(name), name)
 
@@ -144,7 +142,7 @@ class Sections:
         """The plugin that a section chooses, with all its options.
 
         Raises:
-            DeuxError: there is no such plugin, or an option that it does not have.
+            DeuxError: the plugin or one of its options is unknown.
         """
         return registry().choose(PLUGIN_SECTIONS[name], self._node(name), name)
 
@@ -154,9 +152,9 @@ class Sections:
 
     @property
     def data_cache(self) -> Any:
-        """`data.cache`, which says where frames are kept while a model trains.
+        """`data.cache`, where frames are cached during training.
 
-        No result depends on it: it belongs to no run's identity, and tasks that train read it without naming `data`.
+        It does not affect results, so tasks read it without declaring `data`, and it is not part of a run's identity.
         """
         return section(self._cfg, "data").get("cache", "auto")
 
@@ -165,13 +163,13 @@ class Sections:
         """The random seed.
 
         Raises:
-            DeuxError: it is no whole number that torch and numpy take.
+            DeuxError: it is not a whole number that torch and numpy accept.
         """
         return check_seed(self._node("seed"))
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What the task's work depends on, plugins' defaults included, as JSON values: what a run folder belongs to."""
+        """The run's identity: all options that its results depend on, including plugins' defaults, as JSON values."""
         content = {name: without_means(name, self.plain(name)) for name in self.names}
         content |= {name: self.plugin(name).description for name in self.names if name in PLUGIN_SECTIONS}
         return {"task": self.task, **content}
@@ -182,10 +180,10 @@ class Sections:
 
 
 def task_name(cfg: DictConfig) -> str:
-    """The task that a configuration names.
+    """The name of a configuration's task.
 
     Raises:
-        DeuxError: it names none, or none that there is.
+        DeuxError: it is missing or unknown.
     """
     with references_resolved("task"):
         name = cfg.get("task")
@@ -195,28 +193,28 @@ def task_name(cfg: DictConfig) -> str:
 
 
 def section(cfg: DictConfig, name: str) -> Any:
-    """A section's plain content: a dictionary of options, or of `SINGLE_VALUES` the value; references are resolved.
+    """A section's plain content: a dictionary of options, or a single value for `SINGLE_VALUES`.
 
     Raises:
-        DeuxError: it is not there, it is one value where it has options or the other way round, or a reference in it
-            leads nowhere.
+        DeuxError: the section is missing, it is a single value instead of options or vice versa, or an interpolation
+            cannot be resolved.
     """
     if name not in cfg:
-        raise DeuxError(f"the section {name} was taken out of the configuration, but the task reads it.")
+        raise DeuxError(f"the section {name} was removed from the configuration, but the task reads it: keep it.")
     with references_resolved(name):
-        found = cfg[name]
+        content = cfg[name]
     if name not in SINGLE_VALUES:
-        return plain_options(found, name)
-    if OmegaConf.is_config(found):
-        raise DeuxError(f"{name} is a single value, but holds {shown(plain(found, name))}.")
-    return found
+        return plain_options(content, name)
+    if OmegaConf.is_config(content):
+        raise DeuxError(f"{name} must be a single value, but is {shown(plain(content, name))}.")
+    return content
 
 
 def check_plugins(cfg: DictConfig) -> None:
-    """Raise DeuxError if a section of the task names a plugin that is not installed, or is installed twice.
+    """Raise DeuxError if a section of the task chooses a plugin that is not installed, or whose name is not unique.
 
-    Nothing is imported, so a run with a misspelt loss term ends before any work is done. The explorer of a seed model
-    that is there already is not asked for: of two that have its name, it may be either.
+    Nothing is imported, so that a run with a misspelt loss term ends at once. The explorer of a seed model with a
+    checkpoint is not used, so its name need not be unique.
     """
     names = TASKS[task_name(cfg)].sections
     content = {name: section(cfg, name) for name in (*names, *ALWAYS_READ)}
@@ -228,36 +226,36 @@ def check_plugins(cfg: DictConfig) -> None:
 
 
 def check_seed(seed: Any) -> int:
-    """The random seed; DeuxError if it is no whole number that torch and numpy take."""
+    """Return a random seed; raise DeuxError if it is not a whole number that torch and numpy accept."""
     if type(seed) is not int or not 0 <= seed < 2**32:
-        raise DeuxError(f"seed is {seed!r}: the random seed is a whole number from 0 to {2**32 - 1}.")
+        raise DeuxError(f"seed is {seed!r}: it must be a whole number from 0 to {2**32 - 1}.")
     return seed
 
 
 def check_plugin_options(cfg: DictConfig) -> None:
-    """Raise DeuxError if a section of the task has an option that its plugin does not have, or of another type.
+    """Raise DeuxError if a section of the task has an option that its plugin does not have, or of the wrong type.
 
-    Plugins with all options at their defaults are not imported. Call `check_plugins` first.
+    Plugins whose options all have their defaults are not imported. Call `check_plugins` first.
     """
     names = TASKS[task_name(cfg)].sections
     if "scenes" in names:
-        check_seed(section(cfg, "seed"))  # it draws scenes, and its own name is the one to tell
+        check_seed(section(cfg, "seed"))  # otherwise a wrong seed would be reported for an option of `scenes`
     for name, kind in PLUGIN_SECTIONS.items():
-        if name in names and set(chosen := section(cfg, name)) - {"name", *KINDS[kind].reserved}:
-            registry().choose(kind, chosen, name)
+        if name in names and set(options := section(cfg, name)) - {"name", *KINDS[kind].reserved}:
+            registry().choose(kind, options, name)
 
 
 def _named_plugins(content: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """The plugins that the task's sections name: kind and name.
+    """The plugins that the task's sections choose, as pairs of kind and name.
 
     Args:
-        content: plain sections by name; an option that they lack is told by whoever reads the section.
+        content: plain sections by name; missing options are reported when a section is read.
     """
-    found = [(kind, content[name].get("name")) for name, kind in PLUGIN_SECTIONS.items() if name in content]
-    found += [(kind, content[name].get(option)) for name, option, kind in _NAMING_OPTIONS if name in content]
+    plugins = [(kind, content[name].get("name")) for name, kind in PLUGIN_SECTIONS.items() if name in content]
+    plugins += [(kind, content[name].get(option)) for name, option, kind in _NAMING_OPTIONS if name in content]
     if content.get("seed_model", {}).get("checkpoint") is None:
-        found.append(("explorers", content.get("seed_model", {}).get("explore")))
+        plugins.append(("explorers", content.get("seed_model", {}).get("explore")))
     explorers = content.get("compare", {}).get("explorers")
-    found += [("explorers", name) for name in (explorers if isinstance(explorers, list) else [])]
-    found += [("losses", term) for term in content.get("objective", {})]
-    return [(kind, str(name)) for kind, name in found if name is not None]
+    plugins += [("explorers", name) for name in (explorers if isinstance(explorers, list) else [])]
+    plugins += [("losses", term) for term in content.get("objective", {})]
+    return [(kind, str(name)) for kind, name in plugins if name is not None]

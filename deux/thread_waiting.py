@@ -1,28 +1,27 @@
-"""How torch's threads wait for each other: asleep after a short while, so that other programs keep their share.
+"""Limits how long torch's OpenMP threads spin before they sleep, so that they do not slow down busy machines.
 
-The threads of GNU's OpenMP, on which torch computes, meet at the end of every parallel loop. One that comes early spins
-for up to 300,000 turns, some milliseconds, before it sleeps. Where another program is at work on one of the cores, it
-takes the time in which the thread that it waits for could have run.
+At the end of every parallel loop, threads of GNU OpenMP wait for each other. By default, a thread spins for up to
+300,000 iterations, some milliseconds, before it sleeps. If another program uses one of the cores, the spinning takes
+the time in which the last thread could have run.
 """
 
 import os
 
 SPIN_SETTINGS = ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
-"""What GNU's OpenMP reads when it is loaded; where one of these is set, by a user or a launcher, it holds."""
+"""Environment variables of GNU OpenMP; if one of them is already set, it is respected."""
 
 SPINS = 1000
-"""Turns of the loop in which a thread waits before it sleeps, tens of microseconds.
+"""Number of iterations that a thread spins before it sleeps, tens of microseconds.
 
-Most waits within a training step are shorter than this. With none at all (OMP_WAIT_POLICY=passive) a small step takes
-half as long again, for waking a thread. docs/scale.md has the measurements.
+Most waits within a training step are shorter. Without spinning (OMP_WAIT_POLICY=passive), a small step takes 1.5 times
+as long, since waking a thread takes time (measurements in docs/scale.md).
 """
 
 
 def let_waiting_threads_sleep() -> None:
-    """Bound how long torch's threads spin, in this process and those that it starts.
+    """Limit how long torch's threads spin, in this process and its child processes.
 
-    The setting goes into the environment, which OpenMP reads once: call this before torch is imported. What is set
-    there already stays.
+    OpenMP reads the environment variable once, so this must be called before torch is imported.
     """
     if not any(name in os.environ for name in SPIN_SETTINGS):
         os.environ["GOMP_SPINCOUNT"] = str(SPINS)

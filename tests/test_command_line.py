@@ -243,9 +243,9 @@ def test_an_interrupted_run_ends_with_130(here: Here) -> None:
         ('scenes.train="[a.ply,b c.ply]"', "the quotes around the whole list make scenes.train a single text: write "),
         (
             "paths.outputs=1e3",
-            "paths.outputs would read 1e3 as something else than text: write 'paths.outputs=\"1e3\"'.",
+            "paths.outputs must be text, but 1e3 would not be read as text: write 'paths.outputs=\"1e3\"'.",
         ),
-        ("training_data=-inf", "training_data would read -inf as something else than text"),
+        ("training_data=-inf", "training_data must be text, but -inf would not be read as text"),
         ("callbacks=[nothing]", "there is no callback called 'nothing': there is: active_collection"),
     ],
 )
@@ -293,11 +293,11 @@ def test_an_end_by_sigterm_is_told_and_has_its_exit_code(tmp_path: Path) -> None
         ("paths.outputs=file", "cannot be written: Not a directory."),
         ("paths.outputs={a: 1}", "paths.outputs must be the path of a folder, but is {'a': 1}."),
         ("hydra.run.dir=${nothing}", "hydra.run.dir refers by ${...} to an option that is not there"),
-        ("explore=5", "explore is chosen by a name, and 5 is none."),
+        ("explore=5", "explore is chosen by a name, but 5 is not a name."),
         ("explore=[[1]]", "the configuration cannot be composed: "),
         ("seed=1" + 5000 * "0", "the configuration cannot be composed: Exceeds the limit"),
         ("camera=5", "camera holds options by name, as in camera.<option>=<value>, but is 5."),
-        ("~camera", "the section camera was taken out of the configuration, but the task reads it."),
+        ("~camera", "the section camera was removed from the configuration, but the task reads it: keep it."),
         ("pose=\x1b[31m", "pose"),
     ],
 )

@@ -46,4 +46,4 @@ def test_where_no_machine_code_can_be_kept_it_is_said_once() -> None:
         check=True,
     )
     assert ended.stdout == "4 3 False\n"
-    assert ended.stderr.count("compiled code cannot be kept") == 1
+    assert ended.stderr.count("compiled code cannot be cached") == 1

@@ -222,7 +222,7 @@ def test_how_jobs_are_handed_out_names_no_other_run_folder() -> None:
 def test_the_seed_is_a_whole_number(seed: object) -> None:
     cfg = compose()
     cfg.seed = seed
-    with pytest.raises(DeuxError, match=r"^seed is .*: the random seed is a whole number from 0 to"):
+    with pytest.raises(DeuxError, match=r"^seed is .*: it must be a whole number from 0 to"):
         _ = sections_of(cfg).seed
 
 
@@ -260,13 +260,13 @@ def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_exp
         ("collect={stps: 3}", "there is no option collect.stps: did you mean steps?"),
         ("collect.steps.more=3", "there is no option collect.steps.more: collect.steps is a single value."),
         ("seed", "'seed' is not of the form option=value."),
-        ("+seed=1", "+seed= adds an option, and seed is there: write seed=, without the plus sign."),
-        ("+camera.width=64", "+camera.width= adds an option, and camera.width is there: write camera.width=, without"),
-        ("+experiment=debug", "+experiment= adds an option, and experiment is there: write experiment=, without the"),
-        ("+model=kbnet", "+model= adds an option, and model is there: write model=, without the plus sign."),
+        ("+seed=1", "+seed= adds an option, but seed exists: write seed=, without the plus sign."),
+        ("+camera.width=64", "+camera.width= adds an option, but camera.width exists: write camera.width=, without"),
+        ("+experiment=debug", "+experiment= adds an option, but experiment exists: write experiment=, without the"),
+        ("+model=kbnet", "+model= adds an option, but model exists: write model=, without the plus sign."),
         (
             "hydra.launcher.n_jobs=2",
-            "there is no option hydra.launcher.n_jobs: the launcher basic has none. Choose one",
+            "there is no option hydra.launcher.n_jobs: the launcher basic has no options; choose another one",
         ),
         (
             "seed_model.checkpoint=a=b.ckpt",

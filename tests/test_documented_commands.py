@@ -17,7 +17,7 @@ from hydra.core.plugins import Plugins
 from hydra.plugins.launcher import Launcher
 
 from deux.configuration import compose
-from deux.plugins import explain
+from deux.plugins import describe_plugin
 
 ROOT = Path(__file__).resolve().parents[1]
 OF_EXAMPLES = ("plugins.md", "plugin-examples.md")
@@ -84,7 +84,7 @@ def test_the_command_is_composed(options):
 def test_the_other_programs_take_their_options(line):
     name, *words = shlex.split(line, comments=True)
     if name == "deux.plugins":
-        assert all(map(explain, words))
+        assert all(map(describe_plugin, words))
     else:
         spec = find_spec(name)
         assert spec is not None

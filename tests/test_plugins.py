@@ -77,7 +77,7 @@ def test_defaults_are_written_as_a_command_line_takes_them(monkeypatch: pytest.M
     found = Registry()
     found.register("losses", "with_options", Options)
     monkeypatch.setattr(plugins, "registry", lambda: found)
-    assert plugins.explain("with_options").splitlines()[-3:] == [
+    assert plugins.describe_plugin("with_options").splitlines()[-3:] == [
         "  objective.with_options.side: LEFT, default LEFT",
         "  objective.with_options.stride: options by name (length, side), default {length: 0.5, side: LEFT}",
         "  objective.with_options.limit: a number or null, default null",

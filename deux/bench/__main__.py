@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Benchmark(NamedTuple):
-    """Where a benchmark is, imported only when it is asked for.
+    """A benchmark, whose module is imported when it is run.
 
     Args:
         module: in `deux.bench`; it has the settings `QUICK`, of the same class as the default ones.
@@ -37,7 +37,7 @@ BENCHMARKS = {
     "processes": Benchmark("process_speed", "measure_processes", ("model", "device")),
     "environment": Benchmark("environment_speed", "measure_environment"),
     "models": Benchmark("model_speed", "measure_models", ("device",)),
-    "published": Benchmark("published_way", "measure_published_way", ("device",)),
+    "published": Benchmark("published_training", "measure_published_training", ("device",)),
     "limits": Benchmark("step_limits", "measure_limits", ("device",)),
     "data": Benchmark("data_waiting", "measure_data_waiting", ("model", "device")),
     "peers": Benchmark("peer_figures", "measure_peers", ("scene", "device")),
@@ -46,7 +46,7 @@ BENCHMARKS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmarks and return the exit code: 0, or 1 after a mistake of the user's, told on stderr."""
+    """Run the benchmarks and return the exit code: 0, or 1 for a user's mistake, reported on stderr."""
     options = _parser().parse_args(arguments)
     let_waiting_threads_sleep()
     try:

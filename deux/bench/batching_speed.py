@@ -1,4 +1,4 @@
-"""What it brings to do things in batches: frames that are drawn together, and walks that run in lock-step."""
+"""Speed-up by batching: frames that are rendered together, and walks that run in lock-step."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class BatchingSettings:
 
 
 QUICK = BatchingSettings(sizes=(64,), places=16, seconds=0.1, steps=4, rounds=3)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_batching(
@@ -150,10 +150,10 @@ def _steps_per_second(
 
 
 class _Wanderer(Explorer):
-    """Goes straight on, and turns where something is in the way: next to no work of its own."""
+    """Goes straight, and turns after collisions; it needs almost no time."""
 
     def reset(self, episode: Episode) -> None:
-        """There is nothing to forget."""
+        """No state to reset."""
 
     def act(self, observation: Observation) -> Action:
         """Forward, or left after a collision."""

@@ -1,4 +1,4 @@
-"""The scenes that are measured in, the simulators that draw them, and the poses from which they are seen."""
+"""Scenes, simulators and camera poses for the benchmarks."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,7 +31,7 @@ class FinerScene(SceneReference):
 
     @property
     def identity(self) -> str:
-        """That of the original and the number of triangles."""
+        """Identity of the original, and the number of triangles."""
         return f"{self.original.identity}:{self.triangles}"
 
     def load(self) -> Scene:

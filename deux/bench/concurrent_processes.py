@@ -1,4 +1,4 @@
-"""The same work in several processes at once."""
+"""Running the same job in several processes at once."""
 
 import multiprocessing
 import os
@@ -53,7 +53,7 @@ def _environment(changes: Mapping[str, str]) -> Iterator[None]:
 
 
 _barrier: Barrier | None = None
-"""This process's way to wait for the others."""
+"""Function with which this process waits for the others."""
 
 
 def _keep(barrier: Barrier) -> None:

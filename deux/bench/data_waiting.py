@@ -1,4 +1,4 @@
-"""How long a training step waits for its batch, for each place where frames can be kept (`data.cache`)."""
+"""Time that training steps wait for their batch, for each place where frames can be cached (`data.cache`)."""
 
 import logging
 import tempfile
@@ -161,7 +161,7 @@ class WaitingSettings:
 
 
 QUICK = WaitingSettings(frames=12, size=64, batch_size=2, epochs=2, rounds=1)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_data_waiting(

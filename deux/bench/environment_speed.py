@@ -1,4 +1,4 @@
-"""Steps a second of the Gymnasium environment in which explorers learn."""
+"""Steps per second of the Gymnasium environment for training explorers."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class EnvironmentSettings:
 
 
 QUICK = EnvironmentSettings(rounds=3, seconds=0.2)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
@@ -68,7 +68,7 @@ def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
 
 
 def _stepper(reward: Reward, extras: Sequence[Extra], pool: ScenePool, episode: int) -> Callable[[], None]:
-    """A function that takes one step, and begins another episode where one ended."""
+    """A function that takes one step, and starts a new episode when one has ended."""
     environment = ExplorationEnv(flats(1), reward, extras=extras, steps=episode, pool=pool)
     environment.reset(seed=0)
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Steps a second of the explorers, in the collector's own loop."""
+"""Steps per second of the explorers in the collector's loop."""
 
 import tempfile
 import time
@@ -41,7 +41,7 @@ class ExploreSettings:
 
 
 QUICK = ExploreSettings(steps=10, warm_up=3, rounds=2)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_exploration_speed(
@@ -158,7 +158,7 @@ class _Clock:
             self._steps, self._ended = steps, now
 
     def result(self) -> _Run:
-        """What was measured."""
+        """The measurements."""
         if self._steps == 0:
             raise DeuxError("no step is left to measure: an explorer stopped during the warm-up.")
         seconds = self._ended - self._began

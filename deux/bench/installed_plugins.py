@@ -1,4 +1,4 @@
-"""The installed plugins that are measured, and the depth model by which explorers are guided meanwhile."""
+"""The installed plugins to measure, and the depth model that guides explorers."""
 
 from typing import Any, NamedTuple
 

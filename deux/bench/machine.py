@@ -1,4 +1,4 @@
-"""What the numbers were measured on."""
+"""Description of the machine on which benchmarks are run."""
 
 import os
 import platform
@@ -14,7 +14,7 @@ from deux.errors import DeuxError
 from deux.inference.precision import default_device
 
 PACKAGES = ("deux", "torch", "lightning", "numpy", "numba", "embreex", "pyrender")
-"""The packages whose versions matter."""
+"""Packages whose versions are reported."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Machine:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """JSON values."""
+        """The description as JSON values."""
         return asdict(self)
 
 
@@ -81,7 +81,7 @@ def cores() -> int:
 
 
 def processor() -> str:
-    """The processor's model."""
+    """Model name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

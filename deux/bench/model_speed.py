@@ -26,7 +26,7 @@ from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 
 PRECISIONS: dict[str, Literal["32-true", "bf16-mixed"]] = {"float32": "32-true", "bfloat16": "bf16-mixed"}
-"""What the networks' layers compute in, and Lightning's names of it."""
+"""Precisions of the networks' layers, with Lightning's names."""
 
 POSES: tuple[PoseKind, ...] = ("simulator", "learned")
 
@@ -59,7 +59,7 @@ class ModelSettings:
 
 
 QUICK = ModelSettings(batch_size=1, size=128, steps=1, inference_size=128, rounds=2)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_models(settings: ModelSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:

@@ -56,7 +56,7 @@ class PeerSettings:
 
 
 QUICK = PeerSettings(rounds=2, seconds=0.05)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 class Peer(NamedTuple):

@@ -1,4 +1,4 @@
-"""What several processes bring to an exploration: its steps a second with one, with two, and on Ray."""
+"""Speed-up of exploration by several processes: steps per second with one, with two, and on Ray."""
 
 import json
 import tempfile
@@ -23,10 +23,10 @@ from deux.errors import DeuxError
 from deux.registry import registry
 
 PROCESSES = 2
-"""Number of processes that one is compared with."""
+"""Number of processes to compare with a single one."""
 
 _WARM_UP = 1 / 3
-"""Share of the steps after which all processes are taken to be at work."""
+"""Fraction of the steps after which all processes are assumed to run."""
 
 _ONE = "one process"
 
@@ -49,7 +49,7 @@ class ProcessSettings:
 
 
 QUICK = ProcessSettings(steps=40, rounds=1)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_processes(

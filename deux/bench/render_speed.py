@@ -1,4 +1,4 @@
-"""Frames a second of the renderers."""
+"""Frames per second of the renderers."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class RenderSettings:
 
 
 QUICK = RenderSettings(sizes=(128,), rounds=3, seconds=0.1, poses=16)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iterator[SpeedTable]:
@@ -103,7 +103,7 @@ class _Rates(NamedTuple):
 
 
 def _render(job: _Job, together: Callable[[], None]) -> _Rates:
-    """Measure in this process, at the same times as the others."""
+    """Measure in this process, synchronised with the others."""
     settings = job.settings
     simulators, left_out = usable_simulators(job.scene, Camera(settings.sizes[0], settings.sizes[0]))
     poses = {name: cycle(free_poses(simulator, settings.poses, seed=0)) for name, simulator in simulators.items()}

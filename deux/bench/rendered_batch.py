@@ -1,4 +1,4 @@
-"""Training samples that are made in memory, in the way that the collector and the data loader make them."""
+"""Training samples created in memory, like those of the collector and the data loader."""
 
 from dataclasses import replace
 

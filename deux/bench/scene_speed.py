@@ -1,4 +1,4 @@
-"""How long scenes take to be made and prepared, and how large they are, for every source that makes scenes itself."""
+"""Time to create and prepare scenes, and their size, for every source of generated scenes."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ class SceneSettings:
 
 
 QUICK = SceneSettings(scenes=4)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_scenes(settings: SceneSettings) -> Iterator[SpeedTable]:
@@ -70,7 +70,7 @@ def _measured(scenes: tuple[SceneReference, ...], simulation: Simulation) -> dic
 
 
 def _prepare(scene: Scene, simulation: Simulation, watch: Stopwatch) -> Simulator:
-    """A simulator of a loaded scene that is ready to be walked in."""
+    """A simulator of a loaded scene, with its free floor computed."""
     simulator = simulation.make(_Loaded(scene.name, scene))
     with watch.measure("free floor"):
         simulator.free_space()

@@ -30,7 +30,7 @@ from deux.report.model_card import CardErrors, ModelCard
 from deux.report.runs import read_overrides
 from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
-from deux.tasks.recorded_frames import read_given
+from deux.tasks.recorded_frames import make_reader
 
 CONDITIONS = (
     PointCondition("corners", 0.05),
@@ -44,7 +44,7 @@ CONDITIONS = (
     PointCondition("lines", 0.01),
     PointCondition("clusters", 0.01),
 )
-"""What the card measures."""
+"""Conditions of the errors on the card."""
 
 
 class CardFrames(NamedTuple):
@@ -62,7 +62,7 @@ class CardFrames(NamedTuple):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the two files and return the exit code: 0, or 1 after a mistake of the user's, told on stderr."""
+    """Write the two files and return the exit code: 0, or 1 for a user's mistake, reported on stderr."""
     options = _parser().parse_args(arguments)
     try:
         chosen = [_frames(text) for text in options.frames]
@@ -136,13 +136,13 @@ def _frames(text: str) -> CardFrames:
     sections = sections_of(compose(["task=evaluate", *overrides.split()]))
     settings, camera = sections.read("evaluation", EvaluationSettings), sections.read("camera", Camera)
     if settings.data is not None:
-        return CardFrames(title, read_given(sections, settings.data), camera)
+        return CardFrames(title, make_reader(sections, settings.data), camera)
     viewpoints = Datasets(sections, ["test"]).viewpoints("test", settings.viewpoints)
     return CardFrames(title, DatasetReader(viewpoints), camera)
 
 
 def _data(identity: dict[str, Any]) -> str:
-    """What a run was trained on, in words."""
+    """Description of a run's training data."""
     if folder := identity.get("training_data"):
         return f"recorded frames ({Path(folder).name})"
     scenes, collect, explorer = identity["scenes"], identity["collect"], identity["explore"]["name"]

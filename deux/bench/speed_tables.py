@@ -1,4 +1,4 @@
-"""Tables of measurements, for people and as JSON."""
+"""Tables of measurements, as text and JSON."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,7 +15,7 @@ Value = str | int | Spread
 
 @dataclass(frozen=True)
 class SpeedTable:
-    """What one benchmark found.
+    """The results of one benchmark.
 
     Args:
         name: of the benchmark, a short word.

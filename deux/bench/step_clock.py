@@ -1,4 +1,4 @@
-"""Where the time of a training step goes."""
+"""Timing of the parts of a training step."""
 
 from typing import Any
 
@@ -62,7 +62,7 @@ class StepClock(Callback):
         return shares
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Watch the modules that a step calls."""
+        """Add hooks to the modules that a step calls."""
         assert isinstance(pl_module, DepthCompletion)
         if not self._parts:
             return
@@ -76,24 +76,24 @@ class StepClock(Callback):
             self._hooks.append(module.register_forward_hook(lambda *_, part=part: self.watch.stop(part)))
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Leave the modules as they were."""
+        """Remove the hooks."""
         for hook in self._hooks:
             hook.remove()
 
     def on_before_backward(self, *_: Any) -> None:
-        """The loss is there."""
+        """The forward pass has ended."""
         self._start("backward")
 
     def on_after_backward(self, *_: Any) -> None:
-        """The gradients are there."""
+        """The backward pass has ended."""
         self._stop("backward")
 
     def on_before_optimizer_step(self, *_: Any) -> None:
-        """The weights are about to change."""
+        """The optimiser step starts."""
         self._start("optimiser")
 
     def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
-        """The weights have changed."""
+        """The optimiser step has ended."""
         self._stop("optimiser")
         if trainer.global_step > self._warm_up:
             self.watch.stop("step")

@@ -42,7 +42,7 @@ class LimitSettings:
 
 
 QUICK = LimitSettings(batch_size=1, size=128, steps=2, repeats=2)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
 def measure_limits(settings: LimitSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
@@ -99,7 +99,7 @@ def _seconds(call: Any, repeats: int) -> list[float]:
 
 
 def _row(variant: StepVariant, batch: Batch, steps: int, accelerator: str, best: float) -> dict[str, Value]:
-    """One row of the table."""
+    """A row of the table."""
     clock, flops, shares = StepClock(parts=False), _FlopCount(), _OperationShares()
     for watch, count in ((flops, 1), (clock, steps), (shares, steps)):
         train_steps(variant, batch, count, watch, accelerator)

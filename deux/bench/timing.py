@@ -1,4 +1,4 @@
-"""Timing that states its spread, of things that take turns."""
+"""Timing of alternating measurements, with their spread."""
 
 import statistics
 import time

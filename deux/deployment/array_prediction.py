@@ -1,4 +1,4 @@
-"""Depth from arrays, as cameras and files give them: what `deux.predict` does."""
+"""Depth prediction from numpy arrays, the implementation of `deux.predict`."""
 
 import logging
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,19 +13,19 @@ from numpy.typing import ArrayLike
 
 from deux.contracts import DepthModel
 from deux.deployment.model_files import load_model
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, sizes
 from deux.inference.prediction import device_of
 from deux.io.calibration import camera_warning
 
 Model: TypeAlias = DepthModel | str | PathLike[str]
-"""A depth model, or where one is stored."""
+"""A depth model, or the path of one."""
 
 _ENDED = object()
-"""Stands for the frames of a stream that ended before the others."""
+"""Fill value for a stream that ended before the others."""
 
 OTHER_UNIT = 10.0
-"""If even the nearest point of a later frame of a stream lies this many times beyond the model's range, the points are
-not in metres; of a call or of a stream's first frame, if it lies beyond the range at all."""
+"""Factor by which even the nearest point of a later frame of a stream must exceed the model's depth range to conclude
+that the points are not in metres; for the first frame, and without a stream, the factor is 1."""
 
 log = logging.getLogger(__name__)
 
@@ -53,29 +53,28 @@ def predict_arrays(
     model: Model,
     batch_size: int = 1,
 ) -> np.ndarray | Iterator[np.ndarray]:
-    """Predict dense depth of one frame, N frames or a stream of frames, in float32 and on the model's own device.
+    """Predict dense depth of one frame, N frames or a stream of frames, in float32 on the model's device.
 
-    Where `image` is a generator, or anything else that gives arrays one after the other and is neither an array nor a
-    list, so is `sparse_depth`, and `intrinsics` may be. The result is then a generator too: it asks for the next frames
-    when they are needed and keeps none, so that a video of any length goes through.
+    In a stream, `image` and `sparse_depth` are iterators or other iterables that are neither arrays nor lists, and
+    `intrinsics` may be one. The result is then a generator, which reads frames when they are needed and does not store
+    them, so that videos of any length can be processed.
 
-    A warning is logged, once for each call, where the intrinsics seem to belong to images of another size.
+    A warning is logged, once for each call, if the intrinsics seem to belong to images of another size.
 
     Args:
-        image: H x W x 3 or N x H x W x 3, RGB: uint8, or floats in [0, 1]. Any size. Or a stream of H x W x 3.
-        sparse_depth: H x W or N x H x W metres, floats; 0, and what a masked array masks, is none. Or a stream of
-            H x W.
-        intrinsics: 3 x 3, [[fx, s, cx], [0, fy, cy], [0, 0, 1]] in pixels of this image; or N x 3 x 3. One for all
-            frames of a stream, or a stream of them.
-        model: a depth model, or the path of a run folder or model file. For many frames load it once, by `deux.load`.
-        batch_size: frames of a stream that go through the model at once, where they are of one size.
+        image: H x W x 3 or N x H x W x 3, RGB: uint8, or floats in [0, 1]. Or a stream of H x W x 3.
+        sparse_depth: H x W or N x H x W metres, floats; 0 and masked values mean no value. Or a stream of H x W.
+        intrinsics: 3 x 3, [[fx, s, cx], [0, fy, cy], [0, 0, 1]] in pixels of this image; or N x 3 x 3. One matrix for
+            all frames of a stream, or a stream of matrices.
+        model: a depth model, or the path of a run folder or model file. For many calls, load it once by `deux.load`.
+        batch_size: number of frames of a stream that are predicted at once, if they have the same size.
 
     Returns:
-        H x W or N x H x W float32 metres; of a stream, an iterator of H x W.
+        H x W or N x H x W float32 metres; for a stream, an iterator of H x W.
 
     Raises:
-        DeuxError: an input has another shape or type, or impossible values; all points, of a stream those of its first
-            frame, lie farther away than the model predicts; or there is no such model.
+        DeuxError: an input has a wrong shape, type or value; all points (of the first frame of a stream) are beyond the
+            model's depth range; or there is no such model.
 
     Example:
         >>> model = deux.load("outputs/runs/kbnet-deux-1a2b3c4d")
@@ -86,7 +85,7 @@ def predict_arrays(
     model = model if isinstance(model, DepthModel) else _loaded(model)
     if _is_stream(image) or _is_stream(sparse_depth):
         check_range("batch_size", batch_size, 1)
-        if not isinstance(batch_size, Integral):  # no number of frames would ever be equal to it
+        if not isinstance(batch_size, Integral):
             raise DeuxError(f"batch_size is {batch_size}: it must be a whole number.")
         return _predict_stream(_zipped(image, sparse_depth, intrinsics), model, batch_size)
     frames = _checked(image, sparse_depth, intrinsics, model)  # type: ignore[arg-type]
@@ -96,12 +95,12 @@ def predict_arrays(
 
 
 def predict_batch(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.ndarray, model: DepthModel) -> np.ndarray:
-    """As `predict_arrays`, of N frames whose camera and unit of depth the caller has judged, with a matrix each."""
+    """Like `predict_arrays`, for N frames with a matrix each, without checking cameras and unit of depth again."""
     return _predict(_checked(image, sparse_depth, intrinsics, model, first=False), model)
 
 
 class _Inputs(NamedTuple):
-    """One frame, or N frames with a matrix for each; all float32, the image in [0, 1]."""
+    """One frame, or N frames with a matrix each; float32, images in [0, 1]."""
 
     image: np.ndarray
     sparse_depth: np.ndarray
@@ -111,12 +110,12 @@ class _Inputs(NamedTuple):
 def _checked(
     image: ArrayLike, sparse_depth: ArrayLike, intrinsics: ArrayLike, model: DepthModel, first: bool = True
 ) -> _Inputs:
-    """What the user gave, as arrays; N frames get a matrix each. The camera is judged of the `first` of a stream."""
+    """Convert and check the user's inputs; N frames get a matrix each. Only a `first` frame's camera is checked."""
     colors, points, cameras = _image(image), _sparse_depth(sparse_depth), _intrinsics(intrinsics)
     _check_shapes(colors, points, cameras)
     _check_unit(points, model.max_depth, 1.0 if first else OTHER_UNIT)
     if first:
-        _judge_camera(cameras, *points.shape[-2:])
+        _check_camera(cameras, *points.shape[-2:])
     if colors.ndim == 4:
         cameras = np.broadcast_to(cameras, (len(colors), 3, 3)).copy()
     return _Inputs(colors, points, cameras)
@@ -127,7 +126,7 @@ def _stacked(frames: Sequence[_Inputs]) -> _Inputs:
 
 
 def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
-    """N x H x W float32 metres."""
+    """Predict N frames, N x H x W float32 metres."""
     with torch.autocast(device_of(model).type, enabled=False):
         depth = model.predict(
             torch.from_numpy(frames.image).permute(0, 3, 1, 2).contiguous(),
@@ -138,10 +137,10 @@ def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
 
 
 def check_prediction(depths: np.ndarray) -> np.ndarray:
-    """The predicted depths that are given, N x H x W metres.
+    """Return predicted depths, N x H x W metres, after checking that they are finite.
 
     Raises:
-        DeuxError: one is NaN or infinite.
+        DeuxError: a depth is NaN or infinite.
     """
     if not (finite := np.isfinite(depths)).all():
         raise DeuxError(
@@ -152,13 +151,13 @@ def check_prediction(depths: np.ndarray) -> np.ndarray:
 
 
 def _is_stream(value: object) -> bool:
-    """Whether a value gives its arrays one after the other and is no array itself, nor a list that makes one."""
+    """Whether a value is an iterable of arrays, but not an array or a sequence."""
     array_like = isinstance(value, Sequence | memoryview | bytearray) or hasattr(value, "__array__")
     return isinstance(value, Iterable) and not array_like
 
 
 def _zipped(image: Any, sparse_depth: Any, intrinsics: Any) -> Iterator[tuple[Any, Any, Any]]:
-    """The frames of the three inputs, of which intrinsics alone may be one for all frames."""
+    """Zip the streams of the three inputs; intrinsics may be one matrix for all frames."""
     if not (_is_stream(image) and _is_stream(sparse_depth)):
         raise DeuxError("one of image and sparse_depth is an iterator and the other is not: both are, or neither.")
     rows = zip_longest(image, sparse_depth, *([intrinsics] if _is_stream(intrinsics) else []), fillvalue=_ENDED)
@@ -174,7 +173,7 @@ def _row(number: int, row: tuple[Any, ...], intrinsics: Any) -> tuple[Any, Any, 
 
 
 def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, batch_size: int) -> Iterator[np.ndarray]:
-    """Predict full batches, and shorter ones where the size changes and at the end."""
+    """Predict batches of frames of the same size; smaller ones when the size changes and at the end."""
     batch: list[_Inputs] = []
     for number, given in enumerate(frames):
         try:
@@ -204,8 +203,8 @@ def _loaded(model: str | PathLike[str]) -> DepthModel:
 
 
 def _array(name: str, value: ArrayLike) -> np.ndarray:
-    """The value as an array of numbers."""
-    # numpy would drop the mask without a word and take what lies under it.
+    """Convert a value to an array of numbers."""
+    # numpy would silently drop the mask.
     if any(map(np.ma.is_masked, value if isinstance(value, list | tuple) else (value,))):
         raise DeuxError(f"{name} has masked values, which no model can be given: fill them, by .filled(0) or better.")
     try:
@@ -219,7 +218,7 @@ def _array(name: str, value: ArrayLike) -> np.ndarray:
 
 
 def _image(value: ArrayLike) -> np.ndarray:
-    """The image as floats in [0, 1]; float values are checked where the tensors are."""
+    """Convert an image to floats in [0, 1]; the range of floats is checked by the model."""
     image = _array("image", value)
     if image.dtype == np.uint8:
         return image.astype(np.float32) / np.float32(255.0)
@@ -239,7 +238,7 @@ def _sparse_depth(value: ArrayLike) -> np.ndarray:
 
 
 def _filled(value: Any) -> Any:
-    """A masked array with 0, which is no point, where it is masked; anything else as it is."""
+    """Fill the masked values of a masked array with 0; other values are returned unchanged."""
     return value.filled(0) if isinstance(value, np.ma.MaskedArray) else value
 
 
@@ -248,7 +247,7 @@ def _intrinsics(value: ArrayLike) -> np.ndarray:
 
 
 def _float32(array: np.ndarray) -> np.ndarray:
-    """A copy that torch may own: rows in order, writable. What float32 cannot hold becomes infinite."""
+    """A writable copy in C order, for torch; values beyond the range of float32 become infinite."""
     with np.errstate(over="ignore"):
         return np.array(array, dtype=np.float32, order="C")
 
@@ -271,18 +270,18 @@ def _check_shapes(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.nd
         )
 
 
-def _judge_camera(intrinsics: np.ndarray, height: int, width: int) -> None:
-    """Warn of the first of the matrices that seems to belong to images of another size."""
+def _check_camera(intrinsics: np.ndarray, height: int, width: int) -> None:
+    """Warn of the first matrix that seems to belong to images of another size."""
     for matrix in intrinsics.reshape(-1, 3, 3):
         if not np.isfinite(matrix).all():
-            return  # the check of the tensors refuses it
-        if sentence := camera_warning(matrix, height, width, "the matrix intrinsics"):
-            log.warning(sentence)
+            return  # the model raises an error
+        if warning := camera_warning(matrix, height, width, "the matrix intrinsics"):
+            log.warning(warning)
             return
 
 
 def _check_unit(sparse_depth: np.ndarray, max_depth: float, most: float) -> None:
-    """Raise DeuxError if all points lie farther than `most` times the largest depth that the model predicts."""
+    """Raise DeuxError if all points are farther away than `most` times the model's largest depth."""
     points = sparse_depth[sparse_depth > 0]
     if points.size and most * max_depth < points.min() < np.inf:
         raise DeuxError(
@@ -292,4 +291,4 @@ def _check_unit(sparse_depth: np.ndarray, max_depth: float, most: float) -> None
 
 
 def _shape(array: np.ndarray) -> str:
-    return " x ".join(map(str, array.shape)) or "a single number"
+    return sizes(array.shape)

@@ -1,4 +1,4 @@
-"""Trained models as single files: weights in safetensors, with the model's name and options beside them."""
+"""Saving and loading of trained models as safetensors files, with the model's name and options in the header."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from deux import __version__
 from deux.contracts import DepthModel
 from deux.deployment.shipped_models import file_or_shipped, shipped_files
-from deux.errors import DeuxError, counted, shown
+from deux.errors import DeuxError, counted, shown, sizes
 from deux.inference.weightless import without_weights
 from deux.io.arrays import said
 from deux.io.atomic import write_atomically
@@ -36,11 +36,11 @@ _LONGEST_CONFIG = 100_000  # characters
 
 @dataclass(frozen=True)
 class ModelConfig:
-    """What it takes to make the model whose weights a file holds.
+    """The configuration of a model, stored with its weights.
 
     Args:
-        name: the model's registered name.
-        settings: all its options, defaults included.
+        name: registered name of the model.
+        settings: all options, including defaults.
         version: version of deux that wrote the file.
     """
 
@@ -50,10 +50,10 @@ class ModelConfig:
 
     @classmethod
     def from_json(cls, text: str | bytes, path: Path) -> "ModelConfig":
-        """Read what `to_json` wrote; `path` is where it was read.
+        """Parse the JSON of `to_json`; `path` is its file, for error messages.
 
         Raises:
-            DeuxError: it is something else.
+            DeuxError: it is not a configuration.
         """
         return checked_record(decode_json(text.encode() if isinstance(text, str) else text, path), cls, path)
 
@@ -70,16 +70,16 @@ def save_model(
     half: bool = False,
     header: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a depth model's weights and configuration to one .safetensors file, whole or not at all.
+    """Write a depth model's weights and configuration to a .safetensors file, atomically.
 
     Args:
         path: the file; its folder must exist.
         model: the depth model.
         name: its registered name.
-        settings: the options that it was made with; defaults are filled in.
-        half: write float32 weights in half precision, 10 bits of mantissa, for a file of half the size. They are read
-            as float32 again.
-        header: further text by key for the file's header.
+        settings: the options that it was created with; defaults are filled in.
+        half: whether float32 weights are stored in half precision, for a file of half the size; they are loaded as
+            float32.
+        header: additional entries of the file's header.
 
     Example:
         >>> model = registry().create("depth_models", "kbnet", {"max_depth": 8})
@@ -94,17 +94,17 @@ def save_model(
 
 
 def load_model(path: str | PathLike[str]) -> DepthModel:
-    """Read a model that `save_model` wrote.
+    """Load a model that `save_model` wrote.
 
     Args:
-        path: the file, a run folder that holds `model.safetensors`, or the name of a model that ships (`available`).
+        path: the file, a run folder with a `model.safetensors`, or the name of a shipped model (`available`).
 
     Returns:
         The model on the CPU, in eval mode.
 
     Raises:
-        DeuxError: there is no such file, it is damaged or not one of ours, its model is not installed, or its weights
-            do not fit the model.
+        DeuxError: there is no such file, it is damaged or not written by deux, its model is not installed, or its
+            weights do not fit the model.
 
     Example:
         >>> model = load_model("outputs/runs/kbnet-deux-1a2b3c4d")  # a run folder
@@ -116,10 +116,10 @@ def load_model(path: str | PathLike[str]) -> DepthModel:
 
 
 def make_model(config: ModelConfig, file: Path) -> DepthModel:
-    """Make a model and fill it with the weights of a .safetensors file.
+    """Create a model and load its weights from a .safetensors file.
 
-    The weights are compared with the model before the model is given memory, so that settings from outside cannot ask
-    for more of it than the file is large.
+    The weights are compared with the model before memory is allocated for it, so that untrusted options cannot allocate
+    more memory than the file's size.
 
     Returns:
         The model on the CPU, in eval mode.
@@ -141,17 +141,17 @@ def make_model(config: ModelConfig, file: Path) -> DepthModel:
 
 
 def model_name(path: str | PathLike[str]) -> str:
-    """The registered name of the model that `path` names; raises as `load_model` does."""
+    """The registered name of a stored model; `path` and errors are as in `load_model`."""
     return model_config(path).name
 
 
 def model_config(path: str | PathLike[str]) -> ModelConfig:
-    """What makes the model that `path` names; raises as `load_model` does."""
+    """The configuration of a stored model; `path` and errors are as in `load_model`."""
     return _read_config(weights_file(path))
 
 
 def stored_config(file: Path) -> ModelConfig | None:
-    """What the header of a .safetensors file says that its model is made from; None if it says nothing.
+    """The model configuration in the header of a .safetensors file; None if there is none.
 
     Raises:
         DeuxError: the file cannot be read.
@@ -171,11 +171,11 @@ def stored_config(file: Path) -> ModelConfig | None:
 
 
 def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
-    """Load weights into a module if they fit it exactly and are finite numbers.
+    """Load weights into a module if they fit exactly and are finite.
 
     Returns:
-        "" if they were loaded; otherwise what is missing, unexpected, of another shape or type, or no number, as the
-        rest of a sentence.
+        "" if they were loaded; otherwise which tensors are missing, unexpected, of another shape or type, or not
+        finite, as the end of a sentence.
     """
     problem = misfit(module, weights)
     if not problem:
@@ -184,7 +184,7 @@ def load_weights(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
 
 
 def misfit(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
-    """Why weights cannot be loaded into a module, which may be without memory for its own; as `load_weights` says."""
+    """Why weights do not fit a module, as in `load_weights`; the module may be on the meta device."""
     expected = module.state_dict()
     missing = [key for key in expected if key not in weights]
     unexpected = [key for key in weights if key not in expected]
@@ -194,7 +194,7 @@ def misfit(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
         if key in weights and weights[key].shape != expected[key].shape
     ]
     common = [key for key in expected if key in weights]
-    found = {
+    tensors = {
         "lacks {}": missing,
         "has {} unexpected": unexpected,
         "has {} of another shape": reshaped,
@@ -203,27 +203,29 @@ def misfit(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
         ],
         "has {} with NaN or infinity": [key for key in common if not torch.isfinite(weights[key]).all()],
     }
-    problems = [f"{text.format(_count(names))} ({_first(names)})" for text, names in found.items() if names]
+    problems = [
+        f"{text.format(counted(len(names), 'tensor'))} ({_first(names)})" for text, names in tensors.items() if names
+    ]
     return ", ".join(problems)
 
 
 def weights_file(path: str | PathLike[str]) -> Path:
-    """The file of a model that is named by it, by its run folder or, if it ships, by its name.
+    """The file of a model, from its path, its run folder or the name of a shipped model.
 
     Raises:
-        DeuxError: there is none, or `path` is no path.
+        DeuxError: there is no such model, or `path` is not a path.
     """
     if not isinstance(path, str | PathLike):
         raise DeuxError(
-            f"a model is named by a value of the type {type(path).__name__}: name it by the path of a run folder or "
-            "model file, or by the name of a model that ships."
+            f"a model cannot be loaded from a value of the type {type(path).__name__}: give the path of a run folder "
+            "or model file, or the name of a shipped model."
         )
     file = file_or_shipped(path, Path(path))
     if os.path.isdir(file):
         file = file / MODEL_FILE
     if not os.path.isfile(file):
-        shipped = f", or a model that ships ({', '.join(sorted(shipped_files()))})" if shipped_files() else ""
-        raise DeuxError(f"there is no model {file}: name a file of weights, a run folder with a {MODEL_FILE}{shipped}.")
+        shipped = f", or a shipped model ({', '.join(sorted(shipped_files()))})" if shipped_files() else ""
+        raise DeuxError(f"there is no model {file}: give a model file, a run folder with a {MODEL_FILE}{shipped}.")
     return file
 
 
@@ -231,8 +233,8 @@ def _read_config(file: Path) -> ModelConfig:
     config = stored_config(file)
     if config is None:
         raise DeuxError(
-            f"{file} does not say which model it holds: it was not written by deux; "
-            "published checkpoints are read by deux.load_published(name, path)."
+            f"{file} has no configuration of a model, so it was not written by deux: load published checkpoints with "
+            "deux.load_published(name, path)."
         )
     return config
 
@@ -248,30 +250,26 @@ def _read_weights(file: Path) -> dict[str, Tensor]:
 def _damaged(file: Path, error: Exception) -> DeuxError:
     if zipfile.is_zipfile(file):  # torch.save writes zip archives
         return DeuxError(
-            f"{file} cannot be read as safetensors: it seems to be written by torch.save. A published checkpoint is "
-            "read by deux.load_published(name, path) or with model=<name> on the command line; of a training's "
-            f"checkpoint name the run folder, which holds a {MODEL_FILE} at the training's end."
+            f"{file} cannot be read as safetensors, it seems to be written by torch.save: load published checkpoints "
+            "with deux.load_published(name, path) or with model=<name> on the command line; instead of a training's "
+            f"checkpoint, give its run folder, which has a {MODEL_FILE} at the end of the training."
         )
     return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {said(error)}.")
 
 
 def _make(config: ModelConfig, file: Path) -> DepthModel:
-    """The model that a file says it holds, newly made."""
+    """Create the model of a file's configuration."""
     try:
         settings = without_defaults(registry().get("depth_models", config.name), config.settings)
         model: DepthModel = registry().create("depth_models", config.name, settings)
         return model
-    except Exception as error:  # the settings are anybody's, and a constructor may meet anything in them
-        raise DeuxError(f"{file} holds a {shown(config.name)} that cannot be made here: {said(error)}.") from error
+    except Exception as error:  # the options are untrusted, and constructors may raise anything
+        raise DeuxError(f"{file} has a {shown(config.name)} that cannot be created here: {said(error)}.") from error
 
 
 def _kind(tensor: Tensor) -> str:
-    """What a number of one kind stands for is lost in another; the precision may differ."""
+    """The kind of a tensor's numbers, which must not be converted into another; the precision may differ."""
     return "complex" if tensor.is_complex() else "floating point" if tensor.is_floating_point() else "whole"
-
-
-def _count(names: list[str]) -> str:
-    return counted(len(names), "tensor")
 
 
 def _first(names: list[str]) -> str:
@@ -279,4 +277,4 @@ def _first(names: list[str]) -> str:
 
 
 def _shape(tensor: Tensor) -> str:
-    return " x ".join(map(str, tensor.shape)) or "a single number"
+    return sizes(tensor.shape)

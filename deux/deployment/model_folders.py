@@ -1,4 +1,4 @@
-"""Trained models as folders that the Hugging Face hub knows: config.json, model.safetensors and README.md."""
+"""Trained models as folders in the Hugging Face hub's format: config.json, model.safetensors and README.md."""
 
 import importlib
 import json
@@ -24,28 +24,28 @@ from deux.errors import DeuxError
 from deux.io.atomic import make_folder, read_bytes, write_atomically
 
 CONFIG_FILE = "config.json"
-"""Name of the file that says which model a folder holds and how it is made."""
+"""File with the model's configuration."""
 
 CARD_FILE = "README.md"
-"""Name of the model card."""
+"""File of the model card."""
 
 HUB_ID = re.compile(r"[\w-][\w.-]*/[\w-][\w.-]*", re.ASCII)
-"""What names a model on the hub: an owner and a name."""
+"""Identifier of a model on the hub: "owner/name"."""
 
 
 def load(path: str | PathLike[str]) -> DepthModel:
-    """Read a trained model.
+    """Load a trained model.
 
     Args:
-        path: a run folder, a model file, a folder that `save_pretrained` wrote, or the name of a model that ships
+        path: a run folder, a model file, a folder that `save_pretrained` wrote, or the name of a shipped model
             (`deux.available`).
 
     Returns:
-        The model on the CPU, in eval mode; `model.save_pretrained(folder)` writes it as a folder to share.
+        The model on the CPU, in eval mode; `model.save_pretrained(folder)` writes it to a folder for sharing.
 
     Raises:
-        DeuxError: there is no such file, it is damaged or not one of ours, its model is not installed, or its weights
-            do not fit the model.
+        DeuxError: there is no such file, it is damaged or not written by deux, its model is not installed, or its
+            weights do not fit the model.
 
     Example:
         >>> model = deux.load("outputs/runs/kbnet-deux-1a2b3c4d")  # a run folder, or a model file
@@ -57,23 +57,23 @@ def load(path: str | PathLike[str]) -> DepthModel:
 
 
 def from_pretrained(source: str | PathLike[str], **hub_options: Any) -> DepthModel:
-    """Read a model that `model.save_pretrained` wrote, from a folder or from the Hugging Face hub.
+    """Load a model that `model.save_pretrained` wrote, from a folder or from the Hugging Face hub.
 
-    Nothing in the folder is executed: the weights are safetensors, the rest is JSON, and its settings are checked as
-    those of the command line are.
+    Nothing in the folder is executed: the weights are safetensors, the rest is JSON, and options are checked like those
+    of the command line.
 
     Args:
-        source: the folder; what `deux.load` takes; or, if there is nothing of that name, "owner/name" on the hub, for
-            which the package huggingface-hub is needed: pip install "deux[hub]". Where a folder "owner" lies here, the
-            name is a path in it, unless options of the hub are given.
-        **hub_options: of a model on the hub: revision, token, cache_dir, local_files_only, force_download.
+        source: the folder, any other path that `deux.load` accepts, or "owner/name" on the hub, which needs the package
+            huggingface-hub: pip install "deux[hub]". If a local folder "owner" exists, "owner/name" is a path in it,
+            unless `hub_options` are given.
+        **hub_options: options of the download: revision, token, cache_dir, local_files_only, force_download.
 
     Returns:
         The model on the CPU, in eval mode.
 
     Raises:
         DeuxError: there is no such model, the hub cannot be reached, a file is damaged, or the settings or weights are
-            not those of an installed model.
+            do not fit an installed model.
 
     Example:
         >>> folder = deux.load("outputs/runs/kbnet-deux-1a2b3c4d").save_pretrained("shared/kbnet")
@@ -90,21 +90,22 @@ def from_pretrained(source: str | PathLike[str], **hub_options: Any) -> DepthMod
 def save_pretrained(
     model: DepthModel, config: ModelConfig, folder: str | PathLike[str], licence: str = "mit", **hub_options: Any
 ) -> Path:
-    """Write a model as a folder that `from_pretrained` reads; a loaded model has this as `model.save_pretrained`.
+    """Write a model to a folder that `from_pretrained` reads; loaded models have it as the method `save_pretrained`.
 
     Args:
-        model: the depth model.
-        config: what it was made from; a loaded model gives this and itself.
-        folder: where to; it is made if it is not there. Its model is replaced, a README.md that is there is kept.
-        licence: of the weights, by the hub's identifier.
-        **hub_options: of `huggingface_hub.ModelHubMixin.save_pretrained`, to upload the folder, too:
+        model: the depth model; already bound in the method.
+        config: the model's configuration; already bound in the method.
+        folder: the folder, which is created if it does not exist. An existing model in it is replaced; an existing
+            README.md is not.
+        licence: licence of the weights, the hub's identifier.
+        **hub_options: options of `huggingface_hub.ModelHubMixin.save_pretrained`, to upload the folder as well:
             push_to_hub=True, repo_id="owner/name", private, token, commit_message, ...
 
     Returns:
         The folder.
 
     Raises:
-        DeuxError: it cannot be written, or the hub cannot be reached.
+        DeuxError: the folder cannot be written, or the hub cannot be reached.
     """
     folder = Path(folder)
     if hub_options:
@@ -115,7 +116,7 @@ def save_pretrained(
 
 
 def bind_save_pretrained(model: DepthModel, config: ModelConfig) -> DepthModel:
-    """The model itself, which has a `save_pretrained` from now on, as it knows what it was made from."""
+    """Add the method `save_pretrained` to a model, and return the model."""
     model.save_pretrained = partial(save_pretrained, model, config)
     return model
 
@@ -123,18 +124,18 @@ def bind_save_pretrained(model: DepthModel, config: ModelConfig) -> DepthModel:
 def write_folder(model: DepthModel, config: ModelConfig, folder: Path, licence: str) -> None:
     """Write the three files of a model; see `save_pretrained`.
 
-    config.json comes last. It repeats what the header of the weights says, for the hub and for people.
+    config.json, which is written last, repeats the configuration in the header of the weights.
     """
     make_folder(folder)
     save_model(folder / MODEL_FILE, model, config.name, config.settings)
-    written = model_config(folder / MODEL_FILE)
+    saved = model_config(folder / MODEL_FILE)
     if not (folder / CARD_FILE).exists():
-        write_atomically(folder / CARD_FILE, model_card(written, folder.resolve().name, licence).encode())
-    write_atomically(folder / CONFIG_FILE, (written.to_json(indent=2) + "\n").encode())
+        write_atomically(folder / CARD_FILE, model_card(saved, folder.resolve().name, licence).encode())
+    write_atomically(folder / CONFIG_FILE, (saved.to_json(indent=2) + "\n").encode())
 
 
 def read_folder(folder: Path) -> DepthModel:
-    """Read a model from its config.json and model.safetensors; see `from_pretrained`."""
+    """Load a model from its config.json and model.safetensors; see `from_pretrained`."""
     file = folder / CONFIG_FILE
     config = ModelConfig.from_json(read_bytes(file), file)
     weights = folder / MODEL_FILE
@@ -150,12 +151,12 @@ def read_folder(folder: Path) -> DepthModel:
 
 
 def model_card(config: ModelConfig, title: str, licence: str) -> str:
-    """The README.md of a model: the header that the hub reads, what the model is, and how to use it.
+    """The content of a model's README.md: the hub's header, the model's options and an example.
 
     Args:
-        config: what the model is made from.
-        title: of the page.
-        licence: of the weights.
+        config: the model's configuration.
+        title: title of the page.
+        licence: licence of the weights.
     """
     header = {
         "license": licence,
@@ -164,7 +165,7 @@ def model_card(config: ModelConfig, title: str, licence: str) -> str:
         "tags": ["depth-completion", config.name],
     }
     options = (f"| `{name}` | `{json.dumps(value)}` |" for name, value in config.settings.items())
-    # JSON is YAML: what is quoted cannot be taken for anything but text.
+    # JSON is YAML, and quoted values are read as text.
     lines = ["---", *(f"{key}: {json.dumps(value)}" for key, value in header.items()), "---", ""]
     lines += [f"# {title}", "", f"Depth completion by `{config.name}`, written by deux {config.version}.", ""]
     lines += ["```python", "import deux", "", 'model = deux.from_pretrained("THIS_FOLDER")', ""]
@@ -175,7 +176,7 @@ def model_card(config: ModelConfig, title: str, licence: str) -> str:
 
 
 def _hub(what: str) -> ModuleType:
-    """The module that reaches the hub, which needs a package; `what` asks for it, as the start of a sentence."""
+    """Import `deux.deployment.hub_model`, which needs a package; the error message begins with `what`."""
     if find_spec("huggingface_hub") is None:
         raise DeuxError(f'{what} the package huggingface-hub: install it with pip install "deux[hub]".')
     return importlib.import_module("deux.deployment.hub_model")

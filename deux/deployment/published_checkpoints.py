@@ -1,4 +1,4 @@
-"""Checkpoint files as the authors of the depth models published them: read and written."""
+"""Loading and saving of checkpoints in the format of the depth models' published code."""
 
 import copy
 import functools
@@ -25,23 +25,23 @@ from deux.options import options
 from deux.registry import registry
 
 PREFIX = "module."
-"""What DataParallel puts before every name; some published files have it, some do not."""
+"""Prefix of DataParallel, which some published files have."""
 
 PUBLISHED_FILE = "model.pth"
-"""Name of an exported checkpoint in a run folder."""
+"""File of an exported checkpoint in a run folder."""
 
 RANGE_OPTIONS = frozenset({"min_depth", "max_depth"})
-"""Options of a model that its published files were trained with and do not hold."""
+"""Options for the depth range of a training, which published files do not contain."""
 
 log = logging.getLogger(__name__)
 
 
 @runtime_checkable
 class Published(Protocol):
-    """A module with a published checkpoint layout: a depth model, or its pose network."""
+    """A depth model or pose network with a published checkpoint format."""
 
     def published_modules(self) -> dict[str, nn.Module]:
-        """The checkpoint's sub-dictionaries and the modules whose state they hold."""
+        """The modules whose states are in the checkpoint, by key of the checkpoint."""
 
 
 def load_published(
@@ -50,22 +50,22 @@ def load_published(
     pose_path: str | PathLike[str] | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> DepthModel:
-    """Make a depth model with the weights of a published checkpoint.
+    """Load a depth model from a published checkpoint.
 
     Args:
         name: the model's registered name, such as "kbnet".
         path: the published checkpoint, such as kbnet-void1500.pth.
         pose_path: the published checkpoint of its pose network. With it, every call of `model.pose_network()` returns
             a new pose network with these weights, in eval mode.
-        settings: options of the model where the checkpoint was trained with other than the defaults, its range of
-            depths above all (docs/using-a-model.md): the file does not hold them. What they leave out of the model's
-            `published_options` is as in these. A warning is logged where the range is left to the defaults.
+        settings: options with which the checkpoint was trained, above all its depth range (docs/using-a-model.md), as
+            the file does not contain them. Others are taken from the model's `published_options`, then from its
+            defaults. A warning is logged if the depth range is not given.
 
     Returns:
         The model on the CPU, in eval mode.
 
     Raises:
-        DeuxError: a file cannot be read or is not a checkpoint of this model, or of its pose network.
+        DeuxError: a file cannot be read, or is not a checkpoint of this model or its pose network.
 
     Example:
         >>> model = deux.load_published("kbnet", "kbnet-void1500.pth", settings={"max_depth": 8.0})
@@ -75,18 +75,18 @@ def load_published(
     chosen = {**model_class.published_options, **(settings or {})}
     model: DepthModel = registry().create("depth_models", name, chosen)
     if not model.published_modules():
-        raise DeuxError(f"the depth model {name!r} has no published checkpoints: deux.load(path) reads our own.")
+        raise DeuxError(f"the depth model {name!r} has no published checkpoints: load its model files by deux.load.")
     _load(model, Path(path), name)
     if RANGE_OPTIONS & options(model_class).keys() and not RANGE_OPTIONS & chosen.keys():
         _warn_once(
-            f"{path} does not say which range of depths it was trained with, and {name}'s default, {model.min_depth:g} "
-            f"to {model.max_depth:g} m, gives wrong depths if that was another one: name it, by "
-            'settings={"max_depth": ...} or on the command line model.max_depth=..., even if it is the default.'
+            f"{path} does not contain the depth range of its training, and {name}'s default of {model.min_depth:g} to "
+            f"{model.max_depth:g} m gives wrong depths if another one was used: set it, even to the default, by "
+            'settings={"max_depth": ...} or model.max_depth=... on the command line.'
         )
     if pose_path is not None:
         pose = model.pose_network()
         if not isinstance(pose, Published):
-            raise DeuxError(f"the depth model {name!r} has no published pose network: leave pose_path out.")
+            raise DeuxError(f"the depth model {name!r} has no published pose network: leave out pose_path.")
         _load(pose, Path(pose_path), f"{name}'s pose network")
         assert isinstance(pose, nn.Module)
         model.pose_network = functools.partial(copy.deepcopy, pose.eval())
@@ -94,11 +94,11 @@ def load_published(
 
 
 def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> None:
-    """Write a depth model as a checkpoint that its published code restores; `load_published` reads it back.
+    """Save a depth model as a checkpoint for its published code; `load_published` reads it as well.
 
-    It holds the weights and, as that code asks for it, a step number, which is 0. There is no state of an optimiser:
-    the published code runs the model, but has nothing to resume its training from. A warning is logged where the model
-    has other options than that code computes with, `published_options`.
+    It contains the weights and a step number of 0, which that code requires. It contains no optimiser state, so that
+    the published code can run the model, but not resume its training. A warning is logged if the model's options differ
+    from those of that code, `published_options`.
 
     Args:
         model: the depth model.
@@ -110,14 +110,15 @@ def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> N
     """
     modules = model.published_modules()
     if not modules:
-        raise DeuxError(f"the depth model {name!r} has no published code that could load it: export.format=onnx.")
-    given = {option: getattr(model, option, value) for option, value in model.published_options.items()}
-    if different := {option: value for option, value in given.items() if value != model.published_options[option]}:
-        theirs = ", ".join(f"{option}={model.published_options[option]!r}" for option in different)
-        ours = ", ".join(f"{option}={value!r}" for option, value in different.items())
+        raise DeuxError(f"the depth model {name!r} has no published code that could load it: use export.format=onnx.")
+    published = model.published_options
+    values = {option: getattr(model, option, value) for option, value in published.items()}
+    if different := {option: value for option, value in values.items() if value != published[option]}:
+        own_text = ", ".join(f"{option}={value!r}" for option, value in different.items())
+        published_text = ", ".join(f"{option}={published[option]!r}" for option in different)
         log.warning(
-            f"{path} holds a {name} with {ours}, and its published code computes with {theirs}, so that its depth will "
-            f"differ; deux.load_published makes the same model again by settings={different}."
+            f"{path} is a {name} with {own_text}, but its published code uses {published_text}, so that its depth will "
+            f"differ: load it by deux.load_published with settings={different} for the same depth."
         )
     checkpoint: dict[str, Any] = {"train_step": 0}
     for group, module in modules.items():
@@ -129,13 +130,13 @@ def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> N
 
 
 @functools.cache
-def _warn_once(sentence: str) -> None:
-    """Log a sentence, once in each process: a task may load its model several times."""
-    log.warning("%s", sentence)
+def _warn_once(message: str) -> None:
+    """Log a warning once per process, since a task may load its model several times."""
+    log.warning("%s", message)
 
 
 def _load(target: Published, path: Path, label: str) -> None:
-    """Fill a model or pose network from a published file; `label` is what messages call it."""
+    """Load the weights of a model or pose network from a published file; `label` is its name in messages."""
     checkpoint = _read(path)
     modules = target.published_modules()
     missing = [group for group in modules if not isinstance(checkpoint.get(group), Mapping)]
@@ -143,7 +144,7 @@ def _load(target: Published, path: Path, label: str) -> None:
     for group, module in modules.items() if not missing else ():
         weights = {str(key).removeprefix(PREFIX): value for key, value in checkpoint[group].items()}
         if not all(isinstance(value, Tensor) for value in weights.values()):
-            problems.append(f"{group} holds more than tensors")
+            problems.append(f"{group} contains values that are not tensors")
         elif problem := load_weights(module, weights):
             problems.append(f"{group} {problem}")
     if problems:
@@ -152,34 +153,34 @@ def _load(target: Published, path: Path, label: str) -> None:
 
 
 def _read(path: Path) -> Mapping[str, Any]:
-    """Read a file of torch.save, without executing what it may contain."""
+    """Read a file of torch.save without executing code."""
     if not os.path.isfile(path):
         raise DeuxError(f"there is no checkpoint {path}.")
     checkpoint = read_torch(path)
     if not isinstance(checkpoint, Mapping):
-        raise DeuxError(f"{path} holds a {type(checkpoint).__name__} and not a checkpoint's dictionary.")
+        raise DeuxError(f"{path} is a {type(checkpoint).__name__}, but a checkpoint is a dictionary.")
     return checkpoint
 
 
 def _likeness(checkpoint: Mapping[str, Any], label: str) -> str:
-    """Which installed model has the file's sub-dictionaries, as the end of a sentence; "" if none or the same."""
+    """Which installed model a checkpoint probably belongs to, as the end of a sentence; "" if none or `label`."""
     names = {str(key) for key in checkpoint}
     layouts = {other: groups for other, groups in _layouts().items() if groups and groups <= names}
-    # One model's layout may contain another's: the file looks like the one that explains most of it.
+    # One model's keys may include another's, so the models with the most matching keys are chosen.
     most = max(map(len, layouts.values()), default=0)
-    alike = [other for other, groups in layouts.items() if len(groups) == most]
-    return f"; it looks like a checkpoint of {' or '.join(alike)}" if alike and label not in alike else ""
+    similar = [other for other, groups in layouts.items() if len(groups) == most]
+    return f"; it looks like a checkpoint of {' or '.join(similar)}" if similar and label not in similar else ""
 
 
 def _layouts() -> dict[str, set[str]]:
-    """The sub-dictionaries of every installed model's checkpoint, and of its pose network's."""
+    """The keys of the checkpoints of all installed models and their pose networks."""
     layouts: dict[str, set[str]] = {}
     for name in registry().names("depth_models"):
         try:
             with without_weights():
                 model = registry().create("depth_models", name, {})
                 pose = model.pose_network()
-        except Exception:  # one broken plugin must not hide what is wrong with the file
+        except Exception:  # a broken plugin must not hide the error about the file
             continue
         layouts[name] = set(model.published_modules())
         if isinstance(pose, Published):

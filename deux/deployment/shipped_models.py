@@ -1,12 +1,12 @@
-"""Trained depth models that packages bring, by name in place of a path.
+"""Trained depth models that are shipped with installed packages, and are loaded by name instead of a path.
 
-A package declares its own in `pyproject.toml`, and has them as model files in the folder `weights/` of a package:
+A package declares them in `pyproject.toml`, and has the model files in the folder `weights/` of one of its modules:
 
     [project.entry-points."deux.weights"]
     my_models = "my_package.depth_models"
 
-The name of a model is its file's without `.safetensors`. Beside it lies its card, `.md`, whose first line of text the
-file's header holds, too.
+The name of a model is its file name without `.safetensors`. Its card is in an `.md` file of the same name; the file's
+header contains it as well.
 """
 
 import json
@@ -27,16 +27,16 @@ GROUP = "deux.weights"
 """The entry-point group."""
 
 FOLDER = "weights"
-"""Of model files, in the package that an entry names."""
+"""Folder of the model files, in the package of an entry point."""
 
 SUFFIX = ".safetensors"
 
 CARD_KEY = "deux_card"
-"""Where a model file's header holds its card (`deux.report.model_card`) as JSON."""
+"""Key of a model's card (`deux.report.model_card`) in the header of its file, as JSON."""
 
 
 def available() -> dict[str, str]:
-    """The depth models that are installed with their weights, each with a line that says what it is.
+    """The shipped depth models by name, each with a one-line summary.
 
     Example:
         >>> "kbnet-indoor" in available()
@@ -47,30 +47,30 @@ def available() -> dict[str, str]:
 
 @cache
 def shipped_files() -> dict[str, Path]:
-    """The model files that packages bring, by the models' names.
+    """The files of shipped models, by name.
 
-    A package that cannot be imported is left out with a warning, and so is a second model of one name.
+    A package that cannot be imported is left out with a warning, and so is a second model of the same name.
     """
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for entry in registry().entry_points(GROUP):
         try:
             folder = Path(str(resources.files(entry.value))) / FOLDER
-        except Exception as error:  # the foreign package is imported here, which may raise anything
+        except Exception as error:  # this imports the third-party package, which may raise anything
             log.warning("the trained models of %s are left out, it cannot be imported: %s", entry.value, error)
             continue
         for file in sorted(folder.glob(f"*{SUFFIX}")):
-            if file.stem in found:
+            if file.stem in files:
                 log.warning("there are two models called %s: %s is left out", file.stem, file)
-            found.setdefault(file.stem, file)
-    return found
+            files.setdefault(file.stem, file)
+    return files
 
 
 def file_or_shipped(path: str | PathLike[str], absolute: Path) -> Path:
-    """Where a model lies that is named by a path or by the name of one that ships; what exists goes before a name.
+    """The path of a model that the user gave by path or by the name of a shipped model; existing paths take precedence.
 
     Args:
-        path: as the user wrote it.
-        absolute: the path that this means if it is one.
+        path: the path or name as the user wrote it.
+        absolute: the absolute path of `path`.
     """
     return absolute if os.path.exists(absolute) else shipped_files().get(str(path), absolute)
 

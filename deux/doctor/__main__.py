@@ -1,4 +1,4 @@
-"""What is there and what is missing: `python -m deux.doctor [--load] [--json] [option=value ...]`."""
+"""Checks of the installation and a configuration: `python -m deux.doctor [--load] [--json] [option=value ...]`."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the checks and return the exit code: 0, or 1 if something that was asked for is missing or wrong."""
+    """Run the checks and return the exit code: 0, or 1 if something that the options need is missing or wrong."""
     leave_out_working_folder()
     options = _parser().parse_intermixed_args(arguments)
-    # Imported here because it brings torch, which `--help` must not wait for.
+    # Imported here because it imports torch, which `--help` must not wait for.
     from deux.doctor.checkup import Checkup
 
     checkup = Checkup(show=not options.json)
     try:
         _run(checkup, options.overrides, options.load)
-    except DeuxError as error:  # the options cannot be composed: nothing can be said of what they ask for
+    except DeuxError as error:  # the configuration cannot be composed, so it cannot be checked
         if options.json:
             checkup.fault(str(error))
         else:
@@ -41,23 +41,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m deux.doctor",
-        description="Say what is installed and works here, which plugins load, which scenes and frames are on disk and "
-        "what is missing, for a command with these options. Paste the output into a report of a fault. Exit code 1: "
-        "something that was asked for is missing.",
+        description="Check the installation, the plugins, and the scenes and frames on disk for a command with these "
+        "options. Include the output in bug reports. Exit code 1: something that the options need is missing or wrong.",
     )
     parser.add_argument(
-        "overrides", nargs="*", metavar="option=value", help="of python -m deux, such as scenes=mp3d scenes.root=FOLDER"
+        "overrides",
+        nargs="*",
+        metavar="option=value",
+        help="options of python -m deux, such as scenes=mp3d scenes.root=FOLDER",
     )
     parser.add_argument("--load", action="store_true", help="load the first scene and describe it")
-    parser.add_argument("--json", action="store_true", help="print JSON in place of text")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
     return parser
 
 
 def _run(checkup: Checkup, overrides: Sequence[str], load: bool) -> None:
-    """Check the installation, then all that the configuration asks for.
+    """Check the installation, then what the configuration needs.
 
     Raises:
-        DeuxError: the overrides name something that there is not.
+        DeuxError: the configuration cannot be composed.
     """
     from deux.composition_errors import quoted_digits
     from deux.configuration import compose
@@ -82,7 +84,7 @@ def _run(checkup: Checkup, overrides: Sequence[str], load: bool) -> None:
 
 
 def _check_frames(checkup: Checkup, cfg: DictConfig, option: str, folder: str) -> None:
-    """Check the recorded frames that an option names; previews are written into `paths.outputs`/doctor/<option>."""
+    """Check the recorded frames of an option; previews are written to `paths.outputs`/doctor/<option>."""
     from deux.configuration import user_path
     from deux.contracts import Reader
     from deux.doctor.frame_checks import check_frames

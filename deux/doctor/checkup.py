@@ -1,4 +1,4 @@
-"""What a checkup finds: headings, facts, tables and faults, printed as they come and kept for `--json`."""
+"""The report of the checks: headings, facts, tables and faults, printed at once and collected for `--json`."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,10 +10,10 @@ from deux.tasks.console import say
 
 
 class Checkup:
-    """Takes what the checks find; of something that was asked for and is missing it is told by `fault`.
+    """Collects and prints the results of checks. A fault is a requirement of the configuration that is not met.
 
     Args:
-        show: whether what is found is printed at once.
+        show: whether results are printed at once.
 
     Attributes:
         faults: number of faults so far.
@@ -25,26 +25,26 @@ class Checkup:
         self._sections: list[dict[str, Any]] = []
 
     def heading(self, text: str) -> None:
-        """Begin a group of facts."""
+        """Start a section."""
         self._sections.append({"heading": text, "facts": [], "tables": [], "lines": [], "faults": []})
         if self._show:
             say(f"\n{text}")
 
     def fact(self, name: str, value: str) -> None:
-        """Report one fact, on one line, however long."""
-        self._keep("facts", [name.strip(), value])
+        """Report one fact, on one line of any length."""
+        self._add("facts", [name.strip(), value])
         if self._show:
             say(f"  {name:<20} {value}")
 
     def line(self, text: str) -> None:
-        """Report a line that has no name."""
-        self._keep("lines", text)
+        """Report a line of text."""
+        self._add("lines", text)
         if self._show:
             say(f"  {text}")
 
     def table(self, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """Report a table, its first column to the left and all others to the right."""
-        self._keep("tables", [dict(zip(columns, row, strict=True)) for row in rows])
+        """Report a table; the first column is aligned to the left, the others to the right."""
+        self._add("tables", [dict(zip(columns, row, strict=True)) for row in rows])
         if not self._show:
             return
         table = Table(box=None, pad_edge=False, header_style="none", expand=False)
@@ -54,22 +54,22 @@ class Checkup:
             table.add_row(*row)
         say(Padding(table, (0, 0, 0, 2), expand=False))
 
-    def fault(self, sentence: str) -> None:
-        """Report what is missing or wrong, and count it."""
-        self.count(sentence)
+    def fault(self, message: str) -> None:
+        """Report a fault."""
+        self.count(message)
         if self._show:
-            say(f"  FAULT                {sentence}")
+            say(f"  FAULT                {message}")
 
-    def count(self, sentence: str) -> None:
-        """Count a fault that has been printed already."""
+    def count(self, message: str) -> None:
+        """Add a fault that was already printed."""
         self.faults += 1
-        self._keep("faults", sentence)
+        self._add("faults", message)
 
     def as_json(self) -> dict[str, Any]:
-        """All that was found, as JSON values: the number of faults, and the sections in their order."""
+        """All results as JSON values: the number of faults, and the sections in order."""
         return {"faults": self.faults, "sections": self._sections}
 
-    def _keep(self, what: str, value: Any) -> None:
+    def _add(self, what: str, value: Any) -> None:
         if not self._sections:
             self.heading("Checkup")
         self._sections[-1][what].append(value)

@@ -1,4 +1,4 @@
-"""What a reader makes of recorded frames, split by split: cameras, depth and poses, and whether they fit together."""
+"""Checks of recorded frames, split by split: cameras, depth, poses, and their consistency."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,26 +21,26 @@ from deux.io.calibration import camera_warning
 from deux.io.layout import SourceChoice
 
 CHECKED = 12
-"""Frames of a split, spread evenly over it, that are read."""
+"""Number of frames of a split that are read, spread evenly."""
 
 PREVIEWED = 3
-"""Frames of a split that the preview shows."""
+"""Number of frames of a split in the preview."""
 
 RANGE = (0.1, 10.0)
-"""Metres between which the depth of indoor scenes lies; `camera.min_depth` and `camera.max_depth` by default."""
+"""Depth range of indoor scenes in metres; the defaults of `camera.min_depth` and `camera.max_depth`."""
 
 
 @dataclass
 class SplitCheck:
-    """What was found in one split.
+    """The results for one split.
 
     Args:
         split: "train", "validation" or "test".
-        frames: number of targets; 0 if the folder has no such split.
-        facts: what was found, a line each.
-        problems: what is likely to be wrong, a sentence each.
-        warp: the warp error of the true depth; None without poses, ground truth or neighbours.
-        preview: the figure; None if none was drawn.
+        frames: number of target frames; 0 if the folder has no such split.
+        facts: results, a line each.
+        problems: probable faults, a sentence each.
+        warp: warp error of the true depth; None without poses, ground truth or neighbouring frames.
+        preview: file of the preview; None if none was drawn.
     """
 
     split: str
@@ -59,23 +59,23 @@ def check_frames(
     show: Callable[[str], None] = print,
     choice: SourceChoice = "recent",
 ) -> list[SplitCheck]:
-    """Read some frames of each split and say what they are like.
+    """Read some frames of each split and check them.
 
     Args:
-        reader: of the recorded frames.
-        offsets: the source frames of a training, in frames from the target, where the folder does not list them.
-        previews: takes a figure of each split, `<split>.png`; None for no figures.
-        depth_range: nearest and farthest depth in metres of the scenes, by which the unit of depth is judged.
-        show: prints a line.
-        choice: how a training chooses its source frames.
+        reader: reader of the recorded frames.
+        offsets: offsets of the source frames from the target, if the folder does not list source frames.
+        previews: folder of a preview of each split, `<split>.png`; None for no previews.
+        depth_range: nearest and farthest depth of the scenes in metres, for checking the unit of depth.
+        show: called with each line of the results.
+        choice: how source frames are chosen for training.
 
     Returns:
-        One for each split, those that the folder does not have included. A split with `problems` needs a look.
+        The results for each split, including missing ones.
 
     Raises:
-        DeuxError: a file of a frame is missing, damaged or of another kind.
+        DeuxError: a file of a frame is missing, damaged or of the wrong type.
     """
-    found = []
+    checks = []
     for split in SPLITS:
         check = _check_split(reader, split, offsets, previews, depth_range, "recent" if split == "test" else choice)
         show(f"{split}: {counted(check.frames, 'frame')}" if check.frames else f"{split}: none")
@@ -83,8 +83,8 @@ def check_frames(
             show(f"  {line}")
         for line in check.problems:
             show(f"  LOOK: {line}")
-        found.append(check)
-    return found
+        checks.append(check)
+    return checks
 
 
 def _check_split(
@@ -108,7 +108,7 @@ def _check_split(
             f"{counted(single, 'frame')} {plural('has', single)} no source frames{where}: evaluated, but not trained on"
         )
     chosen = evenly_chosen(triplets, CHECKED)
-    targets = [one.target for one in chosen]
+    targets = [triplet.target for triplet in chosen]
     _check_cameras(reader, targets, check)
     _check_sizes(reader, targets, check)
     _check_depth(reader, targets, depth_range, check)
@@ -116,21 +116,21 @@ def _check_split(
     _check_poses(reader, neighbours, check)
     _check_warp(reader, neighbours, check)
     if previews is not None:
-        rows = [_preview(reader, one) for one in evenly_chosen(neighbours or chosen, PREVIEWED)]
+        rows = [_preview(reader, triplet) for triplet in evenly_chosen(neighbours or chosen, PREVIEWED)]
         check.preview = save_figure(draw_preview(rows), previews / f"{split}.png")
         check.facts.append(f"preview: {check.preview}")
     return check
 
 
 def _neighbours(reader: Reader, split: str) -> list[Triplet]:
-    """Targets with the frame before them, or with the nearest that the folder lists."""
-    found = read_triplets(reader, split, (-1,))
-    complete = [Triplet(target, sources[:1]) for target, sources in found if sources]
-    return evenly_chosen(complete, CHECKED) if complete else []
+    """Targets with the frame before them, or with the first source frame that the folder lists."""
+    triplets = read_triplets(reader, split, (-1,))
+    pairs = [Triplet(target, sources[:1]) for target, sources in triplets if sources]
+    return evenly_chosen(pairs, CHECKED) if pairs else []
 
 
 def _check_cameras(reader: Reader, frames: Sequence[FrameReference], check: SplitCheck) -> None:
-    """Image size and intrinsics, of each sequence once."""
+    """Check image size and intrinsics, once for each sequence."""
     cameras: dict[str, str] = {}
     for frame in {frame.sequence: frame for frame in frames}.values():
         height, width = reader.image(frame).shape[:2]
@@ -142,30 +142,30 @@ def _check_cameras(reader: Reader, frames: Sequence[FrameReference], check: Spli
             f"view {views[0]:.0f} x {views[1]:.0f} degrees"
         )
         cameras.setdefault(line, frame.sequence)
-        if sentence := camera_warning(matrix, height, width, f"the camera matrix of {frame.sequence}"):
-            check.problems.append(sentence)
+        if warning := camera_warning(matrix, height, width, f"the camera matrix of {frame.sequence}"):
+            check.problems.append(warning)
     for line, sequence in cameras.items():
         check.facts.append(line if len(cameras) == 1 else f"{sequence}: {line}")
 
 
 def _check_sizes(reader: Reader, frames: Sequence[FrameReference], check: SplitCheck) -> None:
-    """Whether the depth maps are of their images' size."""
+    """Check that depth maps have the size of their images."""
     for kind, read in (("sparse depth", reader.sparse_depth), ("ground truth", reader.ground_truth)):
-        others = []
+        mismatches = []
         for frame in frames:
             depth, image = read(frame), reader.image(frame)
             if depth is not None and depth.shape != image.shape[:2]:
                 sizes = f"{depth.shape[1]} x {depth.shape[0]} pixels and its image {image.shape[1]} x {image.shape[0]}"
-                others.append(f"the {kind} of frame {frame.name} of {frame.sequence} has {sizes}")
-        if others:
-            count = f"{len(others)} of the {counted(len(frames), 'frame')} that were read"
-            check.problems.append(f"{others[0]}: depth must be registered to the image, pixel by pixel ({count}).")
+                mismatches.append(f"the {kind} of frame {frame.name} of {frame.sequence} has {sizes}")
+        if mismatches:
+            count = f"{len(mismatches)} of the {counted(len(frames), 'frame')} that were read"
+            check.problems.append(f"{mismatches[0]}: depth must be registered to the image, pixel by pixel ({count}).")
 
 
 def _check_depth(
     reader: Reader, frames: Sequence[FrameReference], depth_range: tuple[float, float], check: SplitCheck
 ) -> None:
-    """Range, share of valid pixels and unit of the sparse points and of the ground truth."""
+    """Check range, density and unit of the sparse points and the ground truth."""
     points = [reader.sparse_depth(frame) for frame in frames]
     truths = [truth for frame in frames if (truth := reader.ground_truth(frame)) is not None]
     counts = [int(np.count_nonzero(depth)) for depth in points]
@@ -181,17 +181,16 @@ def _check_depth(
     else:
         check.facts.append("no ground truth: no errors can be measured")
     scale = points_scale(reader)
-    sentences = []
+    warnings = []
     if scale is not None:
-        sentences.append(unit_warning(_flat(points), scale[0], depth_range[1], "the sparse points", scale[1]))
+        warnings.append(unit_warning(_flat(points), scale[0], depth_range[1], "the sparse points", scale[1]))
     if [truth.shape for truth in truths] == [depth.shape for depth in points]:
-        both = _flat(truths), _flat(points)
-        sentences.append(ratio_warning(*both, "the ground truth", ratio_remedy(reader)))
-    check.problems.extend(sentence for sentence in sentences if sentence is not None)
+        warnings.append(ratio_warning(_flat(truths), _flat(points), "the ground truth", ratio_remedy(reader)))
+    check.problems.extend(warning for warning in warnings if warning is not None)
 
 
 def _flat(maps: Sequence[np.ndarray]) -> np.ndarray:
-    """All pixels of all maps."""
+    """The pixels of all maps, concatenated."""
     return np.concatenate([depth.ravel() for depth in maps])
 
 
@@ -210,20 +209,20 @@ def _range(maps: Sequence[np.ndarray], depth_range: tuple[float, float]) -> str:
 
 
 def _check_poses(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck) -> None:
-    """How far the camera moves from frame to frame."""
+    """Report the camera's motion between neighbouring frames."""
     poses = [(reader.pose(target), reader.pose(sources[0])) for target, sources in neighbours]
-    motions = [motion(one, other) for one, other in poses if one is not None and other is not None]
+    motions = [motion(pose, other) for pose, other in poses if pose is not None and other is not None]
     if motions:
         distance, angle = np.median(motions, axis=0)
         check.facts.append(f"the camera moves {distance:.3f} m and {angle:.2f} degrees a frame (median)")
     elif neighbours:
         check.facts.append("no poses: train with pose=learned")
     else:
-        check.facts.append("no neighbouring frames: nothing is said of poses")
+        check.facts.append("no neighbouring frames: poses cannot be checked")
 
 
 def _pair(reader: Reader, triplet: Triplet) -> FramePair | None:
-    """A frame and its neighbour; None without poses, ground truth or a neighbour, or where these differ in size."""
+    """A frame and its neighbour; None without poses, ground truth or a neighbour, or if their sizes differ."""
     target, sources = triplet
     if not sources:
         return None
@@ -238,13 +237,13 @@ def _pair(reader: Reader, triplet: Triplet) -> FramePair | None:
 
 
 def _check_warp(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck) -> None:
-    """The warp error of the true depth against the identity's, and the verdict."""
+    """Compare the warp error of the true depth with the error without motion."""
     pairs = [pair for triplet in neighbours if (pair := _pair(reader, triplet)) is not None]
     if not pairs:
         return
     errors = warp_errors(pairs, getattr(reader, "scale", None))
     if not math.isfinite(errors.identity):
-        check.facts.append("no ground truth at any pixel of neighbouring frames: nothing is said of poses")
+        check.facts.append("no ground truth at any pixel of neighbouring frames: poses cannot be checked")
         return
     check.warp = errors
     check.facts.append(
@@ -252,8 +251,11 @@ def _check_warp(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck
         f"{errors.identity:.1f}"
     )
     if not errors.right:
-        wrong = "the poses, their unit or that of the depth are wrong, by the warp error of the true depth: "
-        check.problems.append(wrong + (errors.explanation or "it is not half of that with no motion") + ".")
+        explanation = errors.explanation or "it is more than half of the error with no motion"
+        check.problems.append(
+            f"according to the warp error of the true depth, the poses, their unit or that of the depth are wrong: "
+            f"{explanation}."
+        )
 
 
 def _preview(reader: Reader, triplet: Triplet) -> PreviewFrame:

@@ -1,4 +1,4 @@
-"""What is installed and works here: the versions of packages, what extras lack, the renderers."""
+"""Checks of the installation: versions of packages, extras, simulators and renderers."""
 
 from importlib.metadata import PackageNotFoundError, metadata, requires, version
 
@@ -15,32 +15,32 @@ from deux.registry import registry
 from deux.simulator.renderers import RENDERERS, make_renderer
 
 DEVELOPMENT = ("test", "dev", "docs")
-"""Extras that nobody needs who uses deux."""
+"""Extras for the development of deux, which are not reported."""
 
 
 def check_packages(checkup: Checkup) -> None:
-    """Report the versions of what deux depends on, and what each extra lacks; a missing dependency is a fault."""
+    """Report the versions of dependencies, and the missing packages of extras; a missing dependency is a fault."""
     checkup.heading("Packages")
-    needed = [Requirement(text) for text in requires("deux") or ()]
+    requirements = [Requirement(text) for text in requires("deux") or ()]
     checkup.fact("deux", _version("deux") or "not installed")
     missing = []
-    for one in needed:
-        if one.marker is None or one.marker.evaluate({"extra": ""}):
-            found = _version(one.name)
-            if found and one.specifier.contains(found, prereleases=True):
-                checkup.fact(one.name, found)
+    for needed in requirements:
+        if needed.marker is None or needed.marker.evaluate({"extra": ""}):
+            installed = _version(needed.name)
+            if installed and needed.specifier.contains(installed, prereleases=True):
+                checkup.fact(needed.name, installed)
             else:
-                missing.append(f"{one.name}{one.specifier} ({found or 'not'} installed)")
+                missing.append(f"{needed.name}{needed.specifier} ({installed or 'not'} installed)")
     if missing:
         checkup.fault(f'deux needs {", ".join(missing)}: pip install "deux".')
     for extra in sorted(set(metadata("deux").get_all("Provides-Extra") or ()) - set(DEVELOPMENT)):
-        of_extra = [one for one in needed if one.marker is not None and one.marker.evaluate({"extra": extra})]
-        absent = [one.name for one in of_extra if _version(one.name) is None]
+        of_extra = [needed for needed in requirements if needed.marker and needed.marker.evaluate({"extra": extra})]
+        absent = [needed.name for needed in of_extra if _version(needed.name) is None]
         checkup.fact(f"deux[{extra}]", f"lacks {', '.join(absent)}" if absent else "installed")
 
 
 def check_simulators(checkup: Checkup, cfg: DictConfig) -> None:
-    """Draw with each renderer, ask each simulator what it lacks; what the configuration chooses must work."""
+    """Test each renderer and simulator; one that the configuration chooses and does not work is a fault."""
     checkup.heading("Simulators and renderers")
     chosen, renderer = cfg.simulator.get("name"), None
     try:
@@ -72,7 +72,7 @@ def _version(package: str) -> str | None:
 
 
 def _renderer_fault(name: str) -> str:
-    """What keeps a renderer from drawing a square 2 m ahead of a camera; "" where nothing does."""
+    """Render a square 2 m in front of a camera; returns what is wrong, or ""."""
     corners = np.array([[-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]], np.float32)
     square = SceneMesh(
         vertices=corners,
@@ -84,7 +84,7 @@ def _renderer_fault(name: str) -> str:
     )
     try:
         (image,) = make_renderer(name, square, Camera(8, 8, hfov=45.0)).render(np.eye(4)[None])
-    except Exception as error:  # OpenGL and its drivers raise whatever they like
+    except Exception as error:  # OpenGL and its drivers may raise anything
         return f"{str(error) or type(error).__name__}"
     center = float(image.depth[4, 4])
-    return "" if abs(center - 2.0) < 1e-3 else f"it draws a square 2 m ahead at {center:.2f} m."
+    return "" if abs(center - 2.0) < 1e-3 else f"it renders a square in a distance of 2 m at {center:.2f} m."

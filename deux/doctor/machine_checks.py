@@ -1,4 +1,4 @@
-"""What the machine offers: processor, memory, graphics card, threads, and the folders that deux writes into."""
+"""Checks of the machine: processor, memory, GPUs, threads, and the folders that deux writes to."""
 
 import os
 import platform
@@ -11,17 +11,17 @@ import torch
 from omegaconf import DictConfig
 
 from deux.bench.machine import cores, processor
-from deux.compilation import kept_folders
+from deux.compilation import cache_folders
 from deux.configuration import user_path
 from deux.doctor.checkup import Checkup
 from deux.inference.precision import default_precision
 from deux.memory_budget import free_memory
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OMP_WAIT_POLICY", "GOMP_SPINCOUNT")
-"""What decides how many threads compute, where it is set."""
+"""Environment variables that affect the number of threads or how they wait."""
 
 LEAST_SPACE = 2**30
-"""Bytes that should be free where runs and datasets are written: the first experiment takes a tenth of it."""
+"""Minimal free space in bytes for runs and datasets; the first experiment needs a tenth of it."""
 
 
 def check_machine(checkup: Checkup) -> None:
@@ -38,22 +38,22 @@ def check_machine(checkup: Checkup) -> None:
 
 
 def check_accelerator(checkup: Checkup, cfg: DictConfig) -> None:
-    """Tell a graphics card that the configuration asks for by name (trainer.accelerator) and that is not there."""
+    """Report a fault if `trainer.accelerator` requires GPUs that do not exist."""
     wanted, devices = cfg.trainer.get("accelerator", "auto"), cfg.trainer.get("devices", 1)
     if wanted not in ("gpu", "cuda"):
         return
     count = devices if isinstance(devices, int) else 1
     if torch.cuda.device_count() < count:
         checkup.fault(
-            f"trainer.accelerator={wanted} trainer.devices={devices} needs more graphics cards than the "
-            f"{torch.cuda.device_count()} that torch can use here: trainer.accelerator=auto takes what there is."
+            f"trainer.accelerator={wanted} trainer.devices={devices} needs more GPUs than the "
+            f"{torch.cuda.device_count()} that torch can use here: trainer.accelerator=auto uses what is available."
         )
 
 
 def check_folders(checkup: Checkup, cfg: DictConfig) -> None:
-    """Report whether the folders that deux writes into can be written and how much is free there.
+    """Report whether the folders that deux writes to are writable, and their free space.
 
-    The output folder is needed by every task. Without the others work is slower, which is no fault.
+    The output folder is needed by every task. Without the others, deux is only slower, so they are not faults.
     """
     checkup.heading("Folders")
     outputs = user_path(cfg.paths.outputs)
@@ -62,15 +62,15 @@ def check_folders(checkup: Checkup, cfg: DictConfig) -> None:
     else:
         checkup.fact("outputs", f"{outputs}, {_free(outputs)}")
         if shutil.disk_usage(_existing(outputs)).free < LEAST_SPACE:
-            checkup.fault(f"paths.outputs={outputs} is on a disk with less than 1 GiB free: name a folder elsewhere.")
-    _report_folders(checkup, "compiled code", kept_folders())
+            checkup.fault(f"paths.outputs={outputs} is on a disk with less than 1 GiB free: choose another folder.")
+    _report_folders(checkup, "compiled code", cache_folders())
     _report_folders(checkup, "temporary files", [Path(tempfile.gettempdir())])
 
 
 def _report_folders(checkup: Checkup, name: str, folders: Sequence[Path]) -> None:
-    """One line for folders of one kind; those that cannot be written have a line each."""
+    """Report folders of one purpose, and each that is not writable."""
     if not folders:
-        checkup.fact(name, "kept nowhere: no folder can be written, and every start takes some seconds longer")
+        checkup.fact(name, "not cached: no folder is writable, and every start takes some seconds longer")
         return
     above = Path(os.path.commonpath(folders))
     checkup.fact(name, f"{above}, {_free(above)}")
@@ -80,7 +80,7 @@ def _report_folders(checkup: Checkup, name: str, folders: Sequence[Path]) -> Non
 
 
 def graphics_card() -> str:
-    """The graphics cards that torch can use, or why there is none."""
+    """Description of the GPUs that torch can use, or of why there are none."""
     if not torch.cuda.is_available():
         built = (
             f"torch is built with CUDA {torch.version.cuda}" if torch.version.cuda else "torch is built without CUDA"
@@ -94,7 +94,7 @@ def graphics_card() -> str:
 
 
 def write_obstacle(folder: Path) -> str:
-    """What keeps this process from writing into a folder, which need not exist yet; "" where nothing does."""
+    """Why this process cannot write to a folder, which need not exist yet; "" if it can."""
     existing = _existing(folder)
     if not existing.is_dir():
         return f"{existing} is a file"
@@ -106,7 +106,7 @@ def write_obstacle(folder: Path) -> str:
 
 
 def _existing(path: Path) -> Path:
-    """The path, or the nearest one above it that is there."""
+    """The path, or its nearest existing parent."""
     return next(parent for parent in (path, *path.parents) if parent.exists())
 
 

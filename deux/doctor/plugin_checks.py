@@ -1,4 +1,4 @@
-"""Which plugins are installed, whether each of them can be loaded, and whether those that are asked for fit."""
+"""Checks of the installed plugins, and of those that the configuration chooses."""
 
 import warnings
 from collections.abc import Iterator
@@ -15,9 +15,9 @@ from deux.task_sections import PLUGIN_SECTIONS, TASKS
 
 
 def check_plugins(checkup: Checkup) -> None:
-    """Load every installed plugin and report it by kind and package; one that cannot be loaded is told with its error.
+    """Load every installed plugin and report it by kind and package, or its error.
 
-    A plugin that is broken harms nobody who does not choose it, so it is a fact and no fault.
+    A broken plugin affects only those who choose it, so it is not a fault.
     """
     checkup.heading("Plugins")
     broken = {}
@@ -35,7 +35,7 @@ def check_plugins(checkup: Checkup) -> None:
 
 
 def check_chosen_plugins(checkup: Checkup, cfg: DictConfig) -> None:
-    """Report the plugins that the configuration's task uses; each must be there and have all that it needs."""
+    """Report the plugins that the configuration's task uses; a missing plugin or requirement is a fault."""
     checkup.heading(f"Asked for: task={cfg.task}")
     for section, kind, settings in _chosen(cfg):
         try:
@@ -51,25 +51,23 @@ def check_chosen_plugins(checkup: Checkup, cfg: DictConfig) -> None:
 
 
 def lacking(cls: type) -> str:
-    """What a plugin lacks on this machine, in one sentence, "" for nothing.
+    """What a plugin requires and this machine lacks, in one sentence, or "".
 
-    The plugin says so itself by a static method `lacking() -> str`, which is optional: one that needs no more than its
-    package's dependencies has none.
+    It is the result of the plugin's static method `lacking() -> str`, which is optional and only needed for
+    requirements other than the dependencies of its package.
     """
-    told = getattr(cls, "lacking", None)
-    return str(told()) if callable(told) else ""
+    method = getattr(cls, "lacking", None)
+    return str(method()) if callable(method) else ""
 
 
 def check_models(checkup: Checkup) -> None:
-    """Report the trained models that the installation holds, if any."""
-    available = getattr(deux, "available", None)
-    if available is not None:
-        checkup.heading("Shipped models")
-        checkup.fact("deux.load", ", ".join(available()) or "none")
+    """Report the shipped models."""
+    checkup.heading("Shipped models")
+    checkup.fact("deux.load", ", ".join(deux.available()) or "none")
 
 
 def _chosen(cfg: DictConfig) -> Iterator[tuple[str, str, dict]]:
-    """Section, kind and settings of each plugin that the task reads; simulator and scenes have checks of their own."""
+    """Section, kind and options of each plugin that the task uses; simulator and scenes are checked separately."""
     sections = TASKS[cfg.task].sections
     for section, kind in PLUGIN_SECTIONS.items():
         if section in sections and section not in ("simulator", "scenes"):
@@ -84,13 +82,13 @@ def _chosen(cfg: DictConfig) -> Iterator[tuple[str, str, dict]]:
 
 
 def _problem(plugin: Plugin) -> str:
-    """Why a plugin cannot be loaded; "" where it can."""
+    """Why a plugin cannot be loaded; "" if it can."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what a foreign module warns of when it is imported says nothing here
+            warnings.simplefilter("ignore")  # warnings of third-party modules are irrelevant here
             registry().get(plugin.kind, plugin.name)
     except DeuxError as error:
         return str(error)
-    except SystemExit as error:  # a foreign module may do that, too
+    except SystemExit as error:  # a third-party module may raise it
         return f"{plugin.origin} ends the process when it is imported (SystemExit: {error})."
     return ""

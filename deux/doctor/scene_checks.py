@@ -1,4 +1,4 @@
-"""What is on disk of the scenes that a configuration asks for, and what the first of them holds."""
+"""Checks of a configuration's scenes: their files, and a description of the first scene."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -19,16 +19,17 @@ from deux.simulator.simulation import Simulation
 
 T = TypeVar("T")
 
-LISTED = 3  # scenes of a split whose missing files are printed
+LISTED = 3
+"""Number of scenes of a split whose missing files are printed."""
 
 
 def check_scenes(checkup: Checkup, cfg: DictConfig, load: bool) -> None:
-    """Report which scenes are there; those that the configuration asks for must be.
+    """Report which scenes are on disk; a missing scene that the configuration uses is a fault.
 
     Args:
-        checkup: where it is printed.
+        checkup: the report.
         cfg: the composed configuration.
-        load: whether the first scene that is asked for is loaded and described.
+        load: whether the first scene of the configuration is loaded and described.
     """
     checkup.heading(f"Scenes: {cfg.scenes.get('name')}")
     try:
@@ -46,12 +47,12 @@ def check_scenes(checkup: Checkup, cfg: DictConfig, load: bool) -> None:
 
 
 def _splits(source: SceneSource) -> tuple[SceneSplits | None, str]:
-    """The scenes that are asked for, or why there are none, which an inventory of the source's own can do without."""
+    """The scenes of the configuration, or None and the error, if the source's inventory does not depend on them."""
     try:
         return splits_of(source), ""
     except DeuxError as error:
         if type(source).inventory is SceneSource.inventory:
-            raise  # it is made from the splits
+            raise  # the default inventory depends on the splits
         return None, str(error)
 
 
@@ -150,10 +151,10 @@ def _describe_floors(checkup: Checkup, simulator: Simulator) -> None:
                 checkup.fault(str(error))
         else:
             text += f", room for the robot on {space.free.sum() * space.frame.resolution**2:.1f} m2"
-        checkup.fact("floor", text)  # without a number, for scenes.floor counts all floors from the lowest
+        checkup.fact("floor", text)  # without its index, since scenes.floor counts all floors from the lowest
 
 
 def _timed(action: Callable[[], T]) -> tuple[T, float]:
-    """What an action returns, and the seconds that it takes."""
+    """Call a function; returns its result and its duration in seconds."""
     start = time.perf_counter()
     return action(), time.perf_counter() - start

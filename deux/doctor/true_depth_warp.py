@@ -1,7 +1,7 @@
-"""Whether depth, poses and intrinsics of recorded frames belong together: the warp error of the true depth.
+"""Consistency of depth, poses and intrinsics of recorded frames, measured by the warp error of the true depth.
 
-A frame is rebuilt from its neighbour with its own true depth and the recorded poses (Eq. 1). If all of them are right
-the colours agree better than without any motion; a pose convention or a unit that is not the reader's shows at once.
+A frame is reconstructed from its neighbour with its true depth and the recorded poses (Eq. 1). If all of them are
+right, the colours agree better than without motion. A wrong pose convention or unit is detected in this way.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,14 +17,14 @@ from deux.geometry.poses import inverse, projecting_alike, source_from_target
 from deux.geometry.reprojection import reproject
 
 MOST = 0.5
-"""Part of the identity's error that the warp error of a recording may have."""
+"""Maximal warp error of a consistent recording, relative to the error without motion."""
 
 CLEARLY = 0.75
-"""Part of the warp error that another convention must reach to be named: with a turning camera the inverted poses come
-near the right ones, since their rotations agree."""
+"""Maximal error of another convention, relative to the warp error, to be suggested. The margin is needed since inverted
+poses of a turning camera are close to the right ones."""
 
 STILL = 2.0
-"""Mean colour difference (0-255) of neighbouring frames below which the camera moves too little to judge by."""
+"""Mean colour difference (0-255) of neighbouring frames below which the camera moves too little for a conclusion."""
 
 _AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -35,21 +35,21 @@ CONVENTIONS: Mapping[str, Callable[[np.ndarray], np.ndarray]] = MappingProxyType
         "the poses are world-to-camera with OpenGL's axes": lambda pose: inverse(pose) @ _AXES,
     }
 )
-"""Other conventions by what they are called, as functions from a recorded pose to the reader's."""
+"""Other pose conventions by description, with functions that convert a recorded pose to deux's convention."""
 
 
 @dataclass(frozen=True)
 class FramePair:
-    """A frame with true depth and a neighbour of it.
+    """A frame with true depth, and a neighbouring frame.
 
     Args:
-        image: H x W x 3 uint8.
-        source: H x W x 3 uint8, the neighbour.
-        depth: H x W metres, of the frame; 0 = none.
-        intrinsics: 3 x 3, of the frame.
-        source_intrinsics: 3 x 3, of the neighbour.
-        pose: 4 x 4, camera-to-world, of the frame.
-        source_pose: 4 x 4, of the neighbour.
+        image: the frame, H x W x 3 uint8.
+        source: the neighbour, H x W x 3 uint8.
+        depth: true depth of the frame, H x W metres, 0 = no value.
+        intrinsics: camera matrix of the frame, 3 x 3.
+        source_intrinsics: camera matrix of the neighbour, 3 x 3.
+        pose: camera-to-world pose of the frame, 4 x 4.
+        source_pose: camera-to-world pose of the neighbour, 4 x 4.
     """
 
     image: np.ndarray
@@ -65,10 +65,9 @@ class WarpErrors(NamedTuple):
     """Mean absolute colour differences (0-255) between frames and their neighbours, over the pixels with depth.
 
     Args:
-        warped: with the recorded poses.
-        identity: without any motion.
-        explanation: another convention or unit under which the frames agree, clearly better than under the reader's;
-            None if none is known.
+        warped: error with the recorded poses.
+        identity: error without motion.
+        explanation: another convention or unit with which the frames agree much better; None if there is none.
     """
 
     warped: float
@@ -77,18 +76,18 @@ class WarpErrors(NamedTuple):
 
     @property
     def right(self) -> bool:
-        """Whether the error is small and no other convention's is smaller, or the camera moves too little to tell."""
+        """Whether the error is small and no other convention fits better, or the camera moves too little to decide."""
         return self.identity < STILL or (self.warped <= MOST * self.identity and self.explanation is None)
 
 
 def warp(pair: FramePair, pose: np.ndarray, source_pose: np.ndarray, stretch: float = 1.0) -> np.ndarray:
-    """The frame as its neighbour shows it, H x W x 3 float32, 0-255; NaN at pixels without depth or out of view.
+    """Reconstruct a frame from its neighbour, H x W x 3 float32, 0-255; NaN at pixels without depth or out of view.
 
     Args:
         pair: the frames.
-        pose: 4 x 4, camera-to-world, of the frame.
-        source_pose: 4 x 4, of the neighbour.
-        stretch: factor of the depth.
+        pose: camera-to-world pose of the frame, 4 x 4.
+        source_pose: camera-to-world pose of the neighbour, 4 x 4.
+        stretch: factor by which depth is multiplied.
     """
     motion = projecting_alike(source_from_target(pose, source_pose), pair.intrinsics, pair.source_intrinsics)
     images, visible = reproject(
@@ -101,11 +100,11 @@ def warp(pair: FramePair, pose: np.ndarray, source_pose: np.ndarray, stretch: fl
 
 
 def warp_errors(pairs: Sequence[FramePair], scale: float | None = None) -> WarpErrors:
-    """The warp error of the true depth over several pairs of frames, and what else explains them if it is large.
+    """The warp error of the true depth over several pairs of frames, and an explanation if it is large.
 
     Args:
-        pairs: at least one.
-        scale: stored values per metre with which the depth was read; None where that is not known.
+        pairs: the pairs of frames, at least one.
+        scale: stored values per metre with which the depth was read; None if unknown.
     """
     still = np.eye(4)
     identity = _error(pairs, [warp(pair, still, still) for pair in pairs])
@@ -116,7 +115,7 @@ def warp_errors(pairs: Sequence[FramePair], scale: float | None = None) -> WarpE
 
 
 def _explanation(pairs: Sequence[FramePair], most: float, scale: float | None) -> str | None:
-    """The convention or unit with the least error, if it is at most `most`."""
+    """The convention or unit with the smallest error, if that is at most `most`."""
     errors = {
         name: _error(pairs, [warp(pair, change(pair.pose), change(pair.source_pose)) for pair in pairs])
         for name, change in CONVENTIONS.items()
@@ -131,7 +130,7 @@ def _explanation(pairs: Sequence[FramePair], most: float, scale: float | None) -
 
 
 def _error(pairs: Sequence[FramePair], warped: Sequence[np.ndarray]) -> float:
-    """Mean absolute difference over all channels of the pixels that are seen; infinite if there are none."""
+    """Mean absolute difference over all channels of the visible pixels; infinite if there are none."""
     differences = [np.abs(rebuilt - pair.image) for pair, rebuilt in zip(pairs, warped, strict=True)]
     seen = np.concatenate([difference[np.isfinite(difference)] for difference in differences])
     return float(seen.mean(dtype=np.float64)) if seen.size else np.inf

@@ -1,4 +1,4 @@
-"""Runs that may stand in one table, their errors over the seeds, and which runs are missing among them."""
+"""Groups of runs that can be compared in one table, with statistics over seeds and a list of missing runs."""
 
 import itertools
 from collections import defaultdict
@@ -19,22 +19,22 @@ from deux.report.runs import FoundRuns, Run
 from deux.report.sweeps import Sweep
 
 _SAME_FRAMES = 1e-3
-"""Relative difference of the baselines from which on the test frames are not the same."""
+"""Maximal relative difference between the baselines of runs with the same test frames."""
 
 _SAME_ERRORS = 1e-3
-"""Relative difference of the MAE from which on two results are not of one run."""
+"""Maximal relative difference between the MAE of two copies of a run."""
 
 _AMOUNT = ("scenes.train", "collect.steps", "collect.episodes")
-"""What decides on the number of training frames."""
+"""Options that determine the number of training frames."""
 
 
 @dataclass(frozen=True)
 class SeedErrors:
-    """The errors of an explorer and a depth model over the seeds.
+    """Mean errors over seeds.
 
     Args:
-        seeds: that the means are over; empty for errors that no seed changes.
-        estimates: mean and interval of each of `deux.metrics.depth_errors.METRICS`, by its name.
+        seeds: the seeds; empty for errors that do not depend on the seed.
+        estimates: mean and confidence interval of each metric of `deux.metrics.depth_errors.METRICS`, by its name.
     """
 
     seeds: tuple[int, ...]
@@ -42,74 +42,77 @@ class SeedErrors:
 
     @classmethod
     def over(cls, errors: Mapping[int, Mapping[str, float]]) -> "SeedErrors":
-        """The means of each metric over the seeds, given the errors of each seed."""
+        """Compute mean and interval of each metric from the errors by seed."""
         seeds = tuple(sorted(errors))
         return cls(seeds, {name: estimate([errors[seed][name] for seed in seeds]) for name in METRICS})
 
 
 @dataclass(frozen=True)
 class MissingRun:
-    """A run that is not finished.
+    """An expected run that is not finished.
 
     Args:
         explorer: its explorer.
         model: its depth model.
         seed: its seed.
-        begun: whether it was begun.
+        started: whether it was started.
     """
 
     explorer: Variant
     model: Variant
     seed: int
-    begun: bool
+    started: bool
 
 
 @dataclass(frozen=True)
 class ComparableRuns:
-    """Runs with equal training frames and budgets but for the explorer, and with the same test frames.
+    """Runs with the same test frames that differ only in explorer, depth model and seed.
 
     Args:
-        finished: the runs with results, each once.
-        begun: the runs without.
-        sweeps: the sweeps that any of them belongs to.
-        repeated: number of runs that are there a second time, such as in a copy, with equal errors.
-        presets: named sets of an explorer's options, whose names stand for them.
+        finished: runs with results, without duplicates.
+        unfinished: runs without results.
+        sweeps: sweeps that the runs belong to.
+        duplicates: number of runs that were left out as duplicates with equal errors, such as copies.
+        presets: named sets of explorer options; the tables show their names instead of the options.
     """
 
     finished: tuple[Run, ...]
-    begun: tuple[Run, ...]
+    unfinished: tuple[Run, ...]
     sweeps: tuple[Sweep, ...]
-    repeated: int = 0
+    duplicates: int = 0
     presets: Mapping[str, FlatOptions] = field(default_factory=dict)
 
     @property
     def runs(self) -> tuple[Run, ...]:
-        """All of them."""
-        return (*self.finished, *self.begun)
+        """Finished and unfinished runs."""
+        return (*self.finished, *self.unfinished)
 
     @property
     def training(self) -> FlatOptions:
-        """What made the training frames, and the budget."""
+        """Options that determine the training frames, and the budget."""
         return self.runs[0].conditions.training
 
     @property
     def testing(self) -> FlatOptions:
-        """What made the test frames."""
+        """Options that determine the test frames."""
         return self.runs[0].conditions.testing
 
     @property
     def own_testing(self) -> FlatOptions:
-        """What makes the test frames of the dataset that the models were trained on."""
+        """Options that determine the test frames of the dataset on which the models were trained."""
         return self.runs[0].own_testing
 
     @property
     def budget(self) -> FlatOptions:
-        """The part of the training that does not depend on the scenes."""
+        """Options of the training that do not depend on the scenes."""
         return self.runs[0].conditions.budget
 
     @property
     def without_amount(self) -> tuple[FlatOptions, FlatOptions]:
-        """Training and test frames without how much was explored: equal along a line of errors against frames."""
+        """Options of training and test without those for the number of training frames.
+
+        Groups for which this is equal form a curve of error against number of frames.
+        """
         return tuple(option for option in self.training if option[0] not in _AMOUNT), self.testing
 
     @property
@@ -120,10 +123,10 @@ class ComparableRuns:
     @cached_property
     def cells(self) -> dict[tuple[Variant, Variant], dict[int, Run]]:
         """The finished runs by explorer and model, then by seed."""
-        found: dict[tuple[Variant, Variant], dict[int, Run]] = defaultdict(dict)
+        cells: dict[tuple[Variant, Variant], dict[int, Run]] = defaultdict(dict)
         for run in self.finished:
-            found[self.explorer(run), self.model(run)][run.conditions.seed] = run
-        return dict(found)
+            cells[self.explorer(run), self.model(run)][run.conditions.seed] = run
+        return dict(cells)
 
     @property
     def explorers(self) -> set[Variant]:
@@ -141,42 +144,46 @@ class ComparableRuns:
         return SeedErrors.over({seed: run.errors for seed, run in runs.items()}) if runs else None
 
     def paired_difference(self, explorer: Variant, other: Variant, model: Variant) -> Estimate | None:
-        """How much higher an explorer's MAE is than another's with the same seed; None with fewer than two such seeds.
+        """Mean difference of the MAE of two explorers with the same seed, `explorer` minus `other`.
 
-        What a seed does to all of them, such as the first weights, cancels out.
+        Pairing by seed cancels effects of the seed on both, such as those of the initial weights.
+
+        Returns:
+            None if fewer than two seeds are shared.
         """
-        mine, theirs = (self.cells.get((one, model), {}) for one in (explorer, other))
-        shared = [run.errors["mae"] - theirs[seed].errors["mae"] for seed, run in mine.items() if seed in theirs]
-        return estimate(shared) if len(shared) > 1 else None
+        runs, other_runs = (self.cells.get((variant, model), {}) for variant in (explorer, other))
+        differences = [run.errors["mae"] - other_runs[s].errors["mae"] for s, run in runs.items() if s in other_runs]
+        return estimate(differences) if len(differences) > 1 else None
 
     def scene_difference(self, explorer: Variant, other: Variant, model: Variant) -> Estimate | None:
-        """As `paired_difference`, scene by scene of each seed, with the interval of the hierarchical bootstrap.
+        """Like `paired_difference`, but paired by seed and scene, with the interval of the hierarchical bootstrap.
 
-        None with fewer than two seeds of both, where a run does not have the errors of its scenes, or of so few scenes
-        that the bootstrap's interval is far too narrow: `least_scenes`.
+        Returns:
+            None if fewer than two seeds are shared, or if a run has no errors by scene, or too few scenes for the
+            bootstrap (`least_scenes`).
         """
-        mine, theirs = (self.cells.get((one, model), {}) for one in (explorer, other))
-        shared = [_scene_differences(run, theirs[seed]) for seed, run in mine.items() if seed in theirs]
-        if len(shared) < 2 or min(map(len, shared)) < least_scenes(shared):
+        runs, other_runs = (self.cells.get((variant, model), {}) for variant in (explorer, other))
+        differences = [_scene_differences(run, other_runs[seed]) for seed, run in runs.items() if seed in other_runs]
+        if len(differences) < 2 or min(map(len, differences)) < least_scenes(differences):
             return None
-        return scene_estimate(shared)
+        return scene_estimate(differences)
 
     @property
     def drawn_by_seed(self) -> bool:
-        """Whether each seed has test scenes of its own."""
+        """Whether the seed determines the test scenes."""
         return DRAWN_BY_SEED in self.testing
 
-    def share_of_way(self, explorer: Variant, reference: Variant, ceiling: Variant, model: Variant) -> Estimate | None:
-        """How far an explorer comes from the reference's MAE r to the ceiling's c: R = mean(r - x) / mean(r - c).
+    def relative_gain(self, explorer: Variant, reference: Variant, ceiling: Variant, model: Variant) -> Estimate | None:
+        """Gain in MAE over a reference, relative to that of the ceiling: R = mean(r - x) / mean(r - c).
 
-        Means are over the seeds that all three have. The interval is Student's t interval of the mean of
-        (r - x) - R (r - c), divided by mean(r - c): the delta method for a ratio of paired means (Cochran, Sampling
-        Techniques, 1977, section 2.11).
+        Here, x, r and c are the MAE of explorer, reference and ceiling, and the means are over the seeds that all three
+        have. The interval is Student's t interval of the mean of (r - x) - R (r - c), divided by mean(r - c): the delta
+        method for a ratio of paired means (Cochran, Sampling Techniques, 1977, section 2.11).
 
         Returns:
-            None with fewer than two such seeds, or where r - c is not above 0 with 95 % confidence.
+            None with fewer than two such seeds, or if r - c is not above 0 with 95 % confidence.
         """
-        cells = [self.cells.get((one, model), {}) for one in (explorer, reference, ceiling)]
+        cells = [self.cells.get((variant, model), {}) for variant in (explorer, reference, ceiling)]
         seeds = sorted(set.intersection(*(set(cell) for cell in cells)))
         if len(seeds) < 2:
             return None
@@ -184,42 +191,42 @@ class ComparableRuns:
         whole = estimate(r - c)
         if not whole.mean > whole.half_width:
             return None
-        share = float(np.mean(r - x)) / whole.mean
-        return Estimate(share, estimate((r - x) - share * (r - c)).half_width / whole.mean)
+        ratio = float(np.mean(r - x)) / whole.mean
+        return Estimate(ratio, estimate((r - x) - ratio * (r - c)).half_width / whole.mean)
 
     @property
     def baseline(self) -> SeedErrors:
-        """The errors of interpolation: over the seeds where each has its own test scenes, else without an interval."""
-        found = {
-            seed: {name: sum(errors[name] for errors in alike) / len(alike) for name in METRICS}
-            for seed, alike in self._baselines.items()
+        """The errors of interpolation; with intervals over the seeds only if the seed determines the test scenes."""
+        means = {
+            seed: {name: sum(errors[name] for errors in baselines) / len(baselines) for name in METRICS}
+            for seed, baselines in self._baselines.items()
         }
         if self.drawn_by_seed:
-            return SeedErrors.over(found)
-        return SeedErrors((), {name: Estimate(errors[name]) for errors in found.values() for name in METRICS})
+            return SeedErrors.over(means)
+        return SeedErrors((), {name: Estimate(errors[name]) for errors in means.values() for name in METRICS})
 
     @property
     def same_frames(self) -> bool:
-        """Whether interpolation errs alike in all runs with the same test frames: of a seed, where it draws these."""
-        errors = [[one["mae"] for one in alike] for alike in self._baselines.values()]
-        return all(max(alike) - min(alike) <= _SAME_FRAMES * max(alike) for alike in errors)
+        """Whether the runs were tested on the same frames, judged by the errors of interpolation."""
+        maes = [[errors["mae"] for errors in baselines] for baselines in self._baselines.values()]
+        return all(max(values) - min(values) <= _SAME_FRAMES * max(values) for values in maes)
 
     @property
     def _baselines(self) -> dict[int, list[dict[str, float]]]:
-        """The interpolation's errors of the runs on the same test frames: by seed, or all below 0."""
-        found: dict[int, list[dict[str, float]]] = defaultdict(list)
+        """The errors of interpolation, by seed if it determines the test scenes, else all under 0."""
+        baselines: dict[int, list[dict[str, float]]] = defaultdict(list)
         for run in self.finished:
             if run.results:
-                found[run.conditions.seed if self.drawn_by_seed else 0].append(run.results.baseline)
-        return dict(sorted(found.items()))
+                baselines[run.conditions.seed if self.drawn_by_seed else 0].append(run.results.baseline)
+        return dict(sorted(baselines.items()))
 
     def explorer(self, run: Run) -> Variant:
-        """The explorer of one of the runs."""
+        """The explorer of a run of this group."""
         name = str(run.conditions.explorer)
         return Variant(name, self._variant_labels[0][name][run.conditions.explorer_options])
 
     def model(self, run: Run) -> Variant:
-        """The depth model of one of the runs."""
+        """The depth model of a run of this group."""
         name = run.conditions.model
         return Variant(name, self._variant_labels[1][name][run.conditions.model_options])
 
@@ -237,99 +244,101 @@ class ComparableRuns:
 
     @cached_property
     def missing(self) -> tuple[MissingRun, ...]:
-        """What the sweeps asked for, or the explorers, models and seeds that occur call for, and is not finished."""
-        begun = {(self.explorer(run), self.model(run), run.conditions.seed) for run in self.begun}
+        """Expected runs that are not finished.
+
+        Expected are the runs of the sweeps, and every combination of the explorers, models and seeds that occur.
+        """
+        started = {(self.explorer(run), self.model(run), run.conditions.seed) for run in self.unfinished}
         seeds = {run.conditions.seed for run in self.runs}
         expected = set(itertools.product(map(self.explorer, self.runs), map(self.model, self.runs), seeds))
-        called: dict[Variant, set[str]] = defaultdict(
-            set
-        )  # a sweep names the preset that holds an explorer's options, or the explorer
+        # A sweep gives an explorer by its name, or by that of a preset that contains its options.
+        names: dict[Variant, set[str]] = defaultdict(set)
         for run in self.runs:
             options = {*run.conditions.explorer_options}
-            held = (name for name, preset in self.presets.items() if {*preset} <= options)
-            called[self.explorer(run)] |= {str(run.conditions.explorer), *held}
-        occurring = {(name, model.name, seed) for explorer, model, seed in expected for name in called[explorer]}
+            matching = (name for name, preset in self.presets.items() if {*preset} <= options)
+            names[self.explorer(run)] |= {str(run.conditions.explorer), *matching}
+        occurring = {(name, model.name, seed) for explorer, model, seed in expected for name in names[explorer]}
         for sweep in self.sweeps:
-            asked = set(sweep.grid) - occurring
-            expected |= {(Variant(explorer), Variant(model), seed) for explorer, model, seed in asked}
+            new = set(sweep.grid) - occurring
+            expected |= {(Variant(explorer), Variant(model), seed) for explorer, model, seed in new}
         expected -= {(*cell, seed) for cell, runs in self.cells.items() for seed in runs}
-        return tuple(MissingRun(*wanted, begun=wanted in begun) for wanted in sorted(expected))
+        return tuple(MissingRun(*run, started=run in started) for run in sorted(expected))
 
 
 def group_comparable(
     found: FoundRuns, sweeps: Sequence[Sweep], presets: Mapping[str, FlatOptions] | None = None
 ) -> list[ComparableRuns]:
-    """All groups of comparable runs with a finished one among them, those of the most explorers first.
+    """Group runs that can be compared; groups without a finished run are left out.
 
-    Of several with as many, those come first whose test frames are of a dataset from which models were taken to
-    another one: it is the paper's first.
+    Groups with more explorers come first. Among those with equally many, groups on a dataset whose models were
+    transferred to another one come first, like the paper's first dataset.
 
     Args:
         found: the runs.
-        sweeps: that they may belong to.
-        presets: named sets of an explorer's options.
+        sweeps: sweeps that the runs may belong to.
+        presets: named sets of explorer options.
 
     Raises:
-        DeuxError: the same run is there twice with other errors.
+        DeuxError: there are two copies of a run with different errors.
     """
-    groups: dict[tuple[FlatOptions, FlatOptions, FlatOptions], list[Run]] = defaultdict(list)
-    for run in (*found.finished, *found.begun):
-        groups[run.conditions.training, run.own_testing, run.conditions.testing].append(run)
-    made = [
-        replace(_without_repetitions(runs, sweeps), presets=presets or {})
-        for runs in groups.values()
+    members: dict[tuple[FlatOptions, FlatOptions, FlatOptions], list[Run]] = defaultdict(list)
+    for run in (*found.finished, *found.unfinished):
+        members[run.conditions.training, run.own_testing, run.conditions.testing].append(run)
+    groups = [
+        replace(_without_duplicates(runs, sweeps), presets=presets or {})
+        for runs in members.values()
         if any(run.results for run in runs)
     ]
-    taken_elsewhere = {group.own_testing for group in made if group.transferred}
+    transferred_from = {group.own_testing for group in groups if group.transferred}
 
     def order(group: ComparableRuns) -> tuple[int, bool, int, int, FlatOptions, FlatOptions]:
-        at_home = group.testing not in taken_elsewhere
-        plain = len(group.testing)  # a second dataset is the first one's scenes with options of its own
-        return -len(group.explorers), at_home, -len(group.finished), plain, group.training, group.testing
+        not_transferred = group.testing not in transferred_from
+        options = len(group.testing)  # a second dataset may have the first one's scenes with additional options
+        return -len(group.explorers), not_transferred, -len(group.finished), options, group.training, group.testing
 
-    return sorted(made, key=order)
+    return sorted(groups, key=order)
 
 
-def _without_repetitions(runs: Sequence[Run], sweeps: Sequence[Sweep]) -> ComparableRuns:
-    once: dict[Conditions, Run] = {}
+def _without_duplicates(runs: Sequence[Run], sweeps: Sequence[Sweep]) -> ComparableRuns:
+    unique: dict[Conditions, Run] = {}
     for run in sorted(runs, key=lambda run: (run.results is None, run.path)):
-        _check_alike(once.setdefault(run.conditions, run), run)
-    finished = tuple(run for run in once.values() if run.results)
-    begun = tuple(run for run in once.values() if not run.results)
+        _check_equal_errors(unique.setdefault(run.conditions, run), run)
+    finished = tuple(run for run in unique.values() if run.results)
+    unfinished = tuple(run for run in unique.values() if not run.results)
     folders = {run.path.parent for run in runs}
     own_sweeps = tuple(sweep for sweep in sweeps if sweep.folder in folders)
-    return ComparableRuns(finished, begun, own_sweeps, sum(bool(run.results) for run in runs) - len(finished))
+    return ComparableRuns(finished, unfinished, own_sweeps, sum(bool(run.results) for run in runs) - len(finished))
 
 
-def _check_alike(one: Run, other: Run) -> None:
-    """Raise DeuxError unless two finished runs with equal conditions err alike."""
-    if one.results is None or other.results is None:
+def _check_equal_errors(first: Run, second: Run) -> None:
+    """Raise DeuxError if two finished runs with equal conditions have different errors."""
+    if first.results is None or second.results is None:
         return
-    mine, theirs = one.errors["mae"], other.errors["mae"]
-    if abs(mine - theirs) > _SAME_ERRORS * max(mine, theirs):
+    one, other = first.errors["mae"], second.errors["mae"]
+    if abs(one - other) > _SAME_ERRORS * max(one, other):
         raise DeuxError(
-            f"{one.path} and {other.path} are the same run with other errors (MAE {mine:.1f} and {theirs:.1f} mm): "
-            "keep one of them below the folder of the report."
+            f"{first.path} and {second.path} are the same run with different errors (MAE {one:.1f} and {other:.1f} mm):"
+            " remove one of them from the folder of the report."
         )
 
 
 def _scene_differences(run: Run, other: Run) -> dict[str, SceneValue]:
-    """How much higher a run's MAE is than another's on the test scenes of both, weighed by their frames.
+    """Difference of the MAE of two runs on each test scene that both have, weighted by the number of frames.
 
-    Results have a value for each floor; those of one scene are not independent and make one value.
+    Results have a value for each floor; the floors of a scene are not independent and are merged into one value.
     """
     assert run.results is not None
     assert other.results is not None
-    theirs = {scene["scene"]: scene["metrics"]["mae"] for scene in other.results.scenes}
+    other_maes = {scene["scene"]: scene["metrics"]["mae"] for scene in other.results.scenes}
     floors: dict[str, list[SceneValue]] = defaultdict(list)
     for floor in run.results.scenes:
-        if floor["scene"] in theirs:
-            difference = floor["metrics"]["mae"] - theirs[floor["scene"]]
+        if floor["scene"] in other_maes:
+            difference = floor["metrics"]["mae"] - other_maes[floor["scene"]]
             floors[scene_of_place(floor["scene"])].append(SceneValue(difference, floor["frames"]))
     return {scene: _mean_value(values) for scene, values in floors.items()}
 
 
 def _mean_value(values: Sequence[SceneValue]) -> SceneValue:
-    """The weighted mean of the values, with the weight of them all."""
+    """The weighted mean of several values, with the sum of their weights."""
     frames = sum(value.weight for value in values)
     return SceneValue(sum(value.value * value.weight for value in values) / frames, frames)

@@ -1,8 +1,8 @@
-"""What made a run: its model, explorer and seed, the frames and the budget of its training, and its test frames.
+"""The conditions of a run: options of model and explorer, seed, training frames, budget and test frames.
 
-Two numbers may stand in one table only if their runs differ in nothing but the model, the explorer and the seed. The
-lists below say which options each of these parts is made of; no number depends on any other option, so that options
-which a later version adds separate no runs until they are added here.
+Two runs can be compared in one table only if they differ in nothing but model, explorer and seed. The lists below
+assign options to the parts of the conditions. Options that are in no list do not affect results: an option that a later
+version adds has to be added here to distinguish runs.
 """
 
 import json
@@ -17,7 +17,7 @@ from deux.registry import registry
 from deux.report.older_configurations import current_keys
 
 FlatOptions = tuple[tuple[str, str], ...]
-"""Options as sorted pairs of dotted key and JSON value; null and empty values are left out, as older runs lack them."""
+"""Options as sorted pairs of dotted key and JSON value; without null and empty values, which older runs lack."""
 
 MODEL = (
     "model",
@@ -45,10 +45,10 @@ MODEL = (
     "trainer.gradient_clip_algorithm",
     "trainer.sync_batchnorm",
 )
-"""What a depth model is made of: its own options, what it is built on, and how it is optimised."""
+"""Options of a depth model: its own, those of its foundation, and those of its optimisation."""
 
 EXPLORER = ("explore", "callbacks")
-"""What an explorer is made of: its own options and its rounds."""
+"""Options of an explorer: its own, and those of rounds of active collection."""
 
 GUIDANCE = (
     "seed_model",
@@ -58,19 +58,19 @@ GUIDANCE = (
     "collect.remembered_frames",
     "collect.batch_size",
 )
-"""What an explorer that a depth model guides is made of, too: that model, how it is judged, and what is mapped."""
+"""Additional options of an explorer that a depth model guides: seed model, uncertainty and mapped depth."""
 
 CAMERA_AND_SCENES = ("camera", "robot", "simulator", "sampling", "verification", "scenes")
-"""What all frames are made of; of `scenes`, each split belongs to the frames of that split only."""
+"""Options of all frames; of `scenes`, each split belongs to the frames of that split only."""
 
 TRAINING_FRAMES = (*CAMERA_AND_SCENES, "scenes.train", "collect.steps", "collect.episodes", "training.crop")
-"""What the training frames are made of, beside the explorer."""
+"""Options of the training frames, besides those of the explorer."""
 
 TEST_FRAMES = (*CAMERA_AND_SCENES, "scenes.test", "evaluation.viewpoints", "training.crop")
-"""What the test frames are made of: free viewpoints of the test scenes."""
+"""Options of test frames that are free viewpoints of the test scenes."""
 
 RECORDED_TEST_FRAMES = ("evaluation.data", "data", "camera.min_depth", "camera.max_depth", "training.crop")
-"""What test frames are made of that were recorded before."""
+"""Options of recorded test frames."""
 
 BUDGET = (
     "collect.steps",
@@ -91,15 +91,15 @@ BUDGET = (
     "trainer.overfit_batches",
     "trainer.fast_dev_run",
 )
-"""What the budget is made of, which does not depend on the scenes: how much is explored, and how long is trained."""
+"""Options of the budget, which does not depend on the scenes: amount of exploration and length of training."""
 
 UNUSED = {
     "training.steps": ("training.epochs",),
     "seed_model.checkpoint": ("seed_model.explore", "seed_model.steps", "seed_model.source", "seed_model.scenes"),
 }
-"""Options that nothing depends on where another one has a value."""
+"""Options that have no effect if another option, the key, is set."""
 
-AS_BEFORE = {
+EARLIER_BEHAVIOUR = {
     "collect.remembered_frames": "0",
     "explore.max_incidence": "90",
     "training.augmentation.scale": "[1, 1]",
@@ -108,33 +108,35 @@ AS_BEFORE = {
     "training.compile": "false",
     "training.tf32": "false",
 }
-"""Options that a later version added, with the values by which it does what was done before, and which do no more where
-they are written out. They are left out as null ones are, so that a sweep over two versions has one row."""
+"""Options added by later versions, with the values that reproduce the behaviour of earlier versions.
+
+Like null values, these are left out, so that runs of a sweep from two versions are in one row.
+"""
 
 DRAW = "scenes.draw"
-"""The option of generated scenes that says which ones a seed takes."""
+"""The option of generated scenes that selects them like a random seed."""
 
 DRAWN_BY_SEED = (DRAW, '"seed"')
-"""What conditions say in place of the number of the draw where it is the seed, so that seeds stand in one table."""
+"""Replaces the value of `DRAW` if it equals the run's seed, so that runs with different seeds can be compared."""
 
 _SPLITS = ("scenes.train", "scenes.validation", "scenes.test")
 _OPTIONAL_SECTIONS = ("callbacks",)
-"""Sections that are empty unless something was chosen."""
+"""Sections that are empty by default."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """A run's configuration, taken apart.
+    """The parts of a run's configuration that affect its results.
 
     Args:
         model: name of the depth model.
-        model_options: what else makes the model, see `MODEL`.
-        explorer: name of the explorer that collected the training frames; None if they were given.
-        explorer_options: what else makes the explorer, see `EXPLORER` and `GUIDANCE`.
+        model_options: options of the model, see `MODEL`.
+        explorer: name of the explorer that collected the training frames; None for recorded frames.
+        explorer_options: options of the explorer, see `EXPLORER` and `GUIDANCE`.
         seed: the random seed.
-        training_frames: what makes the training frames, see `TRAINING_FRAMES`.
-        budget: see `BUDGET`.
-        testing: what makes the test frames, see `TEST_FRAMES` and `RECORDED_TEST_FRAMES`.
+        training_frames: options of the training frames, see `TRAINING_FRAMES`.
+        budget: options of the budget, see `BUDGET`.
+        testing: options of the test frames, see `TEST_FRAMES` and `RECORDED_TEST_FRAMES`.
     """
 
     model: str
@@ -148,27 +150,29 @@ class Conditions:
 
     @property
     def training(self) -> FlatOptions:
-        """The training frames and the budget: what must be equal for two models to be compared."""
+        """Options of training frames and budget, which must be equal for two runs to be compared."""
         return tuple(sorted({*self.training_frames, *self.budget}))
 
 
 def conditions(configuration: Mapping[str, Any], seed: int | None = None, overrides: Iterable[str] = ()) -> Conditions:
-    """Take a run's configuration apart, of whatever version it is.
+    """The conditions of a run, from its configuration of any version.
 
     Args:
-        configuration: all of it, as `run.json` holds it.
-        seed: of the run that trained the model, where this one only evaluates it; None for the configuration's own.
-        overrides: of the run's command: a draw of scenes that it names is that one, though it may equal the seed.
+        configuration: the whole configuration, as in `run.json`.
+        seed: seed of the run that trained the model, if this run only evaluates it; None for the configuration's seed.
+        overrides: overrides of the run's command; an override of `DRAW` is not replaced by `DRAWN_BY_SEED`.
     """
     configuration = current_keys(configuration)
     options = flatten_options(configuration)
     values = dict(options)
-    options = tuple(one for one in options if AS_BEFORE.get(one[0]) != one[1] and _is_used(one[0], values))
+    options = tuple(
+        (key, value) for key, value in options if EARLIER_BEHAVIOUR.get(key) != value and _is_used(key, values)
+    )
     own_seed = int(configuration.get("seed", 0))
     by_seed = DRAW, json.dumps(own_seed if seed is None else seed)
     if not any(override.lstrip("+").startswith(f"{DRAW}=") for override in overrides):
         options = tuple(DRAWN_BY_SEED if option == by_seed else option for option in options)
-    # An experiment tests on views of its scenes, whatever is named there.
+    # An experiment tests on its own scenes; only an evaluation uses evaluation.data.
     recorded = configuration.get("task") != "experiment" and bool((configuration.get("evaluation") or {}).get("data"))
     return Conditions(
         model=_name(configuration, "model"),
@@ -183,9 +187,10 @@ def conditions(configuration: Mapping[str, Any], seed: int | None = None, overri
 
 
 def other_scenes(testing: FlatOptions, own: FlatOptions) -> bool:
-    """Whether test frames differ in more than how many there are and what is cut out of them."""
-    alike = ("evaluation.viewpoints", "training.crop")
-    return {option for option in testing if option[0] not in alike} != {one for one in own if one[0] not in alike}
+    """Whether two sets of test frames differ in more than their number and the crop."""
+    ignored = ("evaluation.viewpoints", "training.crop")
+    first, second = ({option for option in options if option[0] not in ignored} for options in (testing, own))
+    return first != second
 
 
 def flatten_options(options: Any, where: str = "") -> FlatOptions:
@@ -198,25 +203,25 @@ def flatten_options(options: Any, where: str = "") -> FlatOptions:
     return tuple(sorted(_flatten(options, where)))
 
 
-def differences(mine: FlatOptions, others: FlatOptions) -> str:
-    """What of `mine` is not in `others`, and what is only there: "camera.width=64, robot.radius not set"."""
-    here, there = dict(mine), dict(others)
-    words = [f"{key}={_unquoted(value)}" for key, value in mine if there.get(key) != value]
-    words += [f"{key} not set" for key in there if key not in here]
-    return ", ".join(words)
+def differences(options: FlatOptions, others: FlatOptions) -> str:
+    """How options differ from others, as "camera.width=64, robot.radius not set"."""
+    values, other_values = dict(options), dict(others)
+    parts = [f"{key}={_unquoted(value)}" for key, value in options if other_values.get(key) != value]
+    parts += [f"{key} not set" for key in other_values if key not in values]
+    return ", ".join(parts)
 
 
 def variant_labels(
     choices: Iterable[FlatOptions], presets: Mapping[str, FlatOptions] | None = None
 ) -> dict[FlatOptions, str]:
-    """A short label for each of several sets of options: what they differ in; "" where all are the same.
+    """Short labels of several sets of options, made of what they differ in; "" if all sets are equal.
 
-    Sets that hold all options of a preset are told from the others by its name alone. A section that some of them lack
-    altogether is named as a whole: "with callbacks", "no callbacks".
+    Sets that contain all options of a preset are labelled with its name, and compared with one another only. A section
+    that some sets lack is labelled as a whole: "with callbacks", "no callbacks".
 
     Args:
         choices: the sets.
-        presets: named sets of options; a set that holds several of them counts to the largest.
+        presets: named sets of options; of several that match, the largest is used.
     """
     largest_first = sorted((presets or {}).items(), key=lambda item: -len(item[1]))
     members: dict[str, list[FlatOptions]] = defaultdict(list)
@@ -224,15 +229,15 @@ def variant_labels(
         members[next((name for name, preset in largest_first if {*preset} <= {*choice}), "")].append(choice)
     return {
         choice: ", ".join(filter(None, (name, label)))
-        for name, alike in members.items()
-        for choice, label in _difference_labels(alike).items()
+        for name, matching in members.items()
+        for choice, label in _difference_labels(matching).items()
     }
 
 
 def _difference_labels(distinct: Sequence[FlatOptions]) -> dict[FlatOptions, str]:
     keys = sorted({key for choice in distinct for key, _ in choice})
     sets = [dict(choice) for choice in distinct]
-    differing = [key for key in keys if len({one.get(key) for one in sets if _is_used(key, one)}) > 1]
+    differing = [key for key in keys if len({values.get(key) for values in sets if _is_used(key, values)}) > 1]
     optional = [node for node in _OPTIONAL_SECTIONS if len({_has(choice, node) for choice in distinct}) > 1]
     return {choice: ", ".join(_label(choice, differing, optional)) for choice in distinct}
 
@@ -248,7 +253,7 @@ def _label(choice: FlatOptions, differing: Iterable[str], optional: Sequence[str
 
 
 def _part(options: FlatOptions, nodes: Sequence[str]) -> FlatOptions:
-    """The options at or below some nodes, without the names of plugins and without the splits that are no node."""
+    """The options at or below some nodes, without names of plugins, and without splits that are not among the nodes."""
     left_out = ("model.name", "explore.name", "data.cache", *(split for split in _SPLITS if split not in nodes))
     return tuple(
         (key, value)
@@ -258,8 +263,8 @@ def _part(options: FlatOptions, nodes: Sequence[str]) -> FlatOptions:
 
 
 def _is_used(key: str, options: Mapping[str, str]) -> bool:
-    """Whether something depends on an option beside these others, see `UNUSED`."""
-    return not any(chosen in options and key in unused for chosen, unused in UNUSED.items())
+    """Whether an option has an effect, given the other options; see `UNUSED`."""
+    return not any(other in options and key in unused for other, unused in UNUSED.items())
 
 
 def _has(options: FlatOptions, node: str) -> bool:
@@ -271,7 +276,7 @@ def _is_below(key: str, node: str) -> bool:
 
 
 def _is_guided(configuration: Mapping[str, Any]) -> bool:
-    """Whether the explorer needs a depth model; taken for granted of one that cannot be made here as it was."""
+    """Whether the explorer needs a depth model; True for an explorer that cannot be created in this installation."""
     explore = configuration.get("explore") or {}
     try:
         return needs_model(registry().choose("explorers", explore))
@@ -292,12 +297,12 @@ def _flatten(value: Any, where: str) -> Iterator[tuple[str, str]]:
 
 
 def _number(value: Any) -> Any:
-    """Whole numbers as int, so that 90 and 90.0 are the same."""
+    """Convert whole floats to int, so that 90 and 90.0 are equal."""
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_number(item) for item in value]
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _unquoted(value: str) -> str:
-    """A JSON value as a reader expects it."""
+    """A JSON value without quotes, for labels."""
     return value.strip('"')

@@ -1,4 +1,4 @@
-"""What a report says: tables, what is missing, and how the runs were made."""
+"""The contents of a report: tables, missing runs, and the commands of the runs."""
 
 import itertools
 import shlex
@@ -23,15 +23,15 @@ _NUMERALS = {"table1": "I", "table2": "II", "table3": "III"}
 
 @dataclass(frozen=True)
 class Section:
-    """The table of one group of comparable runs, and what belongs to it.
+    """A section of the report: the table of one group of comparable runs.
 
     Args:
-        title: which table it is, and what it shows.
-        dataset: what the test frames' dataset is called.
+        title: number and caption of the table.
+        dataset: display name of the test dataset.
         runs: the runs.
         table: their table.
-        missing: the runs that are not finished, a sentence for each explorer and model.
-        commands: that made the runs.
+        missing: missing runs, a line for each explorer and model.
+        commands: commands of the runs.
     """
 
     title: str
@@ -43,23 +43,23 @@ class Section:
 
     @property
     def state(self) -> str:
-        """How many runs are there and how many are missing."""
+        """Number of finished and missing runs, as text."""
         finished, missing = len(self.runs.finished), len(self.runs.missing)
         return f"{counted(finished, 'run')}{f', {missing} missing' if missing else ''}"
 
 
 @dataclass(frozen=True)
 class Contents:
-    """The report.
+    """The contents of a report.
 
     Args:
-        folder: below which the runs were found.
-        sections: a table each, in the paper's order.
-        notes: what else has to be said of the runs, a sentence each.
+        folder: folder of the runs.
+        sections: sections with a table each, in the paper's order.
+        notes: further remarks on the runs, a sentence each.
         finished: number of finished runs in the tables.
-        missing: number of runs that are not finished.
-        scorecards: a table of the scorecards of each section that has any, and one of their rank correlations with MAE
-            where there are enough runs.
+        missing: number of missing runs.
+        scorecards: tables of the scorecards, one for each section that has any, and of their rank correlations with
+            MAE, if there are enough runs.
     """
 
     folder: Path
@@ -71,12 +71,12 @@ class Contents:
 
     @property
     def state(self) -> str:
-        """How many runs are there and how many are missing."""
+        """Number of finished and missing runs, as text."""
         return f"{counted(self.finished, 'finished run')}, {self.missing} missing"
 
     @property
     def tables(self) -> tuple[ResultTable, ...]:
-        """All tables."""
+        """All tables of the report."""
         return (*(section.table for section in self.sections), *self.scorecards)
 
 
@@ -88,15 +88,15 @@ def read_contents(
     baseline: str | tuple[str, ...] | None = None,
     presets: Mapping[str, FlatOptions] | None = None,
 ) -> Contents:
-    """Read the runs below a folder and put them into the paper's tables.
+    """Read the runs below a folder and make the paper's tables from them.
 
     Args:
-        folder: has runs and sweeps below it.
-        names: of explorers and models, in order.
-        first: the name of Table I's dataset; None for the one on which the most explorers were compared.
-        starred: explorers of which Table II also shows the models that were trained on the first dataset.
-        baseline: the explorers that the others are compared with, seed by seed.
-        presets: named sets of an explorer's options, whose names stand for them in the tables.
+        folder: folder with runs and sweeps below it.
+        names: display names of explorers and models, in order.
+        first: display name of Table I's dataset; None for the one on which the most explorers were compared.
+        starred: explorers whose models, trained on the first dataset, are also shown in Table II.
+        baseline: explorers that the others are compared with, seed by seed.
+        presets: named sets of explorer options; the tables show their names instead of the options.
 
     Raises:
         DeuxError: there is no finished run, a run's file is damaged, or no dataset is called `first`.
@@ -110,17 +110,17 @@ def read_contents(
     notes = [f"{path} is in no table: {reason}." for path, reason in found.left_out]
     ended = [*(run.path for run in found.finished), *(path for path, _ in found.left_out)]
     for sweep in sweeps:
-        there = sum(sweep.folder in path.parents for path in ended)
-        if not there:
-            notes.append(f"Nothing is finished of {counted(sweep.runs, 'run')}: {sweep.command}")
-        elif there < sweep.runs != len(sweep.grid):  # what a grid lacks is listed below its table
-            notes.append(f"{there} of {counted(sweep.runs, 'run')} {plural('is', there)} finished: {sweep.command}")
+        count = sum(sweep.folder in path.parents for path in ended)
+        if not count:
+            notes.append(f"None of {counted(sweep.runs, 'run')} is finished: {sweep.command}")
+        elif count < sweep.runs != len(sweep.grid):  # missing runs of a grid are listed below its table
+            notes.append(f"{count} of {counted(sweep.runs, 'run')} {plural('is', count)} finished: {sweep.command}")
     finished, missing = sum(len(group.finished) for group in groups), sum(len(group.missing) for group in groups)
     return Contents(folder, sections, tuple(notes), finished, missing, _scorecards(sections, names))
 
 
 def missing_text(missing: Iterable[MissingRun], names: DisplayNames) -> tuple[str, ...]:
-    """The runs that are missing, a line for each explorer and model: "DEUX, KBNet: seeds 1, 2 (begun: 2)"."""
+    """Missing runs as text, a line for each explorer and model: "DEUX, KBNet: seeds 1, 2 (started: 2)"."""
     cells: dict[tuple[Variant, Variant], list[MissingRun]] = defaultdict(list)
     for run in missing:
         cells[run.explorer, run.model].append(run)
@@ -134,18 +134,18 @@ def missing_text(missing: Iterable[MissingRun], names: DisplayNames) -> tuple[st
 
 
 def _seeds(runs: Sequence[MissingRun]) -> str:
-    begun = ", ".join(str(run.seed) for run in runs if run.begun)
+    started = ", ".join(str(run.seed) for run in runs if run.started)
     seeds = f"{plural('seed', len(runs))} {', '.join(str(run.seed) for run in runs)}"
-    return f"{seeds} (begun: {begun})" if begun else seeds
+    return f"{seeds} (started: {started})" if started else seeds
 
 
 class _Tables:
-    """Makes the table of each group of runs: which of the paper's it is, and its name where there are several.
+    """Makes the table of each group of runs, numbered as in the paper.
 
     Args:
         groups: all groups, in the order of the report.
-        names: of rows and columns.
-        datasets: what the datasets are called.
+        names: display names of rows and columns.
+        datasets: display names of the datasets.
         starred: as in `read_contents`.
         baseline: as in `read_contents`.
     """
@@ -160,21 +160,21 @@ class _Tables:
     ) -> None:
         self._groups, self._names, self._datasets = groups, names, datasets
         self._starred, self._baseline = starred, baseline
-        self._made: Counter[str] = Counter()
+        self._counts: Counter[str] = Counter()
 
     def make(self, runs: ComparableRuns) -> ResultTable:
-        """The table of a group: I on the first dataset, II on another, III of models that were trained elsewhere."""
+        """The table of a group: I for the first dataset, II for another, III for models trained on another dataset."""
         datasets, names = self._datasets, self._names
         tested_on = datasets.name(runs.testing)
         kind = "table3" if runs.transferred else "table1" if runs.testing == datasets.first else "table2"
-        self._made[kind] += 1
-        name = kind if self._made[kind] == 1 else f"{kind}_{self._made[kind]}"
+        self._counts[kind] += 1
+        name = kind if self._counts[kind] == 1 else f"{kind}_{self._counts[kind]}"
         if kind == "table1":
             return table_one(runs, names, tested_on, name, self._baseline)
         if kind == "table3":
             return table_three(runs, names, datasets.name(runs.own_testing), tested_on, name)
-        wanted = (datasets.first, runs.testing, runs.budget)
-        from_first = [g for g in self._groups if g.transferred and (g.own_testing, g.testing, g.budget) == wanted]
+        transfer = (datasets.first, runs.testing, runs.budget)
+        from_first = [g for g in self._groups if g.transferred and (g.own_testing, g.testing, g.budget) == transfer]
         return table_two(runs, from_first, names, (datasets.name(datasets.first), tested_on), self._starred, name)
 
 
@@ -185,7 +185,7 @@ def _section(
     names: DisplayNames,
     datasets: DatasetNames,
 ) -> Section:
-    """The section of a group of runs; where an earlier one has the same datasets, its title says what differs."""
+    """The section of a group of runs; its title includes what differs from an earlier group with the same datasets."""
     first = next(g for g in groups if (g.own_testing, g.testing) == (runs.own_testing, runs.testing))
     if runs is not first:
         table = replace(table, caption=f"{table.caption}, with {differences(runs.training, first.training)}")
@@ -195,22 +195,22 @@ def _section(
 
 
 def _scorecards(sections: Sequence[Section], names: DisplayNames) -> tuple[ResultTable, ...]:
-    """The scorecards of each section that has any, and their rank correlations with MAE over all sections."""
-    having = [section for section in sections if any(run.scorecard for run in section.runs.finished)]
+    """The scorecard tables of the sections that have any, and the table of their rank correlations with MAE."""
+    with_scorecards = [section for section in sections if any(run.scorecard for run in section.runs.finished)]
     tables: list[ResultTable | None] = []
-    for number, section in enumerate(having, start=1):
+    for number, section in enumerate(with_scorecards, start=1):
         caption = "Scorecards of the training frames"
-        if len(having) > 1:
+        if len(with_scorecards) > 1:
             caption += f" of {section.title}"
         name = "scorecards" if number == 1 else f"scorecards_{number}"
         tables.append(scorecard_table(section.runs, names, caption, name))
-    tables.append(correlation_table([section.runs for section in having], names))
+    tables.append(correlation_table([section.runs for section in with_scorecards], names))
     return tuple(table for table in tables if table is not None)
 
 
 def _commands(runs: ComparableRuns) -> tuple[str, ...]:
-    """The commands of the sweeps, and of those runs that belong to none."""
+    """The commands of the sweeps, and of runs that belong to no sweep."""
     swept = {sweep.folder for sweep in runs.sweeps}
-    alone = [run for run in runs.runs if run.path.parent not in swept]
-    single = {shlex.join(["python", "-m", "deux", *run.overrides]) for run in alone}
-    return (*(sweep.command for sweep in runs.sweeps), *sorted(single))
+    single = [run for run in runs.runs if run.path.parent not in swept]
+    commands = {shlex.join(["python", "-m", "deux", *run.overrides]) for run in single}
+    return (*(sweep.command for sweep in runs.sweeps), *sorted(commands))

@@ -1,4 +1,4 @@
-"""What a report calls the datasets, and which of them is the paper's first."""
+"""Display names of the datasets in a report, and the choice of the first dataset."""
 
 import json
 from collections.abc import Sequence
@@ -9,40 +9,40 @@ from deux.report.comparable_runs import ComparableRuns
 from deux.report.conditions import FlatOptions, differences
 
 _MOST_SCENES = 4
-"""Scenes that a dataset's name lists; it counts them where there are more."""
+"""Maximal number of scenes that are listed in a dataset's name; only the number of more scenes is shown."""
 
 
 class DatasetNames:
-    """The datasets of some groups of runs, told apart by their test frames.
+    """Names the datasets of several groups of runs, identified by their test frames.
 
     Args:
-        groups: in the order of `deux.report.comparable_runs.group_comparable`.
-        first: the name of Table I's dataset; None for the one on which the most explorers were compared.
+        groups: the groups, in the order of `deux.report.comparable_runs.group_comparable`.
+        first: name of Table I's dataset; None for the one on which the most explorers were compared.
 
     Raises:
-        DeuxError: there is no dataset of that name.
+        DeuxError: there is no dataset with the name `first`.
     """
 
     def __init__(self, groups: Sequence[ComparableRuns], first: str | None = None) -> None:
         self._names: dict[FlatOptions, str] = {}
-        known = [group.testing for group in groups if not group.transferred]
-        known += [testing for group in groups for testing in (group.own_testing, group.testing)]
-        for testing in known:
+        datasets = [group.testing for group in groups if not group.transferred]
+        datasets += [testing for group in groups for testing in (group.own_testing, group.testing)]
+        for testing in datasets:
             if testing not in self._names:
                 self._names[testing] = self._new_name(testing)
         if first is not None and first not in self._names.values():
             raise DeuxError(
-                f"report.first={first} is no dataset of these runs: {near_matches(first, self._names.values())}"
+                f"report.first={first} is not a dataset of these runs: {near_matches(first, self._names.values())}"
             )
         chosen = (testing for testing, name in self._names.items() if name == first)
-        self.first = next(chosen, known[0] if known else ())
+        self.first = next(chosen, datasets[0] if datasets else ())
 
     def name(self, testing: FlatOptions) -> str:
-        """What the dataset of some test frames is called."""
+        """The display name of the dataset with these test frames."""
         return self._names[testing]
 
     def _new_name(self, testing: FlatOptions) -> str:
-        """Its source, and what tells it from an earlier dataset of that source."""
+        """The dataset's source, and how its options differ from an earlier dataset of the same source."""
         source = _source(testing)
         for other, name in self._names.items():
             if name == source:
@@ -51,7 +51,7 @@ class DatasetNames:
 
 
 def _source(testing: FlatOptions) -> str:
-    """The folder of recorded data, or the source of the scenes, with the test scenes' names where they are chosen."""
+    """The folder of recorded frames, or the scene source with the test scenes' names if these are chosen."""
     options = {key: json.loads(value) for key, value in testing}
     if data := options.get("evaluation.data"):
         return Path(str(data)).name

@@ -1,4 +1,4 @@
-"""The card of a trained depth model: what it was made from, and its errors beside those of interpolation."""
+"""The model card of a trained depth model: its training, and its errors compared with interpolation."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,17 +10,17 @@ from deux.metrics.depth_errors import METRICS
 
 @dataclass(frozen=True)
 class CardErrors:
-    """The mean errors on some test frames with one kind of points.
+    """Mean errors on test frames with one distribution of sparse points.
 
     Args:
-        frames: what the test frames are.
-        images: their number.
-        pattern: where the points lie.
+        frames: description of the test frames.
+        images: number of test frames.
+        pattern: spatial pattern of the points.
         density: number of points as a fraction of the pixels.
-        noise: relative standard deviation of their depth.
-        outliers: fraction of them that is badly wrong.
+        noise: relative standard deviation of the points' depth.
+        outliers: fraction of outliers among the points.
         metrics: the model's errors, by the names of `deux.metrics.depth_errors.METRICS`.
-        baseline: those of interpolation of the same points.
+        baseline: the errors of interpolating the same points.
     """
 
     frames: str
@@ -35,20 +35,20 @@ class CardErrors:
 
 @dataclass(frozen=True)
 class ModelCard:
-    """What is known of a model that ships. A model file's header holds it as JSON.
+    """The card of a shipped model; stored as JSON in the header of its model file.
 
     Args:
-        name: by which the model is loaded.
-        model: the registered name of its architecture.
-        summary: one line on what it is for.
-        data: what it was trained on.
-        supervised: whether it learned from ground truth.
-        command: that trains it again.
-        seed: of that training.
+        name: name of the model, by which it is loaded.
+        model: registered name of its architecture.
+        summary: its purpose in one line.
+        data: its training data.
+        supervised: whether it was trained with ground truth.
+        command: command that reproduces the training.
+        seed: seed of the training.
         steps: optimiser steps.
-        version: of deux that trained it.
-        licence: of the weights.
-        errors: measured on frames that it never saw.
+        version: version of deux that trained it.
+        licence: licence of the weights.
+        errors: errors on held-out frames.
     """
 
     name: str
@@ -64,11 +64,11 @@ class ModelCard:
     errors: Sequence[CardErrors]
 
     def to_json(self) -> str:
-        """The card for a file's header."""
+        """The card as JSON, for the header of a model file."""
         return json.dumps(asdict(self))
 
     def markdown(self) -> str:
-        """The card as a page."""
+        """The card as a Markdown page."""
         how = "supervised, by the depth of generated scenes" if self.supervised else "without ground truth"
         facts = {
             "Architecture": f"`{self.model}`",
@@ -85,7 +85,7 @@ class ModelCard:
         lines += ["```python", "import deux", "", f'model = deux.load("{self.name}")']
         lines += ["depth = deux.predict(image, sparse_depth, intrinsics, model=model)", "```", ""]
         lines += ["## Errors", "", "The model / linear interpolation of the same points; the lower one is bold.", ""]
-        for frames, group in groupby(self.errors, key=lambda one: (one.frames, one.images)):
+        for frames, group in groupby(self.errors, key=lambda entry: (entry.frames, entry.images)):
             lines += _table(*frames, list(group))
         return "\n".join(lines)
 
@@ -93,9 +93,14 @@ class ModelCard:
 def _table(frames: str, images: int, errors: Sequence[CardErrors]) -> list[str]:
     headings = ["points", "pattern", "noise", "outliers", *(metric.heading for metric in METRICS.values())]
     lines = [f"### {frames}", "", f"{images} frames.", "", _row(headings), _row(["---"] * len(headings))]
-    for one in errors:
-        what = [f"{100 * one.density:g} %", one.pattern, f"{100 * one.noise:g} %", f"{100 * one.outliers:g} %"]
-        lines.append(_row([*what, *(_pair(one.metrics[name], one.baseline[name]) for name in METRICS)]))
+    for entry in errors:
+        points = [
+            f"{100 * entry.density:g} %",
+            entry.pattern,
+            f"{100 * entry.noise:g} %",
+            f"{100 * entry.outliers:g} %",
+        ]
+        lines.append(_row([*points, *(_pair(entry.metrics[name], entry.baseline[name]) for name in METRICS)]))
     return [*lines, ""]
 
 
@@ -103,6 +108,6 @@ def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _pair(mine: float, other: float) -> str:
-    first, second = f"{mine:.1f}", f"{other:.1f}"
-    return f"**{first}** / {second}" if mine < other else f"{first} / **{second}**"
+def _pair(error: float, baseline: float) -> str:
+    first, second = f"{error:.1f}", f"{baseline:.1f}"
+    return f"**{first}** / {second}" if error < baseline else f"{first} / **{second}**"

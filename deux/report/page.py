@@ -1,4 +1,4 @@
-"""The report as one HTML page that needs no other file."""
+"""The report as a self-contained HTML page."""
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,7 +20,7 @@ th.label { text-align: left; font-weight: normal; }
 thead th { border-bottom: 1px solid #1c1e21; }
 thead th.group { text-align: center; }
 tbody { border-bottom: 1px solid #9aa0a6; }
-.behind { color: #6a6f75; font-size: 11px; }
+.suffix { color: #6a6f75; font-size: 11px; }
 .note { color: #4a4f55; font-size: 13px; margin: .1rem 0; }
 .missing { background: #fff6e0; padding: .5rem 1rem; }
 img { max-width: 100%; }
@@ -33,11 +33,11 @@ _MIME = {".png": "image/png", ".jpg": "image/jpeg"}
 
 
 def html_page(contents: Contents, figures: Mapping[str, Sequence[CaptionedFigure]]) -> str:
-    """The whole report as a page, its figures within it.
+    """Render the report as an HTML page with embedded figures.
 
     Args:
-        contents: tables, commands and what is missing.
-        figures: by the name of the table that they belong to.
+        contents: contents of the report.
+        figures: figures by the name of their table.
     """
     body = [
         "<h1>Report</h1>",
@@ -75,7 +75,7 @@ def _section(section: Section, figures: Iterable[CaptionedFigure]) -> list[str]:
 
 
 def _scorecards(tables: Sequence[ResultTable]) -> list[str]:
-    """The part about scorecards; nothing without tables."""
+    """The section of scorecards; empty without tables."""
     lines = ['<h2 id="scorecards">Scorecards</h2>'] if tables else []
     for table in tables:
         lines += [f"<h3>{escape(table.caption)}</h3>", *_table(table)]
@@ -96,8 +96,8 @@ def _table(table: ResultTable) -> list[str]:
         for row in part:
             cells = "".join(f'<th class="label">{escape(label)}</th>' for label in row.labels)
             for index, cell in enumerate(row.cells):
-                mean, behind = table.cell_text(index, cell)
-                small = f'<span class="behind">{escape(behind)}</span>' if behind else ""
+                mean, suffix = table.cell_text(index, cell)
+                small = f'<span class="suffix">{escape(suffix)}</span>' if suffix else ""
                 cells += f"<td>{_MARKS[cell.mark].format(mean)}{small}</td>"
             lines.append(f"<tr>{cells}</tr>")
         lines.append("</tbody>")

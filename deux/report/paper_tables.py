@@ -1,18 +1,19 @@
 """Tables I, II and III of the paper, from groups of comparable runs."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
 from deux.errors import counted
 from deux.metrics.depth_errors import METRICS
+from deux.metrics.intervals import Estimate
 from deux.metrics.tables import Cell, ResultTable, Row, error_columns
 from deux.report.comparable_runs import ComparableRuns, SeedErrors
 from deux.report.display_names import DisplayNames, Variant
 
 INTERPOLATION = "Interpolation"
-"""What the row of linear interpolation of the sparse points is called; it learns nothing and is not ranked."""
+"""Label of the row of linear interpolation of the sparse points, which is not ranked."""
 
 
 def table_one(
@@ -26,11 +27,11 @@ def table_one(
 
     Args:
         runs: the runs.
-        names: of rows and columns.
-        dataset: what the dataset is called.
-        name: of the table's files.
-        baseline: the explorers that notes compare the others with, seed by seed; None for no such note. The way to the
-            ceiling begins at the first of them.
+        names: display names of rows and columns.
+        dataset: display name of the dataset.
+        name: name of the table's files.
+        baseline: explorers that the others are compared with in notes, seed by seed; None for no such notes. The first
+            one is the reference of gains relative to the ceiling.
     """
     models = names.ordered_models(runs.models)
     parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), _cells(runs.baseline) * len(models), ranked=False),)]
@@ -49,8 +50,8 @@ def table_one(
         name=name,
     )
     baselines = (baseline,) if isinstance(baseline, str) else baseline or ()
-    notes = [*_paired_differences(runs, names, baselines), *_shares_of_way(runs, names, baselines[:1])]
-    return _finished(table, [runs], notes)
+    notes = [*_paired_differences(runs, names, baselines), *_relative_gains(runs, names, baselines[:1])]
+    return _rank_and_annotate(table, [runs], notes)
 
 
 def table_two(
@@ -61,15 +62,15 @@ def table_two(
     starred: Sequence[str],
     name: str = "table2",
 ) -> ResultTable:
-    """Table II: explorers on another dataset, and beside them models that were trained on the first dataset.
+    """Table II: explorers on another dataset, together with models that were trained on the first dataset.
 
     Args:
-        runs: trained and tested on the other dataset.
-        from_first: trained on the first dataset, tested on the same frames as `runs`.
-        names: of rows.
-        datasets: what the first and the other dataset are called.
-        starred: explorers of which the models from the first dataset are shown; all, if none of these is there.
-        name: of the table's files.
+        runs: runs that were trained and tested on the other dataset.
+        from_first: runs that were trained on the first dataset and tested on the same frames as `runs`.
+        names: display names of the rows.
+        datasets: display names of the first and the other dataset.
+        starred: explorers whose models from the first dataset are shown; all if there are no such runs.
+        name: name of the table's files.
     """
     first, other = datasets
     parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION, ""), _cells(runs.baseline), ranked=False),)]
@@ -81,7 +82,7 @@ def table_two(
                 labels = names.model(model), names.explorer(explorer)
                 rows.append(Row(labels, _cells(errors), ranked=not explorer.is_ceiling))
         for group in from_first:
-            shown = [one for one in group.explorers if one.name in starred] or group.explorers
+            shown = [variant for variant in group.explorers if variant.name in starred] or group.explorers
             for explorer in names.ordered_explorers(shown):
                 if errors := group.errors(explorer, model):
                     labels = names.model(model), f"{names.explorer(explorer)}*"
@@ -95,7 +96,7 @@ def table_two(
         name=name,
     )
     notes = [f"*: trained on {first}."] if from_first else []
-    return _finished(table, [runs, *from_first], notes, rank_by_part=True)
+    return _rank_and_annotate(table, [runs, *from_first], notes, rank_by_part=True)
 
 
 def table_three(
@@ -103,15 +104,16 @@ def table_three(
 ) -> ResultTable:
     """Table III: zero-shot transfer, every explorer averaged over the models.
 
-    A seed counts if all models have it. Where no seed has all, the mean is over the largest set of models that a seed
-    has, and over the seeds with just that set; such a row says over which models, and is not ranked.
+    The mean is over the seeds for which there is a run with every model. If there is no such seed, the mean is over the
+    largest set of models with a common seed, and over the seeds with exactly this set; such a row lists the models and
+    is not ranked.
 
     Args:
-        runs: of models that were tested on another dataset than they were trained on.
-        names: of rows and models.
-        trained_on: what the dataset of the training is called.
-        tested_on: what the dataset of the test is called.
-        name: of the table's files.
+        runs: runs whose models were tested on another dataset than they were trained on.
+        names: display names of rows and models.
+        trained_on: display name of the training dataset.
+        tested_on: display name of the test dataset.
+        name: name of the table's files.
     """
     models = names.ordered_models(runs.models)
     parts: list[tuple[Row, ...]] = [(Row((INTERPOLATION,), _cells(runs.baseline), ranked=False),)]
@@ -132,76 +134,79 @@ def table_three(
         parts=tuple(parts),
         name=name,
     )
-    return _finished(
-        table, [runs], [f"Every number is the mean over {', '.join(names.model(model) for model in models)}."]
-    )
+    notes = [f"Every number is the mean over {', '.join(names.model(model) for model in models)}."]
+    return _rank_and_annotate(table, [runs], notes)
 
 
 def _cells(errors: SeedErrors | None) -> tuple[Cell, ...]:
-    """A cell for each metric, empty ones without errors."""
+    """A cell for each metric; empty cells without errors."""
     if errors is None:
         return (Cell(),) * len(METRICS)
     return tuple(Cell(errors.estimates[name], seeds=errors.seeds) for name in METRICS)
 
 
 def _paired_differences(runs: ComparableRuns, names: DisplayNames, baselines: Sequence[str]) -> list[str]:
-    """For each model how much higher than the baselines' the explorers' errors are, a sentence each."""
+    """Notes on the paired differences to the baselines' MAE, for each model."""
     notes = []
     explorers = names.ordered_explorers(runs.explorers)
     for reference in (explorer for explorer in explorers if explorer.name in baselines):
+        others = [other for other in explorers if other != reference]
         for model in names.ordered_models(runs.models):
-            others = [other for other in explorers if other != reference]
-            found = {names.explorer(other): runs.paired_difference(other, reference, model) for other in others}
-            known = [f"{name} {one.mean:+.1f} ± {one.half_width:.1f}" for name, one in found.items() if one]
-            if known:
+            by_seed = {other: runs.paired_difference(other, reference, model) for other in others}
+            if text := _listed(by_seed, names):
                 notes.append(
-                    f"{names.model(model)}, MAE beyond {names.explorer(reference)}'s with the same seed (below 0 is "
-                    f"better; Student's t over the seeds): {', '.join(known)}."
+                    f"{names.model(model)}, difference to {names.explorer(reference)}'s MAE with the same seed (below "
+                    f"0 is better; Student's t over the seeds): {text}."
                 )
-            notes += _scene_differences(runs, names, reference, model)
+            by_scene = {other: runs.scene_difference(other, reference, model) for other in others}
+            if text := _listed(by_scene, names):
+                notes.append(
+                    f"{names.model(model)}, the same with the same seed and scene (bootstrap over seeds and over the "
+                    f"scenes of each; too narrow where trainings differ more than scenes): {text}."
+                )
     return notes
 
 
-def _scene_differences(runs: ComparableRuns, names: DisplayNames, reference: Variant, model: Variant) -> Iterator[str]:
-    """The same scene by scene, with the interval of the hierarchical bootstrap; nothing without errors by scene."""
-    others = [other for other in names.ordered_explorers(runs.explorers) if other != reference]
-    found = {names.explorer(other): runs.scene_difference(other, reference, model) for other in others}
-    known = [f"{name} {one.mean:+.1f} ± {one.half_width:.1f}" for name, one in found.items() if one]
-    if known:
-        yield (
-            f"{names.model(model)}, the same with the same seed and scene (bootstrap over seeds and over the scenes of "
-            f"each; too narrow where trainings differ more than scenes): {', '.join(known)}."
-        )
+def _listed(differences: Mapping[Variant, Estimate | None], names: DisplayNames) -> str:
+    return ", ".join(
+        f"{names.explorer(explorer)} {difference.mean:+.1f} ± {difference.half_width:.1f}"
+        for explorer, difference in differences.items()
+        if difference
+    )
 
 
-def _shares_of_way(runs: ComparableRuns, names: DisplayNames, baselines: Sequence[str]) -> list[str]:
-    """For each model how far the explorers come from a baseline's error to the ceiling's, a sentence each."""
+def _relative_gains(runs: ComparableRuns, names: DisplayNames, baselines: Sequence[str]) -> list[str]:
+    """Notes on the explorers' gains over a baseline, relative to the ceiling's gain, for each model."""
     notes = []
     explorers = names.ordered_explorers(runs.explorers)
-    references = [one for one in explorers if one.name in baselines]
-    ceilings = [one for one in explorers if one.is_ceiling]
+    references = [explorer for explorer in explorers if explorer.name in baselines]
+    ceilings = [explorer for explorer in explorers if explorer.is_ceiling]
     for reference, ceiling, model in product(references, ceilings, names.ordered_models(runs.models)):
-        others = [one for one in explorers if one != reference and not one.is_ceiling]
-        found = {names.explorer(one): runs.share_of_way(one, reference, ceiling, model) for one in others}
-        known = [f"{name} {100 * one.mean:.0f} ± {100 * one.half_width:.0f} %" for name, one in found.items() if one]
-        if known:
+        others = [explorer for explorer in explorers if explorer != reference and not explorer.is_ceiling]
+        gains = {other: runs.relative_gain(other, reference, ceiling, model) for other in others}
+        text = ", ".join(
+            f"{names.explorer(other)} {100 * gain.mean:.0f} ± {100 * gain.half_width:.0f} %"
+            for other, gain in gains.items()
+            if gain
+        )
+        if text:
             notes.append(
                 f"{names.model(model)}, share of the way from {names.explorer(reference)}'s MAE to that of "
-                f"{names.explorer(ceiling)} with the same seeds: {', '.join(known)}."
+                f"{names.explorer(ceiling)} with the same seeds: {text}."
             )
     return notes
 
 
 def _over_models(runs: ComparableRuns, explorer: Variant) -> tuple[frozenset[Variant], SeedErrors]:
-    """The models that an explorer's errors are averaged over, and the means of each seed's errors over the seeds."""
+    """Average an explorer's errors over models, then over seeds; returns the models and the errors."""
     models_of_seed: dict[int, set[Variant]] = defaultdict(set)
-    for (one, model), cell in runs.cells.items():
-        for seed in cell if one == explorer else ():
+    for (other, model), cell in runs.cells.items():
+        for seed in cell if other == explorer else ():
             models_of_seed[seed].add(model)
     seeds_of_models: dict[frozenset[Variant], list[int]] = defaultdict(list)
-    for seed, found in models_of_seed.items():
-        seeds_of_models[frozenset(found)].append(seed)
-    models = max(seeds_of_models, key=lambda some: (len(some), len(seeds_of_models[some]), sorted(some)))
+    for seed, members in models_of_seed.items():
+        seeds_of_models[frozenset(members)].append(seed)
+    models = max(seeds_of_models, key=lambda group: (len(group), len(seeds_of_models[group]), sorted(group)))
 
     def mean(seed: int, metric: str) -> float:
         errors = [runs.cells[explorer, model][seed].errors[metric] for model in models]
@@ -210,36 +215,35 @@ def _over_models(runs: ComparableRuns, explorer: Variant) -> tuple[frozenset[Var
     return models, SeedErrors.over({s: {name: mean(s, name) for name in METRICS} for s in seeds_of_models[models]})
 
 
-def _finished(
-    table: ResultTable, shown: Iterable[ComparableRuns], notes: Sequence[str], rank_by_part: bool = False
+def _rank_and_annotate(
+    table: ResultTable, groups: Sequence[ComparableRuns], notes: Sequence[str], rank_by_part: bool = False
 ) -> ResultTable:
-    """The table with its ranks and the notes that all tables need."""
+    """Rank a table's numbers and add the notes that are common to all tables."""
     seeds = ", ".join(map(str, table.usual_seeds))
     count = len(table.usual_seeds)
     general = [
         f"{_units()}; lower is better.",
-        f"Mean and 95 % interval over n = {counted(count, 'seed')} ({seeds}) where a number says no others."
+        f"Mean and 95 % interval over n = {counted(count, 'seed')} ({seeds}) unless a number lists other seeds."
         if count > 1
-        else f"One seed ({seeds}) each, so there are no intervals, where a number says no others.",
+        else f"One seed ({seeds}), thus without intervals, unless a number lists other seeds.",
         "Bold: best, underlined: second best of the numbers over these seeds; interpolation is not ranked.",
     ]
-    shown = list(shown)
-    if any(explorer.is_ceiling for runs in shown for explorer in runs.explorers):
+    if any(explorer.is_ceiling for runs in groups for explorer in runs.explorers):
         general.append(
-            "Free viewpoints are a ceiling and not ranked: no robot collected them, and true depth chose their source "
-            "frames."
+            "Free viewpoints are a ceiling and not ranked: no robot collected them, and their source frames were "
+            "chosen by true depth."
         )
-    for runs in shown:
+    for runs in groups:
         if not runs.same_frames:
-            general.append("Interpolation does not err alike in all runs: they were not tested on the same frames.")
-        if runs.repeated:
-            general.append(f"Runs that are there twice, with equal errors: {runs.repeated}; each counts once.")
+            general.append("Not all runs were tested on the same frames: the errors of interpolation differ.")
+        if runs.duplicates:
+            general.append(f"Duplicate runs with equal errors, which are counted once: {runs.duplicates}.")
     return replace(table, notes=(*notes, *general), units_in_headings=False).ranked(by_part=rank_by_part)
 
 
 def _units() -> str:
-    """The metrics and their units as one phrase: "MAE and RMSE in mm, iMAE and iRMSE in 1/km"."""
+    """The metrics with their units: "MAE and RMSE in mm, iMAE and iRMSE in 1/km"."""
     titles: dict[str, list[str]] = defaultdict(list)
     for metric in METRICS.values():
         titles[metric.unit].append(metric.title)
-    return ", ".join(f"{' and '.join(of_unit)} in {unit}" for unit, of_unit in titles.items())
+    return ", ".join(f"{' and '.join(metrics)} in {unit}" for unit, metrics in titles.items())

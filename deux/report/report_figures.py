@@ -1,4 +1,4 @@
-"""The report's figures: pictures of the runs side by side, and error against the number of frames."""
+"""Figures of a report: images of the runs side by side, and error against the number of training frames."""
 
 import io
 import math
@@ -21,11 +21,11 @@ from deux.report.comparable_runs import ComparableRuns
 from deux.report.display_names import DisplayNames, Variant
 from deux.report.runs import Run
 
-_WIDEST = 1400
-"""Pixels of a run's picture in the report."""
+_MAX_WIDTH = 1400
+"""Maximal width of a run's image in the report, pixels."""
 
-_WIDEST_ROW = 4.4
-"""Of pictures side by side, in heights of one."""
+_MAX_ROW_WIDTH = 4.4
+"""Maximal width of a row of images, relative to its height."""
 
 _MARKERS = "osD^vP*Xhd"
 
@@ -35,8 +35,8 @@ class CaptionedFigure:
     """A figure of the report.
 
     Args:
-        file: the picture.
-        caption: what it shows.
+        file: the image file.
+        caption: its caption.
     """
 
     file: Path
@@ -44,15 +44,17 @@ class CaptionedFigure:
 
 
 def draw_runs(runs: ComparableRuns, names: DisplayNames, folder: Path, name: str) -> list[CaptionedFigure]:
-    """Test frames and trajectories of every explorer, with one depth model and one seed; what the runs still have.
+    """Draw test frames and trajectories of every explorer, with one depth model and seed, from the runs' images.
+
+    Runs whose images are missing are left out.
 
     Args:
-        runs: their folders have the pictures.
-        names: of explorers and models.
-        folder: takes the figures.
-        name: begins the figures' names.
+        runs: the runs, whose folders contain the images.
+        names: display names of explorers and models.
+        folder: folder of the figures.
+        name: prefix of the figures' file names.
     """
-    model = _most_explored(runs, names)
+    model = _model_with_most_explorers(runs, names)
     explorers = names.ordered_explorers(explorer for explorer, other in runs.cells if other == model)
     shown = {explorer: _first_seed(runs.cells[explorer, model]) for explorer in explorers}
     figures = []
@@ -74,12 +76,12 @@ def draw_runs(runs: ComparableRuns, names: DisplayNames, folder: Path, name: str
 
 
 def draw_error_against_frames(groups: Sequence[ComparableRuns], names: DisplayNames, dataset: str) -> Figure:
-    """The MAE on the same test frames against the number of training frames, a panel for each model.
+    """Draw the MAE on the same test frames against the number of training frames, a panel for each model.
 
     Args:
-        groups: of runs; they differ in how much was explored alone.
-        names: of explorers and models.
-        dataset: what the test frames are called.
+        groups: groups of runs that differ in the amount of exploration only.
+        names: display names of explorers and models.
+        dataset: display name of the test dataset.
     """
     models = names.ordered_models(set().union(*(group.models for group in groups)))
     explorers = names.ordered_explorers(set().union(*(group.explorers for group in groups)))
@@ -107,7 +109,7 @@ def draw_error_against_frames(groups: Sequence[ComparableRuns], names: DisplayNa
 
 
 def _points(groups: Iterable[ComparableRuns], explorer: Variant, model: Variant) -> list[tuple[float, float, float]]:
-    """Mean number of frames, mean MAE and its interval (0 if there is none) for each budget, by frames."""
+    """Mean number of frames, mean MAE and half width of its interval (or 0) of each group, sorted by frames."""
     points = []
     for group in groups:
         runs = group.cells.get((explorer, model), {})
@@ -119,8 +121,8 @@ def _points(groups: Iterable[ComparableRuns], explorer: Variant, model: Variant)
     return sorted(points)
 
 
-def _most_explored(runs: ComparableRuns, names: DisplayNames) -> Variant:
-    """The first of the models that most explorers were run with."""
+def _model_with_most_explorers(runs: ComparableRuns, names: DisplayNames) -> Variant:
+    """The model that was trained with the most explorers; of several, the first in display order."""
     count = Counter(model for _, model in runs.cells)
     return max(names.ordered_models(count), key=lambda model: count[model])
 
@@ -130,7 +132,7 @@ def _first_seed(runs: Mapping[int, Run]) -> Run:
 
 
 def _trajectory(run: Run, others: Iterable[Run]) -> Image.Image | None:
-    """A run's trajectory, in a scene that all runs drew if there is one."""
+    """The image of a run's trajectory, if possible in a scene that is drawn in all runs."""
     drawn = [{path.name for path in other.path.glob("figures/trajectory_*.png")} for other in others]
     own = {path.name for path in run.path.glob("figures/trajectory_*.png")}
     shared = set.intersection(*(names for names in drawn if names)) if any(drawn) else set()
@@ -138,7 +140,7 @@ def _trajectory(run: Run, others: Iterable[Run]) -> Image.Image | None:
 
 
 def _read(path: Path) -> Image.Image | None:
-    """A picture of a run; None if it is gone or damaged."""
+    """Read an image of a run; None if it is missing or damaged."""
     try:
         with Image.open(path) as image:
             return image.convert("RGB")
@@ -147,11 +149,11 @@ def _read(path: Path) -> Image.Image | None:
 
 
 def _side_by_side(images: Mapping[str, Image.Image]) -> Figure:
-    """The pictures in rows, all equally high."""
+    """Arrange images of equal height in rows."""
     rows: list[list[str]] = [[]]
     widths = {title: image.width / image.height for title, image in images.items()}
     for title, width in widths.items():
-        if rows[-1] and sum(widths[other] for other in rows[-1]) + width > _WIDEST_ROW:
+        if rows[-1] and sum(widths[other] for other in rows[-1]) + width > _MAX_ROW_WIDTH:
             rows.append([])
         rows[-1].append(title)
     full = max(sum(widths[title] for title in row) for row in rows)
@@ -171,8 +173,8 @@ def _side_by_side(images: Mapping[str, Image.Image]) -> Figure:
 
 
 def _save_jpeg(image: Image.Image, path: Path) -> None:
-    if image.width > _WIDEST:
-        image = image.resize((_WIDEST, round(image.height * _WIDEST / image.width)), Image.Resampling.LANCZOS)
+    if image.width > _MAX_WIDTH:
+        image = image.resize((_MAX_WIDTH, round(image.height * _MAX_WIDTH / image.width)), Image.Resampling.LANCZOS)
     content = io.BytesIO()
     image.save(content, "JPEG", quality=88)
     make_folder(path.parent)
@@ -180,5 +182,5 @@ def _save_jpeg(image: Image.Image, path: Path) -> None:
 
 
 def _file_part(text: str) -> str:
-    """A text from a run's results, which may have been written elsewhere, as a part of a file's name."""
+    """Make text from a run's results, which may be untrusted, safe as part of a file name."""
     return "".join(character if character.isalnum() else "_" for character in text)

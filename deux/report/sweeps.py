@@ -1,4 +1,4 @@
-"""The grid of explorers, models and seeds that a sweep's `multirun.yaml` asks for."""
+"""Reading of sweeps: the grid of explorers, models and seeds in their `multirun.yaml`."""
 
 import itertools
 import math
@@ -17,26 +17,26 @@ from deux.report.older_configurations import RENAMED_OPTIONS, current_keys
 from deux.task_sections import MEANS_NAMES
 
 SWEEP_FILE = "multirun.yaml"
-"""What Hydra keeps of a sweep, in its folder."""
+"""File that Hydra writes to a sweep's folder."""
 
 MOST_RUNS = 10_000
-"""Runs of a sweep that a report can show."""
+"""Maximal number of runs of a sweep in a report."""
 
 GRID = ("explore", "model", "seed")
-"""The options that span a table: its rows, its columns, and what its intervals are over."""
+"""The options of a table's grid: rows, columns, and the seeds of the intervals."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A folder of runs that one command asked for.
+    """The runs of one multirun command.
 
     Args:
-        folder: holds one folder for each run.
-        overrides: the command's.
-        swept: the values of each option of `GRID` that was swept over, the preset's included.
-        fixed: the values of the options of `GRID` where they were not swept over.
-        of_checkpoints: whether it evaluates several models, which say themselves what they are.
-        runs: number of runs that were asked for, those included that differ in options that are not of `GRID`.
+        folder: folder with a subfolder for each run.
+        overrides: overrides of the command.
+        swept: values of each swept option of `GRID`, including those of the preset.
+        fixed: values of the options of `GRID` that were not swept.
+        of_checkpoints: whether it evaluates several trained models, whose explorers, models and seeds are not options.
+        runs: number of runs of the sweep, over all swept options.
     """
 
     folder: Path
@@ -48,12 +48,12 @@ class Sweep:
 
     @property
     def command(self) -> str:
-        """The command that goes on with the sweep."""
+        """The command, which also resumes the sweep."""
         return shlex.join(["python", "-m", "deux", "-m", *self.overrides])
 
     @property
     def grid(self) -> list[tuple[str, str, int]]:
-        """Every explorer, model and seed that was asked for, as far as the command says it."""
+        """All combinations of explorer, model and seed of the sweep; empty if the command does not contain them."""
         if self.of_checkpoints and not self.swept:
             return []
         values = [self.swept.get(option) or (self.fixed[option],) for option in GRID]
@@ -63,13 +63,13 @@ class Sweep:
 def find_sweeps(folder: Path) -> list[Sweep]:
     """The sweeps of experiments and evaluations at or below a folder.
 
-    A file that is no sweep's, or of a sweeper whose grid is not known beforehand, is left out.
+    Files that cannot be read as a sweep, such as those of sweepers without a fixed grid, are skipped.
     """
     sweeps = []
     for path in _sweep_folders(folder):
         try:
             sweep = _read(path)
-        except Exception:  # values of any type, which are taken for what Hydra writes
+        except Exception:  # values may have any type, on which parsing fails in many ways
             continue
         if sweep is not None:
             sweeps.append(sweep)
@@ -77,26 +77,26 @@ def find_sweeps(folder: Path) -> list[Sweep]:
 
 
 def sweep_file(folder: Path) -> dict[str, Any]:
-    """The part of a sweep's `multirun.yaml` that says what it asked for, which is all that `find_sweeps` reads."""
+    """The part of a sweep's `multirun.yaml` that `find_sweeps` reads."""
     content = read_yaml(folder / SWEEP_FILE)
-    hydra, chosen = content["hydra"], current_keys(content)
-    asked = {name: hydra["overrides"][name] for name in ("task", "hydra")}
+    hydra, options = content["hydra"], current_keys(content)
+    overrides = {name: hydra["overrides"][name] for name in ("task", "hydra")}
     return {
-        "hydra": {"overrides": asked, "sweeper": {"params": hydra["sweeper"].get("params")}},
+        "hydra": {"overrides": overrides, "sweeper": {"params": hydra["sweeper"].get("params")}},
         "task": content["task"],
-        "explore": {"name": chosen["explore"]["name"]},
-        "model": {"name": chosen["model"]["name"]},
-        "seed": chosen["seed"],
+        "explore": {"name": options["explore"]["name"]},
+        "model": {"name": options["model"]["name"]},
+        "seed": options["seed"],
     }
 
 
 def _sweep_folders(folder: Path) -> Iterator[Path]:
-    for found, below, files in walk(folder):
+    for path, subfolders, files in walk(folder):
         if SWEEP_FILE in files:
-            below.clear()
-            yield found
+            subfolders.clear()
+            yield path
         elif "manifest.json" in files:
-            below.clear()
+            subfolders.clear()
 
 
 def _read(folder: Path) -> Sweep | None:
@@ -112,8 +112,8 @@ def _read(folder: Path) -> Sweep | None:
         option = override.get_key_element()
         values = _swept_values(override) if override.is_sweep_override() else (_value(override),)
         swept[RENAMED_OPTIONS.get(option, option)] = values
-    chosen = current_keys(content)
-    fixed = {"explore": chosen["explore"]["name"], "model": chosen["model"]["name"], "seed": chosen["seed"]}
+    options = current_keys(content)
+    fixed = {"explore": options["explore"]["name"], "model": options["model"]["name"], "seed": options["seed"]}
     sweep = Sweep(
         folder=folder,
         overrides=(*overrides, *folders),
@@ -123,18 +123,18 @@ def _read(folder: Path) -> Sweep | None:
         runs=math.prod(len({*values}) for option, values in swept.items() if option not in MEANS_NAMES),
     )
     if math.prod(map(len, sweep.swept.values())) > MOST_RUNS:
-        raise ValueError(f"it asks for more than {MOST_RUNS} runs")
-    sweep.grid  # noqa: B018 - seeds that are no numbers raise here, and the sweep is left out
+        raise ValueError(f"it has more than {MOST_RUNS} runs")
+    sweep.grid  # noqa: B018 - raises ValueError for seeds that are not numbers
     return sweep
 
 
 def _swept_values(override: Override) -> tuple[str, ...]:
-    """The values of an option that is swept over; ValueError where they are more than a table can have."""
-    asked = override.value()
-    if isinstance(asked, RangeSweep):
-        distance = (asked.stop or 0) - (asked.start or 0)
-        if abs(distance) > MOST_RUNS * abs(asked.step):
-            raise ValueError(f"it asks for more than {MOST_RUNS} values")
+    """The values of a swept option; raises ValueError if there are more than `MOST_RUNS`."""
+    values = override.value()
+    if isinstance(values, RangeSweep):
+        distance = (values.stop or 0) - (values.start or 0)
+        if abs(distance) > MOST_RUNS * abs(values.step):
+            raise ValueError(f"it has more than {MOST_RUNS} values")
     return tuple(override.sweep_string_iterator())
 
 

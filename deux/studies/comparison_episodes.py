@@ -1,4 +1,4 @@
-"""The episodes of a comparison: every explorer in every scene, from the same places, each kept when it is over."""
+"""Runs the episodes of a comparison of explorers and saves each to a file when it is finished."""
 
 import json
 import time
@@ -31,12 +31,11 @@ from deux.studies.participants import RewardStates, make_rewards
 
 
 class ComparedEpisodes(NamedTuple):
-    """What became of the episodes of a comparison.
+    """The results of a comparison.
 
     Args:
-        episodes: of the explorers that have finished all of theirs, by explorer, then by scene.
-        failed: by the names of the other explorers, the files with the stack traces of the episodes that an unexpected
-            error has ended.
+        episodes: episodes of the explorers without failures, ordered by explorer, then by scene.
+        failed: files with the stack traces of the failed episodes, by name of the other explorers.
     """
 
     episodes: list[ExplorationEpisode]
@@ -56,27 +55,27 @@ def compare_explorers(
     execute: Executor = run_here,
     progress: Progress = ignore_progress,
 ) -> ComparedEpisodes:
-    """Run the episodes that are not in the folder yet, and return all.
+    """Run the episodes that are not finished yet, and return all.
 
-    An unexpected error, such as an explorer of another package may raise, ends its episode and no other.
+    Every explorer explores every scene, from the same start poses. An unexpected error, such as from a third-party
+    explorer, ends only its own episode.
 
     Args:
-        folder: where each episode is kept in a folder of its own when it is over.
-        simulation: makes the simulators.
-        scenes: where the episodes take place; each is loaded once for the episodes of a job.
-        explorers: who takes part.
-        rewards: the rewards that judge all of them.
-        seed: the run's; the seed of an episode is `episode_seed`, the same for all explorers.
-        steps: actions in an episode.
-        episodes: episodes of each explorer on each floor of each scene; a scene has one floor unless its `area` asks
-            for all.
-        perception: the depth model, for the explorers that need one; loaded once in a process.
-        execute: hands out the episodes, those of a scene together where it can. What they measure is the same wherever
-            they run, the time that an episode takes apart.
-        progress: told the number of episodes.
+        folder: folder of the episodes' subfolders.
+        simulation: creates the simulators.
+        scenes: the scenes; each is loaded once for the episodes of a job.
+        explorers: the explorers.
+        rewards: states of the rewards that are computed for all explorers.
+        seed: seed of the run; the seed of an episode is `episode_seed`, the same for all explorers.
+        steps: actions per episode.
+        episodes: episodes per explorer, scene and floor; scenes have one floor unless their `area` includes all.
+        perception: depth model and uncertainty, for explorers that need them.
+        execute: distributes the jobs, which consist of the episodes of a scene if possible. Except for the duration of
+            episodes, the results do not depend on it.
+        progress: called with the number of finished episodes.
 
     Raises:
-        DeuxError: a scene cannot be read, an explorer needs a model and there is none, the disk is full, a process has
+        DeuxError: a scene cannot be read, an explorer needs a model and there is none, the disk is full, a process
             died, or the file of an episode is damaged.
     """
     floors = count_all_floors(scenes, folder / "floors", simulation.make, execute)
@@ -106,14 +105,14 @@ def compare_explorers(
 
 @dataclass(frozen=True)
 class ComparisonPlan(Plan):
-    """An episode of one explorer that is to be measured.
+    """An episode to be run.
 
     Args:
-        folder: where its record is written.
-        scene: the scene it takes place in.
-        explorer: who explores.
-        floor: the floor of the scene, an index into `Simulator.floors`.
-        number: number of the explorer's episode there.
+        folder: folder of its files.
+        scene: its scene.
+        explorer: its explorer.
+        floor: floor of the scene, an index into `Simulator.floors`.
+        number: number of the episode on this floor.
     """
 
     explorer: PluginChoice
@@ -122,28 +121,28 @@ class ComparisonPlan(Plan):
 
     @property
     def size(self) -> int:
-        """One: progress counts episodes."""
+        """1, since progress counts episodes."""
         return 1
 
     @property
     def record(self) -> Path:
-        """The file that is written when the episode is over."""
+        """File of the finished episode."""
         return self.folder / "episode.json"
 
     @property
     def failure(self) -> Path:
-        """The file that is written in its place when an unexpected error has ended the episode: the stack trace."""
+        """File of the stack trace of a failed episode."""
         return self.folder / "failure.txt"
 
     @property
     def finished(self) -> bool:
-        """Whether the episode is over."""
+        """Whether the episode is finished."""
         return self.record.exists()
 
 
 @dataclass(frozen=True)
 class ComparisonRunner:
-    """Runs the episodes of a job one after the other; arguments as of `compare_explorers`."""
+    """Runs the episodes of a job one after the other; the arguments are those of `compare_explorers`."""
 
     simulation: Simulation
     rewards: RewardStates
@@ -152,11 +151,11 @@ class ComparisonRunner:
     perception: Perception | None = None
 
     def __call__(self, job: Job[ComparisonPlan], count: Count) -> None:
-        """Run and measure a job's episodes.
+        """Run the episodes of a job.
 
         Args:
-            job: the episodes, those of a scene one after the other: it is loaded once for them.
-            count: told of episodes as they end.
+            job: the episodes, ordered by scene; each scene is loaded once.
+            count: called with the number of newly finished episodes.
 
         Raises:
             DeuxError: a scene cannot be read, or an explorer needs a model and there is none.
@@ -166,11 +165,11 @@ class ComparisonRunner:
             for plan in plans:
                 make_folder(plan.folder)
                 try:
-                    with one_thread():  # or the depth model's last bits would depend on the number of threads
+                    with one_thread():  # otherwise the last bits of depth would depend on the number of threads
                         episode = self._explore(plan, simulator.another())
-                except (DeuxError, OSError, MemoryError):  # of a scene or of the machine
+                except (DeuxError, OSError, MemoryError):  # not the explorer's fault
                     raise
-                except Exception as error:  # the explorers of other packages may raise anything
+                except Exception as error:  # third-party explorers may raise anything
                     write_atomically(plan.failure, "".join(traceback.format_exception(error)).encode())
                 else:
                     write_json(plan.record, asdict(episode))
@@ -178,7 +177,7 @@ class ComparisonRunner:
 
     def _explore(self, plan: ComparisonPlan, simulator: Simulator) -> ExplorationEpisode:
         """Run one episode and measure it."""
-        began = time.perf_counter()
+        started = time.perf_counter()
         scene, floor, number = plan.scene, plan.floor, plan.number
         seed = episode_seed(self.seed, scene, number)
         explorer = plan.explorer.create()
@@ -188,7 +187,7 @@ class ComparisonRunner:
             track.add(step.frame.pose, step.collided, step.action)
         exploration = measure_exploration(simulator, track, make_rewards(self.rewards), seed, self.steps, floor)
         trajectory = [(float(pose[0, 3]), float(pose[2, 3]), yaw_of(pose)) for pose in track.poses]
-        seconds = round(time.perf_counter() - began, 2)
+        seconds = round(time.perf_counter() - started, 2)
         return ExplorationEpisode(plan.explorer.name, scene.name, number, seed, exploration, trajectory, seconds, floor)
 
 
@@ -199,4 +198,4 @@ def _read(record: Path) -> ExplorationEpisode:
         content["trajectory"] = [(x, z, yaw) for x, z, yaw in content["trajectory"]]
         return ExplorationEpisode(**content)
     except (ValueError, TypeError, KeyError) as error:
-        raise DeuxError(f"{record} is damaged, it holds no episode ({error}): delete it.") from error
+        raise DeuxError(f"{record} is damaged, it is not an episode ({error}): delete it.") from error

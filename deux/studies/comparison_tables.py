@@ -1,4 +1,4 @@
-"""The tables of a comparison of explorers: what they saw, their rewards, and how far they are ahead of one of them."""
+"""Tables of a comparison of explorers: exploration metrics, rewards, and gains over a baseline."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -19,17 +19,17 @@ COLUMNS = {
     "forward_share": Column("forward share", "%", factor=100.0),
     "parallax_share": Column("frames with parallax", "%", factor=100.0),
 }
-"""The columns, by the names of their numbers in `Exploration`."""
+"""The columns, by the names of the attributes of `Exploration`."""
 
 
 def exploration_table(comparison: ExplorerComparison) -> ResultTable:
-    """What each explorer saw, the best of each column in bold."""
+    """The exploration metrics of each explorer; the best of each column is bold."""
     cells = {e: [_cell(comparison.estimate(e, name)) for name in COLUMNS] for e in comparison.explorers}
     return _table(f"What the explorers saw, {_MEAN}", tuple(COLUMNS.values()), cells).ranked(second=False)
 
 
 def rewards_table(comparison: ExplorerComparison) -> ResultTable:
-    """The sum of each reward over an episode, the one that an explorer was trained for in bold."""
+    """The sum of each reward over an episode; the reward that an explorer was trained with is bold."""
     cells = {
         explorer: [
             _cell(comparison.estimate(explorer, REWARD + reward), comparison.own_rewards.get(explorer) == reward)
@@ -42,7 +42,7 @@ def rewards_table(comparison: ExplorerComparison) -> ResultTable:
 
 
 def gains_table(comparison: ExplorerComparison, baseline: str) -> ResultTable:
-    """How far each explorer is ahead of one of them in the same scenes; in bold where the interval is above 0.
+    """Gains of each explorer over a baseline in the same scenes; bold if the whole interval is above 0.
 
     Args:
         comparison: the episodes.
@@ -68,7 +68,7 @@ def _table(caption: str, columns: tuple[Column, ...], cells: Mapping[str, Sequen
 
 
 def _cell(value: Estimate, highlighted: bool = False) -> Cell:
-    """A number of a table; empty where there is no mean."""
+    """A cell of a table; empty if there is no mean."""
     if math.isnan(value.mean):
         return Cell()
     return Cell(value, "highlighted" if highlighted else None)

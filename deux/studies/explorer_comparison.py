@@ -1,4 +1,4 @@
-"""What a comparison of explorers found: its episodes, and each explorer's means with their intervals."""
+"""The results of a comparison of explorers: episodes, and means with confidence intervals."""
 
 import math
 from collections import defaultdict
@@ -13,17 +13,17 @@ from deux.studies.exploration_meter import MEASURES, REWARD, Exploration
 
 @dataclass(frozen=True)
 class ExplorationEpisode:
-    """One explorer's episode.
+    """One episode of an explorer.
 
     Args:
-        explorer: its registered name.
-        scene: the scene's name.
+        explorer: registered name of the explorer.
+        scene: name of the scene.
         episode: number of the episode in this scene.
-        seed: of the start and of the explorer.
-        exploration: what it came to.
+        seed: seed of the start pose and the explorer.
+        exploration: metrics of the episode.
         trajectory: x and z in metres and yaw in radians of each frame.
-        seconds: that it took.
-        floor: the floor that it took place on, as the simulator numbers them.
+        seconds: duration of the episode.
+        floor: floor of the scene, an index into `Simulator.floors`.
     """
 
     explorer: str
@@ -39,12 +39,11 @@ class ExplorationEpisode:
 class ExplorerComparison:
     """The episodes of several explorers in the same scenes.
 
-    Scenes are what differs independently: the episodes of one scene are averaged first, and the intervals are over
-    scenes.
+    Scenes are the independent samples: the episodes of a scene are averaged first, and intervals are over scenes.
 
     Args:
-        episodes: all of them; the explorers keep the order in which they come.
-        own_rewards: the reward that an explorer was trained for, by the explorer's name.
+        episodes: all episodes; they determine the order of the explorers.
+        own_rewards: the reward that an explorer was trained with, by the explorer's name.
     """
 
     def __init__(self, episodes: Sequence[ExplorationEpisode], own_rewards: Mapping[str, str]) -> None:
@@ -53,38 +52,38 @@ class ExplorerComparison:
         self.explorers = tuple(dict.fromkeys(episode.explorer for episode in episodes))
         self.rewards = tuple(dict.fromkeys(name for episode in episodes for name in episode.exploration.rewards))
         self.names = (*MEASURES, *(REWARD + reward for reward in self.rewards))
-        """The numbers that are compared, as in `Exploration.values`."""
+        """Names of the compared metrics, as in `Exploration.values`."""
 
     def sample(self, explorer: str, name: str) -> dict[str, float]:
-        """One of an explorer's numbers in each scene that has it, by the scene's name."""
-        found = defaultdict(list)
+        """An explorer's metric in each scene that has a value, by the scene's name."""
+        samples = defaultdict(list)
         for episode in self.episodes:
             value = episode.exploration.values().get(name)
             if episode.explorer == explorer and value is not None:
-                found[episode.scene].append(value)
-        return {scene: sum(values) / len(values) for scene, values in found.items()}
+                samples[episode.scene].append(value)
+        return {scene: sum(values) / len(values) for scene, values in samples.items()}
 
     def estimate(self, explorer: str, name: str) -> Estimate:
-        """One of an explorer's numbers over all scenes."""
+        """Mean and interval of an explorer's metric over scenes."""
         return estimate(list(self.sample(explorer, name).values()))
 
     def gain(self, explorer: str, baseline: str, name: str) -> Estimate:
-        """How much higher an explorer's number is than another's: the difference in each scene, over all scenes.
+        """Mean difference of a metric between an explorer and a baseline, paired by scene.
 
-        Both begin at the same places, so what makes one scene richer than another cancels out.
+        Both start at the same poses, so that differences between scenes cancel.
         """
-        mine, theirs = self.sample(explorer, name), self.sample(baseline, name)
-        return estimate([mine[scene] - theirs[scene] for scene in mine if scene in theirs])
+        values, baselines = self.sample(explorer, name), self.sample(baseline, name)
+        return estimate([values[scene] - baselines[scene] for scene in values if scene in baselines])
 
     def summary(self) -> dict[str, dict[str, dict[str, float | None]]]:
-        """Each explorer's numbers as JSON values: their means, and half the width of their intervals."""
+        """Mean and half width of the interval of each explorer's metrics, as JSON values."""
         return {
             explorer: {name: _values(self.estimate(explorer, name)) for name in self.names}
             for explorer in self.explorers
         }
 
     def table_csv(self) -> str:
-        """One row an explorer: each number's mean, and the ends of its interval."""
+        """CSV with a row for each explorer: mean and ends of the interval of each metric."""
         rows = []
         for explorer in self.explorers:
             row: dict[str, Any] = {"explorer": explorer}
@@ -95,7 +94,7 @@ class ExplorerComparison:
         return _csv(rows)
 
     def episodes_csv(self) -> str:
-        """One row an episode."""
+        """CSV with a row for each episode."""
         rows = []
         for episode in self.episodes:
             row = {name: getattr(episode, name) for name in ("explorer", "scene", "floor", "episode", "seed")}
@@ -105,13 +104,13 @@ class ExplorerComparison:
 
 
 def _values(value: Estimate) -> dict[str, float | None]:
-    return {"mean": _known(value.mean), "half_width": _known(value.half_width)}
+    return {"mean": _nan_to_none(value.mean), "half_width": _nan_to_none(value.half_width)}
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    return csv_text(list(rows[0]), [[_known(value) for value in row.values()] for row in rows])
+    return csv_text(list(rows[0]), [[_nan_to_none(value) for value in row.values()] for row in rows])
 
 
-def _known(value: Any) -> Any:
-    """None in place of NaN, which JSON does not have."""
+def _nan_to_none(value: Any) -> Any:
+    """Replace NaN, which JSON does not have, by None."""
     return None if isinstance(value, float) and math.isnan(value) else value

@@ -1,4 +1,4 @@
-"""Measures of uncertainty against the depth model's true error, frame by frame along one walk on a floor of a scene."""
+"""Evaluation of uncertainty measures against the depth model's true error, frame by frame along one walk."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -16,26 +16,26 @@ from deux.geometry.camera import Camera
 from deux.metrics.sparsification import ause, sparsification_curve
 
 CONTROLS = ("distance", "chance")
-"""Rows beside the measures: pixels in order of their predicted depth, and in an order drawn by lot."""
+"""Control measures: the predicted depth, and random numbers."""
 
 CELL = 0.5
-"""Edge in metres of a place: a cell of the floor plan."""
+"""Edge length of a place, a cell of the floor plan, in metres."""
 
 CELL_PIXELS = 100
-"""Pixels that a place needs, over all frames, to have an error of its own."""
+"""Minimal number of pixels of a place, over all frames."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """How one measure does in one frame, over the pixels for which it has a value and whose true depth is known.
+    """Evaluation of one measure in one frame, over the pixels with true depth for which the measure has a value.
 
     Args:
-        delta: its uncertainty as one number (Eq. 8).
-        coverage: fraction of the pixels with true depth for which it has a value.
-        rank_correlation: Spearman's, of uncertainty and true error over the pixels.
-        ause: area between its sparsification curve and the oracle's.
-        curve: its sparsification curve over the mean error, starting from 1.
-        oracle: likewise of the error itself.
+        delta: uncertainty of the frame as one number (Eq. 8).
+        coverage: fraction of the pixels with true depth for which the measure has a value.
+        rank_correlation: Spearman's rank correlation of uncertainty and true error over the pixels.
+        ause: area between the sparsification curve and the oracle's.
+        curve: sparsification curve relative to the mean error; it starts at 1.
+        oracle: sparsification curve of the error itself, likewise.
     """
 
     delta: float
@@ -48,16 +48,16 @@ class Judgement:
 
 @dataclass(frozen=True)
 class JudgedFrame:
-    """One frame.
+    """The evaluation of all measures in one frame.
 
     Args:
-        step: its number in the episode.
-        moved: metres that the camera moved since the first source frame.
-        turned: degrees that it turned since then.
-        distance: mean predicted depth in metres.
-        texture: mean absolute difference of neighbouring pixels, images in [0, 1].
-        error: mean absolute error of the depth in mm.
-        judgements: of each measure that has values in the frame.
+        step: step of the episode.
+        moved: distance that the camera moved since the first source frame, metres.
+        turned: angle that it turned since then, degrees.
+        distance: mean predicted depth, metres.
+        texture: mean absolute difference of neighbouring pixels of the image, in [0, 1].
+        error: mean absolute error of the depth, mm.
+        judgements: evaluation of each measure that has values in the frame.
     """
 
     step: int
@@ -71,11 +71,11 @@ class JudgedFrame:
 
 @dataclass(frozen=True)
 class Place:
-    """What one measure makes of one cell of the floor plan, over all frames.
+    """Mean uncertainty and error in one cell of the floor plan, over all frames.
 
     Args:
-        uncertainty: mean over the pixels that show it.
-        error: mean absolute error of their depth in mm.
+        uncertainty: mean uncertainty of the pixels that show the cell.
+        error: mean absolute error of their depth, mm.
     """
 
     uncertainty: float
@@ -88,8 +88,8 @@ class JudgedSample:
 
     Args:
         rgb: H x W x 3 uint8.
-        error: H x W absolute error in metres, NaN where the true depth is not known.
-        uncertainties: H x W maps by the measure's name, NaN where it has no value.
+        error: absolute error, H x W metres, NaN where the true depth is unknown.
+        uncertainties: H x W maps by name of the measure, NaN where it has no value.
     """
 
     rgb: np.ndarray
@@ -99,13 +99,13 @@ class JudgedSample:
 
 @dataclass(frozen=True)
 class JudgedWalk:
-    """A walk's frames and places.
+    """The evaluation of a walk.
 
     Args:
-        scene: the scene's name.
-        frames: in order of time.
-        places: the cells that were seen often enough, for each measure.
-        floor: the floor that it took place on, as the simulator numbers them.
+        scene: name of the scene.
+        frames: evaluations of the frames, in temporal order.
+        places: places with at least `CELL_PIXELS` pixels, by name of the measure.
+        floor: floor of the scene, an index into `Simulator.floors`.
     """
 
     scene: str
@@ -121,18 +121,18 @@ class JudgedWalk:
             for frame in content["frames"]
         ]
         places = {name: [Place(**place) for place in places] for name, places in content["places"].items()}
-        return cls(content["scene"], frames, places, content.get("floor", 0))  # earlier versions told no floor
+        return cls(content["scene"], frames, places, content.get("floor", 0))  # earlier versions stored no floor
 
 
 class WalkJudge:
-    """Judges the frames of one walk as they come.
+    """Evaluates uncertainty measures on the frames of one walk, one frame at a time.
 
     Args:
-        scene: the scene's name.
+        scene: name of the scene.
         camera: the robot's camera.
-        measures: that are judged, by name.
-        seed: of the order by chance.
-        floor: the floor's number.
+        measures: the measures, by name.
+        seed: seed of the random control measure.
+        floor: floor of the scene, an index into `Simulator.floors`.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class WalkJudge:
         self._cells: dict[str, dict[tuple[int, int], np.ndarray]] = defaultdict(_cells)
 
     @torch.inference_mode()
-    def see(
+    def add(
         self,
         step: int,
         view: View,
@@ -156,22 +156,22 @@ class WalkJudge:
         turned: float,
         computed: Mapping[str, Tensor] | None = None,
     ) -> dict[str, np.ndarray]:
-        """Judge one frame by all measures.
+        """Evaluate all measures on the next frame.
 
         Args:
-            step: its number in the episode.
-            view: the frame, in a batch of one.
-            truth: H x W metres, 0 = none.
-            pose: 4 x 4 camera-to-world.
-            moved: metres since the first source frame.
-            turned: degrees since then.
-            computed: uncertainties of this frame, H x W, that need not be computed again, by the measure's name.
+            step: step of the episode.
+            view: the frame, as a batch of one.
+            truth: true depth, H x W metres, 0 = no value.
+            pose: 4 x 4 camera-to-world pose.
+            moved: distance moved since the first source frame, metres.
+            turned: angle turned since then, degrees.
+            computed: uncertainties of this frame that are already computed, H x W, by name of the measure.
 
         Returns:
-            The H x W maps of all measures and controls, by name; none if the true depth is known nowhere.
+            The maps of all measures and controls, H x W, by name; empty if no pixel has true depth in range.
         """
-        known = (truth > self._camera.min_depth) & (truth < self._camera.max_depth)
-        if not known.any():
+        valid = (truth > self._camera.min_depth) & (truth < self._camera.max_depth)
+        if not valid.any():
             return {}
         depth = view.depth[0, 0].cpu().numpy()
         error = 1000.0 * np.abs(depth - truth)
@@ -179,34 +179,34 @@ class WalkJudge:
         maps = self._uncertainties(view, computed or {})
         judgements = {}
         for name, uncertainty in maps.items():
-            judged = known & np.isfinite(uncertainty)
-            if judged.sum() > 1 and error[judged].any():
-                coverage = float(judged.sum() / known.sum())
-                judgements[name] = _judgement(error[judged], uncertainty[judged], coverage)
-                self._add(name, cells[judged], uncertainty[judged], error[judged])
+            evaluated = valid & np.isfinite(uncertainty)
+            if evaluated.sum() > 1 and error[evaluated].any():
+                coverage = float(evaluated.sum() / valid.sum())
+                judgements[name] = _judgement(error[evaluated], uncertainty[evaluated], coverage)
+                self._add_to_cells(name, cells[evaluated], uncertainty[evaluated], error[evaluated])
         image = view.image[0].cpu().numpy()
         texture = (np.abs(np.diff(image, axis=1)).mean() + np.abs(np.diff(image, axis=2)).mean()) / 2.0
-        mean_error = float(error[known].mean())
+        mean_error = float(error[valid].mean())
         self._frames.append(
-            JudgedFrame(step, moved, turned, float(depth[known].mean()), float(texture), mean_error, judgements)
+            JudgedFrame(step, moved, turned, float(depth[valid].mean()), float(texture), mean_error, judgements)
         )
         return maps
 
     def _uncertainties(self, view: View, computed: Mapping[str, Tensor]) -> dict[str, np.ndarray]:
-        """The H x W maps of all measures and controls for the one frame of a view."""
+        """The maps of all measures and controls for a view of one frame, H x W each."""
         maps = {
             name: computed[name] if name in computed else pixel_uncertainty(measure, view)[0]
             for name, measure in self._measures.items()
         }
-        by_chance = torch.rand(view.depth.shape[2:], generator=self._rng)
-        maps |= dict(zip(CONTROLS, (view.depth[0, 0], by_chance), strict=True))
-        found = {name: uncertainty.cpu().numpy() for name, uncertainty in maps.items()}
+        random = torch.rand(view.depth.shape[2:], generator=self._rng)
+        maps |= dict(zip(CONTROLS, (view.depth[0, 0], random), strict=True))
+        arrays = {name: uncertainty.cpu().numpy() for name, uncertainty in maps.items()}
         for name, measure in self._measures.items():
-            check_not_negative(measure, found[name])
-        return found
+            check_not_negative(measure, arrays[name])
+        return arrays
 
     def result(self) -> JudgedWalk:
-        """All that was seen."""
+        """The evaluation of all frames added so far."""
         places = {
             name: [
                 Place(float(total / pixels), float(error / pixels))
@@ -218,13 +218,13 @@ class WalkJudge:
         return JudgedWalk(self._scene, self._frames, places, self._floor)
 
     def _cells_of(self, truth: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """The cell of the floor plan that each pixel shows: H x W x 2 integers."""
+        """The cell of the floor plan that each pixel shows, H x W x 2 integers."""
         points = (self._camera.rays() * truth[..., None]) @ pose[:3, :3].T + pose[:3, 3]
         result: np.ndarray = np.floor(points[..., [0, 2]] / CELL).astype(int)
         return result
 
-    def _add(self, name: str, cells: np.ndarray, uncertainty: np.ndarray, error: np.ndarray) -> None:
-        """Count pixels, N each, in their cells, N x 2."""
+    def _add_to_cells(self, name: str, cells: np.ndarray, uncertainty: np.ndarray, error: np.ndarray) -> None:
+        """Add the uncertainties and errors of N pixels to their cells, N x 2."""
         places, which = np.unique(cells, axis=0, return_inverse=True)
         sums = [np.bincount(which.ravel(), weights, len(places)) for weights in (None, uncertainty, error)]
         for place, *values in zip(places, *sums, strict=True):
@@ -232,12 +232,12 @@ class WalkJudge:
 
 
 def _cells() -> dict[tuple[int, int], np.ndarray]:
-    """The cells of one measure: number of pixels, sum of their uncertainty, sum of their error."""
+    """The cells of one measure: number of pixels, sum of uncertainty, sum of error."""
     return defaultdict(lambda: np.zeros(3))
 
 
 def _judgement(error: np.ndarray, uncertainty: np.ndarray, coverage: float) -> Judgement:
-    """Hold the uncertainty of N pixels against their errors."""
+    """Compare the uncertainties of N pixels with their errors."""
     curve, oracle = sparsification_curve(error, uncertainty), sparsification_curve(error, error)
     delta = float(frame_uncertainty(torch.from_numpy(uncertainty)[None, None])[0])
     return Judgement(
@@ -251,7 +251,7 @@ def _judgement(error: np.ndarray, uncertainty: np.ndarray, coverage: float) -> J
 
 
 def rank_correlation(first: Sequence[float] | np.ndarray, second: Sequence[float] | np.ndarray) -> float:
-    """Spearman's coefficient; 0 where one side is constant and so orders nothing, NaN for fewer than two values."""
+    """Spearman's rank correlation; 0 if one variable is constant, NaN for fewer than two values."""
     if len(first) < 2:
         return np.nan
     if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:

@@ -1,4 +1,4 @@
-"""Which explorers take part in a comparison, and by which rewards they are judged."""
+"""Selects the explorers and rewards of a comparison."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,24 +9,25 @@ import numpy as np
 from deux.collection.perception import MODEL_NEEDS
 from deux.collection.specification import fingerprint_of
 from deux.contracts import NO_ROBOT, Explorer, FreeViewpoints, Reward
-from deux.errors import DeuxError, printable
+from deux.errors import DeuxError
+from deux.plugin_failures import creation_failure
 from deux.policies.learned_explorer import LearnedExplorer
 from deux.registry import PluginChoice, registry
 
 RewardStates = Mapping[str, Mapping[str, np.ndarray]]
-"""What each reward has learned, by the reward's registered name; empty for most."""
+"""The learned state of each reward, by its registered name; empty for rewards that do not learn."""
 
 
 @dataclass
 class Participants:
-    """The explorers and the rewards of one comparison.
+    """The explorers and rewards of one comparison.
 
     Args:
-        explorers: with their options.
+        explorers: explorers with their options.
         fingerprints: `Explorer.fingerprint` of each, by name.
-        own_rewards: the reward that a learned explorer was trained for, by the explorer's name.
-        rewards: the rewards that judge all of them.
-        left_out: why each explorer or reward that is installed does not take part, by name.
+        own_rewards: the reward that a learned explorer was trained with, by the explorer's name.
+        rewards: states of the rewards that are computed for all explorers, by name.
+        left_out: reasons why installed explorers or rewards do not take part, by name.
     """
 
     explorers: list[PluginChoice] = field(default_factory=list)
@@ -37,23 +38,23 @@ class Participants:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What the episodes depend on besides the configuration."""
+        """The part of the run's identity besides the configuration."""
         return {choice.name: {**choice.settings, "is": self.fingerprints[choice.name]} for choice in self.explorers}
 
 
 def find_participants(named: Sequence[str] | None, configured: PluginChoice, has_model: bool) -> Participants:
-    """The explorers that are named, or all installed ones that can take part.
+    """Find the explorers and rewards of a comparison.
 
-    A reward that learns judges by what it learned while the compared explorer that seeks it was trained, and where
-    none seeks it, it does not judge.
+    A reward that learns is computed with the state from the training of a compared explorer with this reward; without
+    such an explorer, it is left out.
 
     Args:
-        named: registered names (`compare.explorers`); None for all that are installed.
-        configured: the explorer of `explore`, which keeps its options; the others have their defaults.
+        named: names of explorers (`compare.explorers`); None for all installed explorers that can take part.
+        configured: the explorer of the section `explore`, with its options; the others have their defaults.
         has_model: whether there is a depth model for explorers that need one.
 
     Raises:
-        DeuxError: an explorer that is named cannot take part, or none can.
+        DeuxError: a named explorer cannot take part, or there is no explorer.
     """
     found = Participants()
     learned: dict[str, Mapping[str, np.ndarray]] = {}
@@ -67,9 +68,7 @@ def find_participants(named: Sequence[str] | None, configured: PluginChoice, has
                 raise DeuxError(f"{name} cannot be compared: {NO_ROBOT}")
             found.fingerprints[name] = fingerprint_of(explorer)
             if explorer.needs & MODEL_NEEDS and not has_model:
-                raise DeuxError(
-                    f"{name} needs a depth model: name a trained one with seed_model.checkpoint=, such as kbnet-indoor."
-                )
+                raise DeuxError(f"{name} needs a depth model: set seed_model.checkpoint= to one, such as kbnet-indoor.")
             if isinstance(explorer, LearnedExplorer):
                 learned.setdefault(explorer.reward, explorer.policy.reward_state)
                 found.own_rewards[name] = explorer.reward
@@ -78,10 +77,10 @@ def find_participants(named: Sequence[str] | None, configured: PluginChoice, has
             if named:
                 raise
             found.left_out[name] = str(error)
-        except (Exception, SystemExit) as error:  # the modules and constructors of other packages may raise anything
+        except (Exception, SystemExit) as error:  # third-party plugins may raise anything
             if named or name == configured.name:
                 raise
-            found.left_out[name] = _unmade(name, error)
+            found.left_out[name] = creation_failure(name, error)
     if not found.explorers:
         raise DeuxError(f"there is no explorer to compare: {' '.join(found.left_out.values())}")
     for name in registry().names("rewards"):
@@ -90,18 +89,12 @@ def find_participants(named: Sequence[str] | None, configured: PluginChoice, has
             if state or not registry().create("rewards", name, {}).state():
                 found.rewards[name] = state
         except (Exception, SystemExit) as error:
-            found.left_out[f"the reward {name}"] = _unmade(name, error)
+            found.left_out[f"the reward {name}"] = creation_failure(name, error)
     return found
 
 
-def _unmade(name: str, error: BaseException) -> str:
-    if isinstance(error, DeuxError):
-        return str(error)
-    return f"{name} cannot be made: {type(error).__name__}: {printable(str(error))}."
-
-
 def make_rewards(states: RewardStates) -> dict[str, Reward]:
-    """New rewards, none of which learns from an episode before: all explorers are judged alike."""
+    """Create rewards with their learned states, independent of earlier episodes."""
     rewards: dict[str, Reward] = {name: registry().create("rewards", name, {}) for name in states}
     for name, reward in rewards.items():
         if states[name]:

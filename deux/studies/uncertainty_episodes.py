@@ -1,4 +1,4 @@
-"""The walks of a study of uncertainty: one in each scene, every frame of them judged, each scene kept when done."""
+"""Runs the walks of a study of uncertainty measures and saves the evaluation of each to a file."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -13,28 +13,29 @@ from deux.collection.sparse import SparseSettings
 from deux.collection.specification import episode_seed, place_name
 from deux.collection.walk import Step, Walk, run_walks
 from deux.contracts import DepthPredictor, SceneReference, Uncertainty
-from deux.errors import DeuxError, counted, printable
+from deux.errors import DeuxError, counted
 from deux.geometry.poses import motion
 from deux.inference.threads import one_thread
 from deux.io.atomic import make_folder, read_bytes, write_json
 from deux.io.progress import Progress, ignore_progress
+from deux.plugin_failures import creation_failure
 from deux.registry import PluginChoice, registry
 from deux.simulator.simulation import Simulation
 from deux.studies.judged_walk import JudgedSample, JudgedWalk, WalkJudge
 from deux.studies.uncertainty_study import UncertaintyStudy
 
 SAMPLES = 5
-"""Frames of the first scene that are shown in figures."""
+"""Number of frames of the first scene in figures."""
 
 ShowSamples = Callable[[Sequence[JudgedSample]], None]
-"""Told some frames of the first scene, at least one."""
+"""Called with some frames of the first scene, at least one."""
 
 
 def installed_measures() -> tuple[list[PluginChoice], dict[str, str]]:
-    """All installed measures of uncertainty with their default options.
+    """All installed uncertainty measures with their default options.
 
     Returns:
-        The measures by name, and why those that cannot be made are left out.
+        The measures, and the reasons why others cannot be created, by name.
     """
     measures: list[PluginChoice] = []
     left_out: dict[str, str] = {}
@@ -43,10 +44,8 @@ def installed_measures() -> tuple[list[PluginChoice], dict[str, str]]:
             choice = registry().choose("uncertainties", {"name": name})
             choice.create()
             measures.append(choice)
-        except DeuxError as error:
-            left_out[name] = str(error)
-        except (Exception, SystemExit) as error:  # the modules and constructors of other packages may raise anything
-            left_out[name] = f"{name} cannot be made: {type(error).__name__}: {printable(str(error))}."
+        except (Exception, SystemExit) as error:  # third-party plugins may raise anything
+            left_out[name] = creation_failure(name, error)
     return measures, left_out
 
 
@@ -66,54 +65,54 @@ def study_uncertainty(
     correct_depth: bool = False,
     remembered_frames: int = 0,
 ) -> UncertaintyStudy:
-    """Hold measures of uncertainty against the true error of a depth model, along an explorer's walks.
+    """Compare uncertainty measures with the true error of a depth model, along an explorer's walks.
 
     Args:
-        folder: where each scene's numbers are kept in a file of their own; those that are there are not made again.
-        simulation: makes the simulators.
-        scenes: where the explorer walks, once in each, or on each floor where its `area` asks for all; at least one.
-        explorer: who walks.
-        predict_depth: the depth model; asked once for each frame, and again by some measures.
-        sparse: how its sparse points are taken.
-        measures: the measures that are judged, each name once; `installed_measures` lists all.
-        seed: the run's; the seed of a walk is `episode_seed`.
-        steps: actions in a walk.
-        guidance: the measure that the explorer is shown, if it needs one; where it is judged as well, it is computed
-            once.
-        show: is given some frames of the first scene, before that scene is kept.
-        progress: told the number of walks.
-        correct_depth: whether the explorer is given the depth corrected by the sparse points; what is judged is not.
+        folder: folder of the evaluations, a file for each walk; existing ones are not repeated.
+        simulation: creates the simulators.
+        scenes: the scenes, at least one; there is one walk on each floor that their `area` includes.
+        explorer: the explorer.
+        predict_depth: the depth model; called once for each frame, and by some measures.
+        sparse: how sparse points are sampled.
+        measures: the measures, with different names; `installed_measures` returns all.
+        seed: seed of the run; the seed of a walk is `episode_seed`.
+        steps: actions per walk.
+        guidance: the measure that guides the explorer, if it needs one.
+        show: called with some frames of the first scene, before its evaluation is saved.
+        progress: called with the number of finished walks.
+        correct_depth: whether the explorer receives depth that is corrected by the sparse points; the evaluated depth
+            is not corrected.
         remembered_frames: number of earlier frames whose points correct it as well.
 
     Raises:
-        DeuxError: a scene cannot be read, the explorer needs a measure that was not given, the file of a scene is
-            damaged, or no frame could be judged.
+        DeuxError: a scene cannot be read, the explorer needs a measure that was not given, the file of a walk is
+            damaged, or no frame could be evaluated.
     """
-    made: dict[str, Uncertainty] = {choice.name: choice.create() for choice in measures}
+    created: dict[str, Uncertainty] = {choice.name: choice.create() for choice in measures}
     guide: Uncertainty | None = None
     if guidance is not None and explorer.create().needs & MODEL_NEEDS:
-        guide = made[guidance.name] if guidance in measures else guidance.create()
+        guide = created[guidance.name] if guidance in measures else guidance.create()
     perception = Perception(predict_depth, sparse, guide, correct_depth, remembered_frames)
-    walks = _Walks(simulation, explorer, perception, made, seed, steps)
+    walks = _Walks(simulation, explorer, perception, created, seed, steps)
     make_folder(folder)
-    judged = []
+    evaluated = []
     floors = count_all_floors(scenes, folder / "floors", simulation.make)
     places = [(scene, floor) for scene in scenes for floor in range(floors[scene.name])]
     for number, (scene, floor) in enumerate(places):
-        judged.append(walks.kept(folder, scene, floor, None if number else show))
+        evaluated.append(walks.load_or_run(folder, scene, floor, None if number else show))
         progress("scenes", number + 1, len(places))
-    study = UncertaintyStudy(judged, list(made))
+    study = UncertaintyStudy(evaluated, list(created))
     if study.count() == 0:
         raise DeuxError(
-            f"No frame of the {counted(len(scenes), 'scene')} could be judged: the walks show nothing within the "
-            "camera's range, or their steps are too few."
+            f"no frame of the {counted(len(scenes), 'scene')} could be evaluated: the walks show nothing within the "
+            "camera's depth range, or collect.steps is too small."
         )
     return study
 
 
 @dataclass(frozen=True)
 class _Walks:
-    """What the walks have in common, as `study_uncertainty` says."""
+    """Runs walks with the same settings; the arguments are those of `study_uncertainty`."""
 
     simulation: Simulation
     explorer: PluginChoice
@@ -122,32 +121,32 @@ class _Walks:
     seed: int
     steps: int
 
-    def kept(self, folder: Path, scene: SceneReference, floor: int, show: ShowSamples | None) -> JudgedWalk:
-        """The walk on a floor of a scene as its file in a folder has it; without a file it is taken and kept first."""
+    def load_or_run(self, folder: Path, scene: SceneReference, floor: int, show: ShowSamples | None) -> JudgedWalk:
+        """Read the evaluation of a walk from its file; run the walk first if the file does not exist."""
         record = folder / f"{place_name(scene, floor)}.json"
         if not record.exists():
-            found, samples = self.judge(scene, floor)
+            walk, samples = self.run(scene, floor)
             if show is not None and samples:
                 show(samples)
-            write_json(record, asdict(found))
+            write_json(record, asdict(walk))
         return _read(record)
 
-    def judge(self, scene: SceneReference, floor: int) -> tuple[JudgedWalk, list[JudgedSample]]:
-        """Let the explorer walk on a floor of a scene, and judge every frame that has all its source frames."""
+    def run(self, scene: SceneReference, floor: int) -> tuple[JudgedWalk, list[JudgedSample]]:
+        """Run a walk on a floor of a scene, and evaluate every frame that has all its source frames."""
         seed = episode_seed(self.seed, scene, 0)
         walk = Walk(self.simulation.make(scene), self.explorer.create(), seed, self.steps, floor)
         judge = WalkJudge(scene.name, self.simulation.camera, self.measures, seed, floor)
         shown = np.linspace(SOURCES, self.steps - 1, SAMPLES, dtype=int)
         samples: list[JudgedSample] = []
-        with one_thread():  # or the last bits of what is found would depend on the number of threads
+        with one_thread():  # otherwise the last bits of the results would depend on the number of threads
             for (step,) in run_walks([walk], self.perception):
                 if len(step.frames) > SOURCES:
-                    maps = self._see(judge, step)
+                    maps = self._evaluate(judge, step)
                     if maps and step.number in shown:
                         samples.append(_sample(step, maps))
         return judge.result(), samples
 
-    def _see(self, judge: WalkJudge, step: Step) -> dict[str, np.ndarray]:
+    def _evaluate(self, judge: WalkJudge, step: Step) -> dict[str, np.ndarray]:
         assert step.percept is not None
         moved, turned = motion(step.frames[SOURCES].pose, step.frame.pose)
         residual = step.percept.residual
@@ -156,7 +155,7 @@ class _Walks:
             for name, measure in self.measures.items()
             if residual is not None and measure is self.perception.uncertainty
         }
-        return judge.see(step.number, step.percept.view, step.frame.depth, step.frame.pose, moved, turned, computed)
+        return judge.add(step.number, step.percept.view, step.frame.depth, step.frame.pose, moved, turned, computed)
 
 
 def _sample(step: Step, maps: Mapping[str, np.ndarray]) -> JudgedSample:
@@ -170,4 +169,4 @@ def _read(record: Path) -> JudgedWalk:
     try:
         return JudgedWalk.from_json(json.loads(read_bytes(record)))
     except (ValueError, TypeError, KeyError) as error:
-        raise DeuxError(f"{record} is damaged, it holds no judged walk ({error}): delete it.") from error
+        raise DeuxError(f"{record} is damaged, it is not an evaluated walk ({error}): delete it.") from error

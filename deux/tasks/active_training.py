@@ -1,4 +1,4 @@
-"""The final training with its callbacks, and what active collection explores meanwhile."""
+"""Training of the final model with its callbacks, including rounds of active collection."""
 
 import math
 from collections.abc import Sequence
@@ -39,11 +39,11 @@ _ROUNDS_FILE = "rounds.json"
 
 @dataclass(frozen=True)
 class ActiveCollectionSettings(RoundSettings):
-    """`callbacks=[active_collection]`: when the model explores during its training, and how much.
+    """Options of `callbacks=[active_collection]`: when the model collects frames during its training, and how many.
 
     Args:
-        steps: actions in an episode of a round.
-        episodes: episodes of a round in each training scene.
+        steps: actions per episode.
+        episodes: episodes per round and training scene.
     """
 
     steps: int = 50
@@ -56,15 +56,15 @@ class ActiveCollectionSettings(RoundSettings):
 
 
 class ActiveTraining:
-    """Trains the final model with the callbacks that the configuration names.
+    """Trains the final model with the callbacks of the configuration.
 
     Args:
-        sections: of these it reads `callbacks` and `explore`.
-        datasets: of the run.
+        sections: configuration; reads `callbacks`, `explore` and `trainer`.
+        datasets: datasets of the run.
         training: trains the model.
 
     Raises:
-        DeuxError: there is no such callback, or an option of one is wrong.
+        DeuxError: a callback is unknown, or one of its options is wrong.
     """
 
     def __init__(self, sections: Sections, datasets: Datasets, training: Training) -> None:
@@ -81,14 +81,14 @@ class ActiveTraining:
         if self.active is not None:
             check_robot(self._explorer, f"callbacks={ACTIVE_COLLECTION}")
             check_reloading(self._trainer.get("reload_dataloaders_every_n_epochs", 1))
-        given = "training_data" in sections.names and sections.plain("training_data")
-        self._check_callbacks(bool(given or datasets.scenes.validation))
+        recorded = "training_data" in sections.names and sections.plain("training_data")
+        self._check_callbacks(bool(recorded or datasets.scenes.validation))
 
     def train(self, data: Reader, run: RunFolder, validation: Sequence[Reader] | None = None) -> DepthModel:
-        """Train the configured model; arguments as of `Training.train`.
+        """Train the configured model; the arguments are those of `Training.train`.
 
         Raises:
-            DeuxError: a callback watches what is not logged, as there are no frames to validate on.
+            DeuxError: a callback monitors a quantity that is not logged, since there are no validation frames.
         """
         recipe = self._training.recipe
         if validation is not None:
@@ -103,14 +103,14 @@ class ActiveTraining:
         return model
 
     def _check_callbacks(self, validated: bool) -> None:
-        """Find what Lightning would stumble over in the middle of the training.
+        """Check before training what Lightning would only report in the middle of it.
 
         Args:
-            validated: whether there are frames to validate on.
+            validated: whether there are validation frames.
         """
         if not self._callbacks:
             return
-        from deux.metrics.depth_errors import METRICS  # slow, like Lightning, which the callbacks have brought
+        from deux.metrics.depth_errors import METRICS  # slow import, like Lightning, which the callbacks need anyway
         from deux.training.module import logged_quantities
         from deux.training.weight_averaging import check_one_mean
 
@@ -125,7 +125,7 @@ class ActiveTraining:
     def _collection(
         self, active: ActiveCollectionSettings, recipe: Recipe, run: RunFolder, validation: Sequence[Reader]
     ) -> "Callback":
-        from deux.training.active_collection import ActiveCollection  # Lightning's import, seconds, is left to training
+        from deux.training.active_collection import ActiveCollection  # imports Lightning, which takes seconds
 
         folder = run.path / ROUNDS
         make_folder(folder)
@@ -141,24 +141,24 @@ class ActiveTraining:
             return collector(request)
 
         def report(rounds: Sequence[Round]) -> None:
-            write_json(folder / _ROUNDS_FILE, [asdict(one) for one in rounds])
+            write_json(folder / _ROUNDS_FILE, [asdict(completed) for completed in rounds])
             _draw(rounds, run)
-            say(f"  {_line(rounds[-1])}")
+            say(f"  {_summary_line(rounds[-1])}")
 
         return ActiveCollection(active, folder, collect, report)
 
 
 class RoundCollector:
-    """Collects a process's part of a round; a deterministic function of the weights that first began the round.
+    """Collects one process's share of a round, deterministically from the weights saved at the start of the round.
 
     Args:
-        datasets: of the run.
-        active: how much is explored.
-        explorer: that explores.
-        recipe: of the model that is being trained.
-        folder: takes the datasets, and each round's weights as a model file.
-        validation: frames on which the exploring model is judged; may be none.
-        seed: of the run.
+        datasets: datasets of the run.
+        active: options of the rounds.
+        explorer: the explorer.
+        recipe: recipe of the model that is being trained.
+        folder: output folder of the datasets and of each round's weights.
+        validation: frames on which the model is evaluated in each round; may be empty.
+        seed: seed of the run.
     """
 
     def __init__(
@@ -176,9 +176,9 @@ class RoundCollector:
         self._validation, self._seed = validation, seed
 
     def __call__(self, request: RoundRequest) -> RankResult:
-        """Explore this process's scenes, and judge the model if this is the first process."""
+        """Explore this process's scenes, and evaluate the model if this is the first process."""
         name = f"round{request.number:02d}"
-        weights = self._kept(request, self.folder / f"{name}.safetensors")
+        weights = self._save_once(request, self.folder / f"{name}.safetensors")
         device = next(request.model.parameters()).device
         predict = FastPredictor(load_model(weights), device.type, request.precision)
         mae = self._validation_error(predict) if request.rank == 0 else None
@@ -190,7 +190,7 @@ class RoundCollector:
             "scenes": scenes,
             "steps": self._active.steps,
             "episodes": self._active.episodes,
-            "seed": self._seed + request.number * 2**32,  # no seed that a user can give
+            "seed": self._seed + request.number * 2**32,  # differs from every seed that a user can set
         }
         identity = f"{weights_identity(weights)} in {request.precision}"
         dataset = self._datasets.explored_in_round(self._explorer, predict, identity, self.folder, changes)
@@ -203,13 +203,13 @@ class RoundCollector:
             mae=mae,
         )
 
-    def _kept(self, request: RoundRequest, file: Path) -> Path:
-        """The file of the weights that explore in this round: those with which it was begun first.
+    def _save_once(self, request: RoundRequest, file: Path) -> Path:
+        """Save the current weights for this round, unless an earlier attempt has done so.
 
-        A killed run comes back here by training an epoch again, which on a GPU need not give the same weights to the
-        last bit. What had been collected until then stays good.
+        A resumed run repeats an epoch before the round, which on a GPU need not give bit-identical weights. With the
+        weights of the first attempt, the frames collected until then remain valid.
         """
-        with locked(self.folder / ".lock.json", f"keeps the weights of {file.stem}"):
+        with locked(self.folder / ".lock.json", f"saves the weights of {file.stem}"):
             if not file.exists():
                 save_model(file, request.model, self.recipe.model.name, self.recipe.model.settings)
         return file
@@ -217,7 +217,7 @@ class RoundCollector:
     def _validation_error(self, predict: DepthPredictor) -> float | None:
         if not self._validation:
             return None
-        from deux.data.datamodule import TripletDataModule  # as above
+        from deux.data.datamodule import TripletDataModule  # imports Lightning, which takes seconds
         from deux.metrics.mean_errors import DepthErrors
 
         training, camera = self.recipe.training, self._datasets.simulation.camera
@@ -239,33 +239,33 @@ class RoundCollector:
 
 
 def read_rounds(run: RunFolder) -> list[Round]:
-    """The rounds of a run; none if it has none."""
+    """The completed rounds of a run; empty if there are none."""
     file = run.path / ROUNDS / _ROUNDS_FILE
     return list(read_record(file, list[Round])) if file.exists() else []
 
 
 def _show_rounds(run: RunFolder, active: ActiveCollectionSettings) -> None:
-    """When the training is over: draw the rounds once more, and say so if there were fewer than asked for."""
+    """Draw the rounds once the training is over, and report if there were fewer than configured."""
     rounds = read_rounds(run)
     if rounds:
         _draw(rounds, run)
     if len(rounds) < active.rounds:
         say(
-            f"  {len(rounds)} of callbacks.{ACTIVE_COLLECTION}.rounds={active.rounds} rounds took place: they come at "
-            f"the end of epochs, and the training was over before. Train for longer, or lower "
+            f"  {len(rounds)} of callbacks.{ACTIVE_COLLECTION}.rounds={active.rounds} rounds took place: rounds take "
+            f"place at the end of epochs, and the training ended first. Train for longer, or lower "
             f"callbacks.{ACTIVE_COLLECTION}.every."
         )
 
 
 def _draw(rounds: Sequence[Round], run: RunFolder) -> None:
-    from deux.figures.drawing import save_figure  # matplotlib, which nothing waits for before there are rounds to draw
+    from deux.figures.drawing import save_figure  # imports matplotlib, which is slow
     from deux.figures.training_curves import draw_rounds
 
     save_figure(draw_rounds(rounds, run.logs), run.figures / "rounds.png")
 
 
-def _line(found: Round) -> str:
-    known = [counted(found.frames, "frame"), f"{found.area:.1f} m² seen"]
-    known += [f"uncertainty {found.uncertainty:.4f}"] if found.uncertainty is not None else []
-    known += [f"validation MAE {found.mae:.1f} mm"] if found.mae is not None else []
-    return f"Round {found.round}: {', '.join(known)}"
+def _summary_line(completed: Round) -> str:
+    parts = [counted(completed.frames, "frame"), f"{completed.area:.1f} m² seen"]
+    parts += [f"uncertainty {completed.uncertainty:.4f}"] if completed.uncertainty is not None else []
+    parts += [f"validation MAE {completed.mae:.1f} mm"] if completed.mae is not None else []
+    return f"Round {completed.round}: {', '.join(parts)}"

@@ -1,4 +1,4 @@
-"""Trained models that the user names by a path, and where they come from."""
+"""Loading of trained models that the user gives by path or name, and their provenance."""
 
 import hashlib
 import json
@@ -20,68 +20,73 @@ from deux.report.runs import read_identity, run_folders
 from deux.task_sections import Sections
 
 PUBLISHED_SUFFIX = ".pth"
-"""Of the checkpoint files that the models' authors published."""
+"""Suffix of the checkpoints that the models' authors published."""
 
 RESUME_SUFFIX = ".ckpt"
-"""Of the files that a killed training goes on from; they hold no model that could be made without its run."""
+"""Suffix of Lightning's checkpoints, which only resume a training: a model cannot be made from them alone."""
 
 
 def load_named_model(published: PluginChoice, path: str) -> tuple[str, DepthModel]:
-    """A trained model's registered name, and the model in eval mode.
+    """Load a trained model: its registered name, and the model in eval mode.
 
     Args:
-        published: the model, with its options, whose authors published the file, if it is such a file.
-        path: a run folder, a model file of ours, the name of a model that ships or a published checkpoint, as the user
-            wrote it.
+        published: the model with its options, in case the file is a published checkpoint.
+        path: a run folder, a model file, the name of a shipped model or a published checkpoint, as the user wrote it.
 
     Raises:
-        DeuxError: there is no model there, or none that fits.
+        DeuxError: there is no model at `path`, or it does not fit.
     """
-    file = named_path(path)
+    file = model_path(path)
     if file.suffix == PUBLISHED_SUFFIX:
-        # The configuration sets these for models that are trained here: a published one has what its authors gave it.
+        # The configuration sets these options for models trained here; published checkpoints have the authors' values.
         model_class: type[DepthModel] = registry().get("depth_models", published.name)
         fixed = model_class.published_options
         settings = {option: value for option, value in published.chosen.items() if option not in fixed}
         return published.name, load_published(published.name, file, settings=settings)
     if file.suffix == RESUME_SUFFIX:
-        raise DeuxError(f"{file} is for resuming a training: name the {MODEL_FILE} of a run folder, or the folder.")
+        raise DeuxError(f"{file} is for resuming a training: give the {MODEL_FILE} of a run folder, or the folder.")
     return model_name(file), load_model(file)
 
 
-def load_needed_model(published: PluginChoice, path: str | None, option: str) -> tuple[str, DepthModel]:
-    """As `load_named_model`, for a task that cannot do without a model; `option` is the key that names it.
+def load_required_model(published: PluginChoice, path: str | None, option: str) -> tuple[str, DepthModel]:
+    """Like `load_named_model`; without a path, the configured model, which must be pretrained.
 
-    Without a path it is the configuration's own model if that brings its trained weights.
+    Args:
+        published: as in `load_named_model`.
+        path: as in `load_named_model`, or None.
+        option: the option that gives the path, for the error message.
+
+    Raises:
+        DeuxError: there is no path, and the configured model has no pretrained weights; or as in `load_named_model`.
     """
     if not path and is_pretrained(published):
         return published.name, published.create().eval()
     if not path:
         raise DeuxError(
-            f"a trained model is needed: name a run folder, a model file, a model that ships or a published checkpoint "
-            f"by {option}=."
+            f"a trained model is needed: set {option}= to a run folder, a model file, the name of a shipped model or a "
+            "published checkpoint."
         )
     return load_named_model(published, path)
 
 
 def weights_identity(path: str | Path) -> str:
-    """Sixteen hexadecimal digits that any change of a model file, or of a run folder's model file, changes."""
-    return hashlib.sha256(weights_file(named_path(path)).read_bytes()).hexdigest()[:16]
+    """Hash of a model file, or of the model file in a run folder: 16 hexadecimal digits."""
+    return hashlib.sha256(weights_file(model_path(path)).read_bytes()).hexdigest()[:16]
 
 
 def named_identity(published: PluginChoice, path: str | Path) -> str:
-    """As `weights_identity`, of a model that is made with the options of `published` if its authors published the file.
+    """Like `weights_identity`, but for a published checkpoint, it also depends on the model's options.
 
-    Such a file holds no options, and with others the same weights are another model.
+    Such a file contains no options, and the same weights with other options are another model.
     """
     weights = weights_identity(path)
-    if named_path(path).suffix != PUBLISHED_SUFFIX:
+    if model_path(path).suffix != PUBLISHED_SUFFIX:
         return weights
     return hashlib.sha256(json.dumps([weights, published.description], sort_keys=True).encode()).hexdigest()[:16]
 
 
-def named_path(path: str | Path) -> Path:
-    """The file or folder of a model as the user named it: by a path, or by the name of a model that ships."""
+def model_path(path: str | Path) -> Path:
+    """The file or folder of a model that the user gave by path or by the name of a shipped model."""
     return file_or_shipped(path, user_path(path))
 
 
@@ -89,64 +94,64 @@ def load_start(model: PluginChoice, path: str) -> DepthModel:
     """A trained model whose weights a training starts from (`training.start`).
 
     Args:
-        model: what is to be trained.
-        path: as of `load_named_model`.
+        model: the model to be trained.
+        path: as in `load_named_model`.
 
     Raises:
-        DeuxError: there is no model there, or it is another one or has other options.
+        DeuxError: there is no model at `path`, or its name or options differ.
     """
     name, trained = load_named_model(model, path)
     if name != model.name:
         raise DeuxError(f"training.start={path} is a {name}, and a {model.name} is to be trained: choose model={name}.")
-    if different := _different_options(named_path(path), model.settings):
+    if different := _different_options(model_path(path), model.settings):
         raise DeuxError(
-            f"training.start={path} was made with other options of {name} ({different}): set them alike, "
+            f"training.start={path} was made with other options of {name} ({different}): set the same ones with "
             "model.<option>=..., or start from other weights."
         )
     return trained
 
 
 def check_foundation(foundation: PluginChoice, model: str, path: str) -> None:
-    """Refuse a foundation (`foundation.checkpoint`) that another model than the one to be trained would be built on.
+    """Raise DeuxError if the options of `foundation.checkpoint` differ from what the model to be trained needs.
 
-    Only its file is looked at: whether its weights fit is for who loads them to say.
+    Only the file's configuration is read; whether its weights fit is checked when they are loaded.
 
     Args:
-        foundation: what the model to be trained is built on. The options that were chosen for it count; the others,
-            such as a margin, are of no account inside that model or change the shape of weights.
+        foundation: the foundation that the model needs. Only its explicitly chosen options are compared; the others
+            have no effect inside that model, or change the shapes of weights.
         model: registered name of the model to be trained.
-        path: as of `load_named_model`.
+        path: as in `load_named_model`.
 
     Raises:
-        DeuxError: there is no model there, or it has other options.
+        DeuxError: there is no model at `path`, or it has other options.
     """
-    file = weights_file(named_path(path))
+    file = weights_file(model_path(path))
     if file.suffix in (PUBLISHED_SUFFIX, RESUME_SUFFIX) or model_name(file) != foundation.name:
         return
     if different := _different_options(file, foundation.chosen):
         raise DeuxError(
-            f"foundation.checkpoint={path} was made with other options of {foundation.name} ({different}) than the one "
-            f"that {model} is built on: set those of {model} that make it alike, model.<option>=..., or name another."
+            f"foundation.checkpoint={path} was made with other options of {foundation.name} ({different}) than {model} "
+            f"needs: change the options of {model} with model.<option>=..., or choose another checkpoint."
         )
 
 
 def _different_options(file: Path, settings: Mapping[str, Any]) -> str:
-    """The options of a model file that are not as in `settings`, as "name=value, ..."; "" if all are.
+    """The options of a model file that differ from `settings`, as "name=value, ..."; "" if none do.
 
-    A published file holds none: it is read with those that are asked for.
+    Published checkpoints contain no options, so none differ.
     """
-    theirs = settings if file.suffix == PUBLISHED_SUFFIX else model_config(file).settings
-    return ", ".join(f"{key}={theirs.get(key)!r}" for key, value in settings.items() if theirs.get(key) != value)
+    stored = settings if file.suffix == PUBLISHED_SUFFIX else model_config(file).settings
+    return ", ".join(f"{key}={stored.get(key)!r}" for key, value in settings.items() if stored.get(key) != value)
 
 
 def is_pretrained(model: PluginChoice) -> bool:
-    """Whether a depth model brings its trained weights."""
+    """Whether a depth model comes with trained weights."""
     cls: type[DepthModel] = registry().get("depth_models", model.name)
     return cls.pretrained
 
 
 def pretrained_identity(choice: PluginChoice, model: DepthModel) -> str:
-    """As `weights_identity`, of a model that was made with its weights: of its name, options and tensors."""
+    """Like `weights_identity`, for a pretrained model: a hash of its name, options and tensors."""
     digest = hashlib.sha256(json.dumps(choice.description, sort_keys=True).encode())
     for name, value in model.state_dict().items():
         digest.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
@@ -155,57 +160,53 @@ def pretrained_identity(choice: PluginChoice, model: DepthModel) -> str:
 
 
 def provenance(path: str) -> dict[str, Any]:
-    """Where a named model comes from, as `Results.trained` holds it."""
-    file = weights_file(named_path(path))
+    """The provenance of a trained model, as stored in `Results.trained`."""
+    file = weights_file(model_path(path))
     identity = read_identity(file.parent) if file.name == MODEL_FILE else None
     return {"weights": weights_identity(path), "settings": identity}
 
 
 def find_trained_run(sections: Sections, path: str) -> str:
-    """The run folder that a folder of runs holds for this command; any other path as it is.
+    """Find the run with this command's model, explorer, seed and budget below a folder of runs.
 
-    It is the run with this command's model, explorer, seed and budget, trained on another dataset if there is one.
+    A run that was trained on another dataset than the one to test on is preferred. Other paths are returned unchanged.
 
     Raises:
-        DeuxError: the folder has trained runs, but none of these, or several.
+        DeuxError: the folder contains trained runs, but no or several matching ones.
     """
     folder = user_path(path)
     if not folder.is_dir() or (folder / MODEL_FILE).exists():
         return path
     trained = {
-        run: made_of for run in run_folders(folder) if (run / MODEL_FILE).exists() if (made_of := _trained_on(run))
+        run: condition
+        for run in run_folders(folder)
+        if (run / MODEL_FILE).exists() and (condition := _training_conditions(run))
     }
     if not trained:
         return path
-    mine = conditions(sections.identity)
-    fitting = {run: made_of for run, made_of in trained.items() if _same(made_of, mine)}
-    elsewhere = [run for run, made_of in fitting.items() if made_of.testing != mine.testing]
-    candidates = elsewhere or list(fitting)
+    wanted = conditions(sections.identity)
+    matching = {run: condition for run, condition in trained.items() if _same_training(condition, wanted)}
+    transferred = [run for run, condition in matching.items() if condition.testing != wanted.testing]
+    candidates = transferred or list(matching)
     if len(candidates) == 1:
         return str(candidates[0])
-    wanted = f"{mine.model} on {mine.explorer} frames with seed {mine.seed} and this budget"
+    description = f"{wanted.model} on {wanted.explorer} frames with seed {wanted.seed} and this budget"
     if not candidates:
-        raise DeuxError(f"evaluation.checkpoint={path} has no trained run of {wanted} below it: train it first.")
+        raise DeuxError(f"evaluation.checkpoint={path} has no trained run of {description} below it: train it first.")
     raise DeuxError(
-        f"evaluation.checkpoint={path} has {len(candidates)} trained runs of {wanted} below it: name the folder of "
-        f"one of them, such as {candidates[0]} or {candidates[1]}."
+        f"evaluation.checkpoint={path} has {len(candidates)} trained runs of {description} below it: give the folder "
+        f"of one of them, such as {candidates[0]} or {candidates[1]}."
     )
 
 
-def _trained_on(run: Path) -> Conditions | None:
-    """What a run that trained a model on explored frames was made of."""
+def _training_conditions(run: Path) -> Conditions | None:
+    """The conditions of a run that trained a model on explored frames; None for other runs."""
     identity = read_identity(run)
     if identity is None or identity.get("task") not in ("experiment", "train") or identity.get("training_data"):
         return None
     return conditions(identity)
 
 
-def _same(one: Conditions, other: Conditions) -> bool:
-    return (one.model, one.model_options, one.explorer, one.explorer_options, one.seed, one.budget) == (
-        other.model,
-        other.model_options,
-        other.explorer,
-        other.explorer_options,
-        other.seed,
-        other.budget,
-    )
+def _same_training(one: Conditions, other: Conditions) -> bool:
+    names = ("model", "model_options", "explorer", "explorer_options", "seed", "budget")
+    return all(getattr(one, name) == getattr(other, name) for name in names)

@@ -25,18 +25,18 @@ from deux.tasks.seed_model import SeedModel
 from deux.training.ranks import leads
 
 MOST_TRAJECTORIES = 6
-"""Episodes of which the trajectory is drawn, and recorded for a viewer."""
+"""Number of episodes whose trajectories are drawn, and recorded for a viewer."""
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig) -> None:
-    """Collect the configured explorer's dataset, draw its trajectories and score its frames."""
+    """Collect the dataset of the configured explorer, draw the trajectories and write a scorecard of the frames."""
     quieten_libraries()
     sections = sections_of(cfg)
     datasets = Datasets(sections, ["train"])
     if datasets.collect.viewer:
-        from deux.figures.viewer_recording import check_viewer  # with matplotlib, as below
+        from deux.figures.viewer_recording import check_viewer  # imports matplotlib, which is slow
 
         check_viewer("collect.viewer")
     evaluation = sections.read("evaluation", EvaluationSettings)
@@ -58,8 +58,8 @@ class GuidedCollection:
     """Collects the frames of the configured explorer, guided by a seed model if it needs one.
 
     Args:
-        sections: of these it reads `explore` and, if the explorer needs a model, `seed_model`.
-        datasets: of the run.
+        sections: configuration; reads `explore` and, if the explorer needs a model, `seed_model`.
+        datasets: datasets of the run.
         training: trains the seed model.
 
     Raises:
@@ -74,17 +74,17 @@ class GuidedCollection:
         camera, crop = datasets.simulation.camera, training.recipe.training.crop
         if crop is not None and (crop[0] > camera.height or crop[1] > camera.width):
             raise DeuxError(
-                f"training.crop=[{crop[0]},{crop[1]}] is {image_size(crop)} pixels (width x height), which do not fit "
-                f"into the camera's {camera.width} x {camera.height}: it names the height first."
+                f"training.crop=[{crop[0]},{crop[1]}] is {image_size(crop)} pixels (width x height), larger than the "
+                f"camera's {camera.width} x {camera.height}: give [height,width] within the camera's."
             )
         self._seed_model = None
         self._predictor: FastPredictor | None = None
         if self.guided:
-            datasets.collect.measure.create()  # a mistake in its options is told before the seed model is trained
+            datasets.collect.measure.create()  # checks its options before the seed model is trained
             self._seed_model = SeedModel(sections, datasets, training)
 
     def collect(self, run: RunFolder) -> Path:
-        """The dataset; with a seed model first, if the explorer needs one."""
+        """Collect the dataset, after training the seed model if the explorer needs one; returns its folder."""
         identity = None
         if self._seed_model is not None:
             with run.stage("seed"):
@@ -96,12 +96,10 @@ class GuidedCollection:
             return self._datasets.explored(self.explorer, self._predictor, identity)
 
     def draw(self, dataset: Path, run: RunFolder) -> None:
-        """Draw where the robot went in the first episodes; nothing of free viewpoints, which have no way."""
+        """Draw the trajectories of the first episodes; there are none for free viewpoints."""
         if is_ceiling(self.explorer):
             return
-        from deux.figures.drawing import (
-            save_figure,  # matplotlib, which nothing waits for before there is a path to draw
-        )
+        from deux.figures.drawing import save_figure  # imports matplotlib, which is slow
         from deux.figures.trajectory import draw_trajectory
 
         simulation = self._datasets.simulation
@@ -112,13 +110,13 @@ class GuidedCollection:
             save_figure(figure, run.figures / f"trajectory_{sequence.name}.png")
 
     def record(self, dataset: Path, run: RunFolder) -> None:
-        """Write recordings of the first episodes, by `collect.viewer`; call it after `collect`.
+        """Write recordings of the first episodes if `collect.viewer` is set; call it after `collect`.
 
         If the replay of an episode diverges, its recording ends there.
         """
         if self._datasets.collect.viewer is None or is_ceiling(self.explorer):
             return
-        from deux.figures.exploration_recording import ExplorationRecording  # matplotlib, as above
+        from deux.figures.exploration_recording import ExplorationRecording  # imports matplotlib, which is slow
 
         for sequence in sequences(dataset)[:MOST_TRAJECTORIES]:
             path = run.path / "recordings" / f"{sequence.name}.rrd"

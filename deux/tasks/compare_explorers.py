@@ -1,4 +1,4 @@
-"""`task=compare_explorers`: every explorer in the same unseen scenes; a table of what they saw, and where they went."""
+"""`task=compare_explorers`: run all explorers in the test scenes; tables of exploration metrics, and trajectories."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -34,14 +34,14 @@ from deux.tasks.seed_model import SeedModelSettings
 
 @dataclass(frozen=True)
 class CompareSettings:
-    """How explorers are compared; they explore the test scenes.
+    """Options of the comparison of explorers, which explore the test scenes.
 
     Args:
-        explorers: registered names; None for all that are installed.
-        steps: actions in an episode.
-        seeds: episodes in each scene.
-        baseline: the explorer that the others are measured against, scene by scene.
-        figure_scene: number of the test scene that the trajectories are drawn in, from 0 on.
+        explorers: registered names; None for all installed explorers.
+        steps: actions per episode.
+        seeds: episodes per scene.
+        baseline: the explorer that the others are compared with, scene by scene.
+        figure_scene: index of the test scene whose trajectories are drawn, from 0.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -55,7 +55,7 @@ class CompareSettings:
 
     def __post_init__(self) -> None:
         if self.explorers is not None and not self.explorers:
-            raise DeuxError("compare.explorers is empty: name some, or null for all that are installed.")
+            raise DeuxError("compare.explorers is empty: list some, or set it to null for all installed explorers.")
         check_range("compare.steps", self.steps, 2)
         check_range("compare.seeds", self.seeds, 1)
         check_range("compare.figure_scene", self.figure_scene, 0)
@@ -64,27 +64,27 @@ class CompareSettings:
 def run(cfg: DictConfig) -> None:
     """Compare the explorers, from where an earlier attempt in the same folder stopped."""
     quieten_libraries()
-    comparison = Comparing(sections_of(cfg))
-    with open_run_folder(run_folder(), comparison.identity) as run:
+    stages = ComparisonStages(sections_of(cfg))
+    with open_run_folder(run_folder(), stages.identity) as run:
         say(f"Run folder: {run.path}")
-        found = comparison.explore(run)
-        if found.episodes:
-            comparison.draw(found, run)
-            comparison.write(found, run)
+        comparison = stages.explore(run)
+        if comparison.episodes:
+            stages.draw(comparison, run)
+            stages.write(comparison, run)
             say(f"Tables, episodes and trajectories: {run.path}")
-        if comparison.failed:
-            failures = "; ".join(f"{name} failed, {reason}" for name, reason in comparison.failed.items())
-            raise DeuxError(f"{failures}. The same command tries again what has failed, and nothing else.")
+        if stages.failed:
+            failures = "; ".join(f"{name} failed, {reason}" for name, reason in stages.failed.items())
+            raise DeuxError(f"{failures}. The same command repeats only the failed episodes.")
 
 
-class Comparing:
+class ComparisonStages:
     """The stages of a comparison of explorers.
 
     Args:
-        sections: of these it reads all that the task names.
+        sections: configuration.
 
     Raises:
-        DeuxError: an option is wrong, or an explorer that is named cannot take part.
+        DeuxError: an option is wrong, or a chosen explorer cannot take part.
     """
 
     def __init__(self, sections: Sections) -> None:
@@ -96,14 +96,14 @@ class Comparing:
         if self._settings.figure_scene >= (count := len(self._scenes)):
             raise DeuxError(
                 f"compare.figure_scene is {self._settings.figure_scene}, but there {plural('is', count)} "
-                f"{counted(count, 'scene')}: the first one is 0."
+                f"{counted(count, 'scene')}, counted from 0."
             )
         seed_model = sections.read("seed_model", SeedModelSettings)
         chosen = seed_model.choose(sections.plugin("model"))
         configured = sections.plugin("explore")
         check_robot(configured, "task=compare_explorers")
         self._participants = find_participants(self._settings.explorers, configured, seed_model.is_ready(chosen))
-        # Loading it takes seconds, which a comparison of others need not wait for.
+        # Loading takes seconds, so the model is loaded only if an explorer needs it.
         guide = seed_model.load(chosen) if any(map(needs_model, self._participants.explorers)) else None
         self._perception = None if guide is None else _perception(sections, guide.model, self._collect)
         self.failed: dict[str, str] = {}
@@ -113,7 +113,7 @@ class Comparing:
         }
 
     def explore(self, run: RunFolder) -> ExplorerComparison:
-        """Let every explorer explore every scene."""
+        """Run every explorer in every scene."""
         for name, reason in self._participants.left_out.items():
             say(f"Without {name}: {reason}")
         explorers = self._participants.explorers
@@ -136,39 +136,39 @@ class Comparing:
         own_rewards = {name: reward for name, reward in self._participants.own_rewards.items() if name not in failed}
         return ExplorerComparison(episodes, own_rewards)
 
-    def draw(self, found: ExplorerComparison, run: RunFolder) -> None:
+    def draw(self, comparison: ExplorerComparison, run: RunFolder) -> None:
         """Draw each explorer's first episode in one scene."""
         with run.stage("draw"):
             scene = self._scenes[self._settings.figure_scene]
             simulator = self._simulation.make(scene)
             trajectories = []
-            for episode in _first_episodes(found.episodes, scene):
-                known = trajectory_map(simulator, episode.trajectory)
+            for episode in _first_episodes(comparison.episodes, scene):
+                seen = trajectory_map(simulator, episode.trajectory)
                 title = f"{episode.explorer}: {episode.exploration.area_seen:.0f} m²"
                 path = np.array(episode.trajectory)[:, :2]
-                trajectories.append(Trajectory(title, path, known.frame, known.cells))
+                trajectories.append(Trajectory(title, path, seen.frame, seen.cells))
             figure = draw_trajectory_grid(simulator.free_space(), trajectories)
             save_figure(figure, run.figures / "trajectories.png")
 
-    def write(self, found: ExplorerComparison, run: RunFolder) -> None:
-        """Write the tables, results.json last, and print them."""
-        tables = self._tables(found)
+    def write(self, comparison: ExplorerComparison, run: RunFolder) -> None:
+        """Write the tables and, last, `results.json`; print the tables."""
+        tables = self._tables(comparison)
         left_out = self._participants.left_out | self.failed
         steps = counted(self._settings.steps, "step")
         amount = f"{counted(len(self._scenes), 'scene')}, {self._settings.seeds} x {steps} in each"
         page = [f"# Explorers compared: {amount}", "", *(table.markdown() for table in tables)]
         page += [f"Without {name}: {reason}\n" for name, reason in left_out.items()]
         write_atomically(run.path / "table.md", "\n".join(page).encode())
-        write_atomically(run.path / "table.csv", found.table_csv().encode())
-        write_atomically(run.path / "episodes.csv", found.episodes_csv().encode())
+        write_atomically(run.path / "table.csv", comparison.table_csv().encode())
+        write_atomically(run.path / "episodes.csv", comparison.episodes_csv().encode())
         results: dict[str, Any] = {
             "task": self._task,
             "scenes": [scene.name for scene in self._scenes],
             "steps": self._settings.steps,
             "seeds": self._settings.seeds,
             "seed": self._seed,
-            "explorers": found.summary(),
-            "own_rewards": found.own_rewards,
+            "explorers": comparison.summary(),
+            "own_rewards": comparison.own_rewards,
             "left_out": left_out,
             "seconds": run.seconds,
         }
@@ -176,23 +176,23 @@ class Comparing:
         for table in tables:
             say(table)
 
-    def _tables(self, found: ExplorerComparison) -> list[ResultTable]:
-        tables = [exploration_table(found), rewards_table(found)]
+    def _tables(self, comparison: ExplorerComparison) -> list[ResultTable]:
+        tables = [exploration_table(comparison), rewards_table(comparison)]
         baseline = self._settings.baseline
-        if baseline in found.explorers and len(found.explorers) > 1:
-            tables.append(gains_table(found, baseline))
+        if baseline in comparison.explorers and len(comparison.explorers) > 1:
+            tables.append(gains_table(comparison, baseline))
         return tables
 
 
 def _perception(sections: Sections, model: DepthModel, collect: CollectSettings) -> Perception:
-    """What the seed model sees."""
+    """Depth prediction and uncertainty by the seed model."""
     predictor = FastPredictor(model, sections.plain("trainer").get("accelerator", "auto"))
     sparse = sections.read("sampling", SparseSettings)
     return Perception(predictor, sparse, collect.measure.create(), collect.correct_depth, collect.remembered_frames)
 
 
 def _failure(files: Sequence[Path]) -> str:
-    """How an explorer has failed, by the files with its stack traces."""
+    """Summary of an explorer's failures, from the files with the stack traces."""
     last = read_bytes(files[0]).decode(errors="replace").strip().splitlines()[-1]
     return f"in {counted(len(files), 'episode')} with {last}: {files[0]} has the stack trace"
 

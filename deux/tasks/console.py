@@ -1,4 +1,4 @@
-"""What a run says while it works: one line for each stage, and a bar where somebody watches."""
+"""Console output of a run: a line for each stage, and progress bars in an interactive terminal."""
 
 import logging
 import math
@@ -16,16 +16,16 @@ from deux.io.progress import Progress as Report
 from deux.training.ranks import leads
 
 LINE_INTERVAL = 60.0
-"""Seconds between two lines about the progress of one stage, where no bar is drawn."""
+"""Seconds between two progress lines of a stage, where there is no progress bar."""
 
 FILE_WIDTH = 200
-"""Characters of a line that a table may take where it is written to a file: no heading is cut short there."""
+"""Maximal width in characters of tables whose output goes to a file; wide enough not to cut headings."""
 
 _console = Console()
 
 
 def say(message: RenderableType) -> None:
-    """Print a line, however long, or a table. Of several processes that train together the leading one does."""
+    """Print a line of any length, or a table. Of several processes that train together, only rank 0 prints."""
     if not leads():
         return
     if isinstance(message, str):
@@ -37,30 +37,30 @@ def say(message: RenderableType) -> None:
 
 
 def quieten_libraries() -> None:
-    """Silence warnings of Lightning's that a user of this command can do nothing about."""
+    """Silence Lightning warnings that users of the command line cannot act on."""
     for notice in (
-        "does not have many workers",  # frames are decoded once and kept in memory: workers would only copy them
-        "is smaller than the logging interval",  # a run of a few steps logs what it can
-        "You have overridden `on_after_batch_transfer`",  # the module's is the one that is meant
+        "does not have many workers",  # frames are decoded once and cached in memory: workers would only copy them
+        "is smaller than the logging interval",  # in a run of a few steps
+        "You have overridden `on_after_batch_transfer`",  # on purpose, in the module
         "`isinstance.treespec, LeafSpec.` is deprecated",  # Lightning's own use of torch
         r"Found \d+ module\(s\) in eval mode",  # a frozen part of a model
-        "The combination of `DataLoader",  # a loader and its workers are kept until the datasets change, and ended then
+        "The combination of `DataLoader",  # workers persist until the datasets change, and are shut down then
         "It is recommended to use .*sync_dist=True",  # all processes validate on the same frames
-        "Checkpoint directory .* exists and is not empty",  # a run that goes on where it was killed
-        "The `srun` command is available",  # on a machine of a Slurm cluster, without a job or in a job of one process
+        "Checkpoint directory .* exists and is not empty",  # a run that is resumed
+        "The `srun` command is available",  # on a Slurm machine, without a job or in a job of one process
     ):
         warnings.filterwarnings("ignore", message=f".*{notice}")
 
 
 def quieten_trainer() -> None:
-    """Silence the Trainer's log below warnings. Call it once Lightning is imported, which sets its own level."""
+    """Silence the Trainer's log below warnings. Call it after importing Lightning, which sets its own level."""
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
 
 
 @contextmanager
 def progress() -> Iterator[Report]:
-    """A progress function for long work: bars where somebody watches a single run, else a line every minute."""
-    if not watched():
+    """A progress callback for long work: progress bars in an interactive run, else a line every minute."""
+    if not is_interactive():
         yield _progress_lines()
         return
     columns = (
@@ -81,7 +81,7 @@ def progress() -> Iterator[Report]:
 
 
 def _progress_lines() -> Report:
-    """A progress function that says how far a stage is, and how long the rest will take, `LINE_INTERVAL` apart."""
+    """A progress callback that prints the progress and the remaining time of a stage every `LINE_INTERVAL` seconds."""
     begun: dict[str, tuple[float, int]] = {}
     last: dict[str, float] = {}
 
@@ -102,6 +102,6 @@ def minutes(seconds: float) -> str:
     return f"{math.ceil(seconds / 60):,} min"
 
 
-def watched() -> bool:
-    """Whether somebody watches a single run: then there are progress bars."""
+def is_interactive() -> bool:
+    """Whether this is a single run in a terminal, which gets progress bars."""
     return _console.is_terminal and not in_sweep() and leads()

@@ -27,20 +27,20 @@ from deux.tasks.console import progress, say
 
 
 def read_simulation(sections: Sections) -> Simulation:
-    """Simulator, camera and robot, from the sections of these names."""
+    """The simulation described by the sections `simulator`, `camera` and `robot`."""
     return Simulation(sections.read("camera", Camera), sections.read("robot", Robot), sections.plugin("simulator"))
 
 
 def read_scenes(sections: Sections, needed: Sequence[str]) -> SceneSplits:
-    """The scenes that the section `scenes` asks for.
+    """The scenes described by the section `scenes`.
 
     Args:
-        sections: of the task.
-        needed: the splits that must have a scene.
+        sections: configuration.
+        needed: the splits that must not be empty.
 
     Raises:
-        DeuxError: a scene is missing, or in two splits where no option `allow_overlap` of the source allows it, or a
-            needed split has none.
+        DeuxError: a scene is missing, a needed split is empty, or a scene is in two splits although the source's option
+            `allow_overlap` is not set.
     """
     chosen = sections.plugin("scenes")
     source: SceneSource = chosen.create()
@@ -52,41 +52,42 @@ def read_scenes(sections: Sections, needed: Sequence[str]) -> SceneSplits:
 
 
 def further_scenes(source: str, count: int, splits: SceneSplits) -> tuple[SceneReference, ...]:
-    """Scenes that are none of the experiment's own.
+    """Scenes that are not among the experiment's scenes.
 
     Args:
-        source: name of the source that makes them.
+        source: name of a scene source.
         count: number of scenes.
         splits: the experiment's scenes.
 
     Raises:
-        DeuxError: the source cannot make as many.
+        DeuxError: the source has fewer scenes.
     """
-    own = {identity_of(scene) for scene in (*splits.train, *splits.validation, *splits.test)}
-    maker: SceneSource = registry().choose("scenes", {"name": source}).create()
-    return maker.further(count, own)
+    excluded = {identity_of(scene) for scene in (*splits.train, *splits.validation, *splits.test)}
+    scene_source: SceneSource = registry().choose("scenes", {"name": source}).create()
+    return scene_source.further(count, excluded)
 
 
 def is_ceiling(explorer: PluginChoice) -> bool:
-    """Whether it stands for free viewpoints and not for a robot."""
+    """Whether the explorer stands for free viewpoints, the upper bound that no robot can reach."""
     return isinstance(explorer.create(), FreeViewpoints)
 
 
 def check_robot(explorer: PluginChoice, user: str) -> None:
-    """Raise DeuxError where `user`, which moves a robot, is given free viewpoints."""
+    """Raise DeuxError if the explorer stands for free viewpoints; `user` is what needs a robot, for the message."""
     if is_ceiling(explorer):
         raise DeuxError(f"{user} moves a robot, and {NO_ROBOT}")
 
 
 class Datasets:
-    """Makes the datasets of a run, or finds those that an earlier run has made.
+    """Builds the datasets of a run, or reuses those of an earlier run.
 
     Args:
-        sections: of these it reads `simulator`, `camera`, `robot`, `scenes`, `collect`, `sampling` and `verification`.
-        needed: the splits that must have a scene; None where the run has no scenes of its own.
+        sections: configuration; reads `simulator`, `camera`, `robot`, `scenes`, `collect`, `sampling` and
+            `verification`.
+        needed: the splits that must not be empty; None if the run uses no scenes.
 
     Raises:
-        DeuxError: an option is wrong, or a needed split has no scene.
+        DeuxError: an option is wrong, or a needed split is empty.
     """
 
     def __init__(self, sections: Sections, needed: Sequence[str] | None = ()) -> None:
@@ -102,21 +103,24 @@ class Datasets:
     def explored(
         self, explorer: PluginChoice, predictor: DepthPredictor | None = None, predictor_identity: str | None = None
     ) -> Path:
-        """The frames that an explorer collects in the training scenes.
+        """Frames that an explorer collects in the training scenes.
 
         Args:
             explorer: the explorer.
             predictor: the depth model that guides it, if it needs one.
-            predictor_identity: what identifies that model's weights and arithmetic.
+            predictor_identity: identity of that model's weights and precision.
+
+        Returns:
+            The dataset's folder.
         """
         return self._build(self._exploration(explorer, predictor_identity), explorer, predictor)
 
     def explored_elsewhere(self, explorer: PluginChoice, source: str, scenes: int) -> Path:
-        """The frames that an explorer which needs no model collects in scenes that are none of the experiment's.
+        """Frames that an explorer collects in scenes that are not among the experiment's.
 
         Args:
-            explorer: the explorer.
-            source: name of the source that makes the scenes.
+            explorer: an explorer that needs no depth model.
+            source: name of the scene source.
             scenes: number of scenes.
         """
         spec = replace(self._exploration(explorer, None), scenes=further_scenes(source, scenes, self.scenes))
@@ -130,51 +134,56 @@ class Datasets:
         root: Path,
         changes: dict[str, Any],
     ) -> Path:
-        """The frames that an explorer collects while a model trains; as `explored`.
+        """Frames that an explorer collects during training, in a round of active collection.
 
         Args:
             explorer: the explorer.
             predictor: the model that is being trained.
-            predictor_identity: as of `explored`.
-            root: the folder of all rounds' datasets.
-            changes: fields of the `DatasetSpec` that differ from the first exploration, such as name, scenes and seed.
+            predictor_identity: as in `explored`.
+            root: folder of the datasets of all rounds.
+            changes: fields of `DatasetSpec` that differ from `explored`, such as name, scenes and seed.
         """
         guided = needs_model(explorer)
         spec = replace(self._exploration(explorer, predictor_identity if guided else None), **changes)
         return self._build(spec, explorer, predictor if guided else None, root)
 
     def viewpoints(self, split: Literal["validation", "test"], count: int) -> Path:
-        """Frames from free poses spread evenly over held-out scenes, the same for every explorer.
+        """Frames from free viewpoints spread evenly over held-out scenes, the same for every explorer.
 
         Args:
-            split: whose scenes.
-            count: viewpoints in each scene.
+            split: split of the scenes.
+            count: viewpoints per scene.
         """
         return self._viewpoints(split, split, getattr(self.scenes, split), count)
 
     def synthetic(self, source: str, scenes: int, count: int) -> Path:
-        """Free viewpoints in scenes that are none of the experiment's: what a foundation is trained on.
+        """Frames from free viewpoints in scenes that are not among the experiment's, to train a foundation on.
 
         Args:
-            source: name of the source that makes the scenes.
+            source: name of the scene source.
             scenes: number of scenes.
-            count: viewpoints in each scene.
+            count: viewpoints per scene.
         """
         return self._viewpoints("synthetic", "train", further_scenes(source, scenes, self.scenes), count)
 
     def replayed(
         self, sequence: SequencePaths, explorer: PluginChoice, predictor: DepthPredictor | None = None
     ) -> Iterator[Step]:
-        """The steps of an episode of `explored`, taken again on its stored frames; arguments as there.
+        """Replay an episode of `explored` on its stored frames, step by step.
+
+        Args:
+            sequence: the episode.
+            explorer: as in `explored`.
+            predictor: as in `explored`.
 
         Raises:
             ReplayDiverged: the explorer now acts differently.
-            DeuxError: the episode is not one of this experiment's scenes.
+            DeuxError: the episode was not collected in one of the training scenes.
         """
-        place = read_json_object(sequence.folder / "episode.json").get("scene")
-        scene = next((scene for scene in self.scenes.train if scene.name == place), None)
+        name = read_json_object(sequence.folder / "episode.json").get("scene")
+        scene = next((scene for scene in self.scenes.train if scene.name == name), None)
         if scene is None:
-            raise DeuxError(f"{sequence.folder} was collected in {place}, which is none of the training scenes.")
+            raise DeuxError(f"{sequence.folder} was collected in {name}, which is not one of the training scenes.")
         perception = None
         if predictor is not None:
             measure = self.collect.measure.create()
@@ -184,7 +193,8 @@ class Datasets:
 
     def _exploration(self, explorer: PluginChoice, predictor_identity: str | None) -> DatasetSpec:
         if is_ceiling(explorer):
-            targets = max(1, self.collect.steps - 2) * self.collect.episodes  # an episode's first two are sources only
+            # The first two frames of an episode are source frames only.
+            targets = max(1, self.collect.steps - 2) * self.collect.episodes
             return DatasetSpec(
                 name=explorer.name,
                 scenes=self.scenes.train,
@@ -213,7 +223,7 @@ class Datasets:
             uncertainty=self.collect.measure if predictor_identity else None,
             correct_depth=corrected,
             remembered_frames=self.collect.remembered_frames if corrected else 0,
-            # Robots that no model guides walk alone, so their frames do not depend on it.
+            # Without a model, frames do not depend on the batch size.
             batch_size=self.collect.batch_size if predictor_identity else DatasetSpec.batch_size,
         )
 
@@ -238,8 +248,8 @@ class Datasets:
         root: Path | None = None,
     ) -> Path:
         root = root or self._root
-        known = (root / spec.folder_name).exists()
-        if not known and nothing_compiled():
+        exists = (root / spec.folder_name).exists()
+        if not exists and nothing_compiled():
             say("  compiling kernels, once on this machine; this takes some seconds")
         with progress() as report:
             dataset = build_dataset(
@@ -252,17 +262,17 @@ class Datasets:
                 execute=self._execute,
             )
         manifest = read_manifest(dataset)
-        say(f"  {_usable_frames(spec.name, manifest)}{', collected before' if known else ''}: {dataset}")
+        say(f"  {_usable_frames(spec.name, manifest)}{', collected before' if exists else ''}: {dataset}")
         return dataset
 
 
 def _usable_frames(name: str, manifest: Mapping[str, Any]) -> str:
-    """How many of a dataset's frames can be trained on, by either choice of source frames where these differ."""
-    counted = manifest["baseline"]
-    rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in counted["rejected"].items())
-    usable = f"{counted['triplets']} of {counted['candidates']} {name} frames usable"
+    """Summary of how many frames can be trained on; with both choices of source frames if the numbers differ."""
+    counts = manifest["baseline"]
+    rejected = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in counts["rejected"].items())
+    usable = f"{counts['triplets']} of {counts['candidates']} {name} frames usable"
     if rejected:
         usable += f" (rejected: {rejected})"
-    if manifest["triplets"] != counted["triplets"]:
+    if manifest["triplets"] != counts["triplets"]:
         usable += f", {manifest['triplets']} with training.sources=recent"
     return usable

@@ -1,4 +1,4 @@
-"""A depth model, with or without a measure of uncertainty, on batches of recorded frames."""
+"""Depth completion of batches of recorded frames, with or without confidence."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from deux.inference.precision import default_device, tf32_convolutions
 from deux.registry import registry
 
 NamedFrame = tuple[FrameReference, RecordedFrame]
-"""A frame of a folder and its content."""
+"""A reference to a frame, and the frame."""
 
 
 @dataclass(frozen=True)
 class CompletedDepth:
-    """What a model makes of a frame.
+    """The result of depth completion for a frame.
 
     Args:
         depth: H x W float32 metres.
@@ -36,8 +36,8 @@ class DepthCompleter:
     """Completes the depth of frames in float32, on a CUDA device where there is one.
 
     Args:
-        model: the depth model; it is moved.
-        measure: judges the depth; None for no confidence.
+        model: the depth model; it is moved to the device.
+        measure: uncertainty measure; None for no confidence.
     """
 
     def __init__(self, model: DepthModel, measure: Uncertainty | None = None) -> None:
@@ -47,18 +47,18 @@ class DepthCompleter:
 
     @tf32_convolutions(False)
     def __call__(self, frames: Sequence[RecordedFrame]) -> list[CompletedDepth]:
-        """Complete frames of one size, with the same number of source frames each."""
+        """Complete frames that have the same size and number of source frames."""
         sources = len(frames[0].sources)
         if self._measure is None or (self._measure.needs_sources and sources == 0):
             images, points, cameras = (
                 np.stack([getattr(frame, name) for frame in frames]) for name in ("image", "sparse_depth", "intrinsics")
             )
             depths = predict_batch(images, points, cameras, self._model)
-            return [self._without_value(depth) for depth in depths]
-        return self._judge(frames, self._measure)
+            return [self._without_confidence(depth) for depth in depths]
+        return self._with_confidence(frames, self._measure)
 
     @torch.no_grad()
-    def _judge(self, frames: Sequence[RecordedFrame], measure: Uncertainty) -> list[CompletedDepth]:
+    def _with_confidence(self, frames: Sequence[RecordedFrame], measure: Uncertainty) -> list[CompletedDepth]:
         height, width = frames[0].image.shape[:2]
         sources = [source for frame in frames for source in frame.sources]
         shape = (len(frames), len(sources) // len(frames))
@@ -71,12 +71,12 @@ class DepthCompleter:
             self._tensor([source.source_from_target for source in sources]).reshape(*shape, 4, 4),
             self._model.predict,
         )
-        confidence = torch.exp(-pixel_uncertainty(measure, view)).nan_to_num(nan=0.0).cpu().numpy()
-        check_not_negative(measure, 1.0 - confidence)
+        confidences = torch.exp(-pixel_uncertainty(measure, view)).nan_to_num(nan=0.0).cpu().numpy()
+        check_not_negative(measure, 1.0 - confidences)
         depths = check_prediction(view.depth[:, 0].cpu().numpy())
-        return [CompletedDepth(depth, known) for depth, known in zip(depths, confidence, strict=True)]
+        return [CompletedDepth(depth, confidence) for depth, confidence in zip(depths, confidences, strict=True)]
 
-    def _without_value(self, depth: np.ndarray) -> CompletedDepth:
+    def _without_confidence(self, depth: np.ndarray) -> CompletedDepth:
         return CompletedDepth(depth, None if self._measure is None else np.zeros_like(depth))
 
     def _images(self, images: Sequence[np.ndarray], height: int, width: int) -> Tensor:
@@ -89,10 +89,10 @@ class DepthCompleter:
 
 
 def batches(frames: Iterable[NamedFrame], size: int) -> Iterator[list[NamedFrame]]:
-    """Frames in batches of up to `size` that have one image size and one number of source frames."""
+    """Batches of up to `size` consecutive frames with the same image size and number of source frames."""
     batch: list[NamedFrame] = []
     for name, frame in frames:
-        if batch and _kind(batch[0][1]) != _kind(frame):
+        if batch and _batch_shape(batch[0][1]) != _batch_shape(frame):
             yield batch
             batch = []
         batch.append((name, frame))
@@ -103,26 +103,26 @@ def batches(frames: Iterable[NamedFrame], size: int) -> Iterator[list[NamedFrame
         yield batch
 
 
-def _kind(frame: RecordedFrame) -> tuple[tuple[int, ...], int]:
+def _batch_shape(frame: RecordedFrame) -> tuple[tuple[int, ...], int]:
     return frame.image.shape, len(frame.sources)
 
 
-def refuse_measure(name: str, why: str) -> DeuxError:
-    """The error for a measure that compares frames where there is nothing to compare with.
+def unusable_measure(name: str, reason: str) -> DeuxError:
+    """The error for an uncertainty measure that needs source frames where there are none.
 
     Args:
-        name: of the measure.
-        why: what is missing, the middle of the sentence.
+        name: name of the measure.
+        reason: what is missing; a clause of the sentence.
     """
-    others = " or ".join(other for other in registry().names("uncertainties") if _judges_alone(other))
+    others = " or ".join(other for other in registry().names("uncertainties") if _uses_single_frames(other))
     return DeuxError(
-        f"predict.uncertainty={name} compares a frame with its neighbours by their poses, and {why}: choose a measure "
-        f"that judges single frames{f', {others}' if others else ''}."
+        f"predict.uncertainty={name} compares a frame with its neighbours by their poses, and {reason}: choose a "
+        f"measure of single frames{f', {others}' if others else ''}."
     )
 
 
-def _judges_alone(name: str) -> bool:
+def _uses_single_frames(name: str) -> bool:
     try:
         return not registry().get("uncertainties", name).needs_sources  # type: ignore[attr-defined]
-    except DeuxError:  # a package that is broken harms nobody who does not ask for it
+    except DeuxError:  # the plugin cannot be loaded
         return False

@@ -1,4 +1,4 @@
-"""`task=experiment`: collect, train the seed model, explore with it, train the final model, evaluate."""
+"""`task=experiment`: train the seed model, explore with it, train the final model and evaluate it."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def run(cfg: DictConfig) -> None:
-    """Run the whole experiment, from where an earlier attempt in the same folder stopped."""
+    """Run the whole experiment, or resume it where an earlier attempt in the same folder stopped."""
     quieten_libraries()
     experiment = Experiment(sections_of(cfg))
     with open_run_folder(run_folder(), experiment.identity, experiment.weights) as run:
@@ -46,7 +46,7 @@ class Experiment:
     """The stages of the paper's experiment.
 
     Args:
-        sections: all that the stages read.
+        sections: configuration.
 
     Raises:
         DeuxError: an option is wrong.
@@ -56,40 +56,40 @@ class Experiment:
         self.identity = sections.identity
         self._evaluation = sections.read("evaluation", EvaluationSettings)
         for name in ("data", "checkpoint"):
-            if given := getattr(self._evaluation, name):
+            if value := getattr(self._evaluation, name):
                 raise DeuxError(
-                    f"evaluation.{name}={given} has no effect with task=experiment, which tests its model on views of "
-                    "the test scenes: task=evaluate takes it."
+                    f"evaluation.{name}={value} has no effect with task=experiment, which evaluates its own model on "
+                    "the test scenes: use task=evaluate."
                 )
         self._datasets = Datasets(sections, ["train", "test"])
         self._training = Training(sections, self._datasets, self._evaluation.validation_viewpoints)
         self._exploration = GuidedCollection(sections, self._datasets, self._training)
         self._final = ActiveTraining(sections, self._datasets, self._training)
-        self._test = Evaluator(sections)
+        self._evaluator = Evaluator(sections)
         self.weights = named_weights(sections)
 
     def is_finished(self, run: RunFolder) -> bool:
-        """Whether an earlier attempt has come to its end; says where the work goes on."""
+        """Whether an earlier attempt has finished; also prints the run folder."""
         finished = decided_by_leader((run.path / RESULTS_FILE).exists)
         say(f"{'This run is complete' if finished else 'Run folder'}: {run.path}")
         return finished
 
     def explore(self, run: RunFolder) -> Path:
-        """Collect the frames of the final model, led by the seed model where the explorer asks for one (Alg. 1)."""
+        """Collect the final model's frames, guided by the seed model if the explorer needs one (Alg. 1)."""
         return self._exploration.collect(run)
 
     def train(self, frames: Path, run: RunFolder) -> DepthModel:
-        """Train the final model from scratch on the explored frames alone (Eq. 7)."""
+        """Train the final model from scratch on the explored frames only (Eq. 7)."""
         say(f"Train {self._training.recipe.model.name} on the {self._exploration.explorer.name} frames")
         with run.stage("train"):
             return self._final.train(DatasetReader(frames), run)
 
     def evaluate(self, model: DepthModel, frames: Path, run: RunFolder) -> "Evaluation":
-        """Measure the model's errors on free viewpoints of the test scenes, and score its frames beside these."""
+        """Compute the model's errors on free viewpoints of the test scenes; also write the frames' scorecard."""
         say("Evaluate on free viewpoints of the test scenes")
         with run.stage("evaluate"):
             viewpoints = self._datasets.viewpoints("test", self._evaluation.viewpoints)
-            found = self._test.evaluate(model, DatasetReader(viewpoints), run)
+            evaluation = self._evaluator.evaluate(model, DatasetReader(viewpoints), run)
         card = score(
             DatasetReader(frames),
             choice=self._training.recipe.source_choice(),
@@ -97,20 +97,20 @@ class Experiment:
             simulation=self._datasets.simulation,
         )
         card.save(run.path)
-        return found
+        return evaluation
 
-    def write(self, frames: Path, found: "Evaluation", run: RunFolder) -> None:
-        """Draw the trajectories and write `results.json`, which says that the run is finished."""
+    def write(self, frames: Path, evaluation: "Evaluation", run: RunFolder) -> None:
+        """Draw the trajectories and write `results.json`, which marks the run as finished."""
         self._exploration.draw(frames, run)
         rounds = read_rounds(run)
         results = Results(
             model=self._training.recipe.model.name,
             explore=self._exploration.explorer.name,
             seed=self._training.seed,
-            frames=frame_count(frames, self._training.recipe.source_choice()) + sum(one.frames for one in rounds),
+            frames=frame_count(frames, self._training.recipe.source_choice()) + sum(each.frames for each in rounds),
             seconds=run.seconds,
-            rounds=[one.summary() for one in rounds],
-            **asdict(found),
+            rounds=[each.summary() for each in rounds],
+            **asdict(evaluation),
         )
         results.save(run.path)
 

@@ -1,4 +1,4 @@
-"""`task=export`: a trained model as an ONNX file, or as a checkpoint for the code that its authors published."""
+"""`task=export`: export a trained model as an ONNX file, or as a checkpoint for its authors' published code."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,20 +13,20 @@ from deux.deployment.published_checkpoints import PUBLISHED_FILE, save_published
 from deux.errors import check_range
 from deux.geometry.camera import Camera
 from deux.io.atomic import make_folder, write_atomically
-from deux.tasks.checkpoints import load_needed_model
+from deux.tasks.checkpoints import load_required_model
 from deux.tasks.console import quieten_libraries, say
 
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """Which model is exported, and what it takes.
+    """Options of the export of a model.
 
     Args:
-        format: "onnx", or "published" for a checkpoint that the published code of the model restores.
+        format: "onnx", or "published" for a checkpoint that the model's published code can load.
         checkpoint: a run folder, a model file or the model's published checkpoint.
-        height: of the images, in pixels; None for the camera's.
-        width: likewise.
-        batch: number of images at a time; None for any.
+        height: height of the images in pixels; None for the camera's.
+        width: width of the images in pixels; None for the camera's.
+        batch: fixed batch size; None for a dynamic one.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -45,20 +45,21 @@ class ExportSettings:
 
 
 def run(cfg: DictConfig) -> None:
-    """Write the model `export.checkpoint` to a file in the run folder; a repeated command overwrites it."""
+    """Export the model `export.checkpoint` to a file in the run folder; a repeated command overwrites it."""
     quieten_libraries()
     sections = sections_of(cfg)
-    chosen, camera = sections.read("export", ExportSettings), sections.read("camera", Camera)
-    if chosen.format == "onnx":
+    settings, camera = sections.read("export", ExportSettings), sections.read("camera", Camera)
+    if settings.format == "onnx":
         check_packages()
-    name, model = load_needed_model(sections.plugin("model"), chosen.checkpoint, "export.checkpoint")
+    name, model = load_required_model(sections.plugin("model"), settings.checkpoint, "export.checkpoint")
     folder = run_folder()
     make_folder(folder)
-    if chosen.format == "published":
+    if settings.format == "published":
         save_published(model, name, folder / PUBLISHED_FILE)
         say(str(folder / PUBLISHED_FILE))
     else:
-        _write_onnx(model, name, (chosen.height or camera.height, chosen.width or camera.width), chosen.batch, folder)
+        size = settings.height or camera.height, settings.width or camera.width
+        _write_onnx(model, name, size, settings.batch, folder)
 
 
 def _write_onnx(model: DepthModel, name: str, size: tuple[int, int], batch: int | None, folder: Path) -> None:
@@ -70,5 +71,6 @@ def _write_onnx(model: DepthModel, name: str, size: tuple[int, int], batch: int 
     for option, shape in exported.inputs.items():
         say(f"  {option}: {' x '.join(map(str, shape))}")
     say(
-        f"onnxruntime's depth differs from PyTorch's by {exported.difference:.1e} of itself at most, on made-up inputs."
+        f"Maximal relative difference between onnxruntime's and PyTorch's depth on random inputs: "
+        f"{exported.difference:.1e}."
     )

@@ -1,4 +1,4 @@
-"""`task=export_dataset`: datasets in the layouts that foreign code reads."""
+"""`task=export_dataset`: export datasets in formats that other code reads."""
 
 import json
 import shutil
@@ -26,29 +26,29 @@ from deux.tasks.datasets import Datasets
 from deux.tasks.evaluate import EvaluationSettings
 from deux.tasks.model_training import Training
 from deux.tasks.named_weights import named_weights
-from deux.tasks.recorded_frames import given_files, read_given
-from deux.tasks.run_folder import RunFolder, changed, open_run_folder, short_hash
+from deux.tasks.recorded_frames import data_digest, make_reader
+from deux.tasks.run_folder import RunFolder, changed_options, open_run_folder, short_hash
 from deux.training.training_settings import TrainingSettings
 
-_EXPORTED = "exported.json"
-"""The file in the run folder that tells which folder this command has made."""
+_RECORD = "exported.json"
+"""File in the run folder that records which folder this command has exported."""
 
 
 @dataclass(frozen=True)
 class ExportDatasetSettings:
-    """What is exported, and how.
+    """Options of the export of a dataset.
 
     Args:
         format: "void", "triplets" or "webdataset".
-        output: the folder that is made.
-        train: a folder whose train split is exported, read as `data` says.
+        output: the output folder.
+        train: a folder whose train split is exported, read by the reader of the section `data`.
         validation: likewise, for the validation split.
-        test: likewise, for the test split. With none of the three, what the explorer collects and the test viewpoints
-            are exported.
-        arrangement: of the files of format=void: "triplets" where the published set-up script is to find the source
-            frames that the dataset lists, "time" for all frames as they were recorded.
-        samples: of a shard of format=webdataset.
-        sources: how the source frames of training frames are chosen, "baseline" or "recent"; None for the training's.
+        test: likewise, for the test split. With none of the three, the explorer's frames and the test viewpoints are
+            exported.
+        arrangement: order of the files for format=void: "triplets" so that the published set-up script finds the
+            dataset's source frames, "time" for all frames as recorded.
+        samples: samples per shard for format=webdataset.
+        sources: choice of the source frames of training frames, "baseline" or "recent"; None for `training.sources`.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -68,35 +68,35 @@ class ExportDatasetSettings:
 
     @property
     def folders(self) -> dict[str, str]:
-        """The folder of each split that was named."""
-        named = {"train": self.train, "validation": self.validation, "test": self.test}
-        return {split: folder for split, folder in named.items() if folder}
+        """The configured folders, by split."""
+        folders = {"train": self.train, "validation": self.validation, "test": self.test}
+        return {split: folder for split, folder in folders.items() if folder}
 
 
 def run(cfg: DictConfig) -> None:
-    """Write the folder `export_dataset.output`, which must not be there yet; it appears when it is complete.
+    """Write the folder `export_dataset.output`, which must not exist yet; it appears when it is complete.
 
-    A command that has made it, and was perhaps killed just then, finds it again.
+    If the same command has already written it, nothing is done.
     """
     quieten_libraries()
     sections = sections_of(cfg)
     settings = sections.read("export_dataset", ExportDatasetSettings)
     output = _output(settings)
-    record = run_folder() / _EXPORTED
+    record = run_folder() / _RECORD
     weights = {} if settings.folders else named_weights(sections, trained=False)
-    readers = {split: read_given(sections, folder) for split, folder in settings.folders.items()}
+    readers = {split: make_reader(sections, folder) for split, folder in settings.folders.items()}
     files: dict[str, str] = {}
     for name, reader in readers.items():
-        files |= given_files(reader, f"export_dataset.{name}", sections)
+        files |= data_digest(reader, f"export_dataset.{name}", sections)
     if output.exists():
-        if record.exists() and _has_made(json.loads(record.read_text()), sections, output, weights, files):
+        if record.exists() and _was_exported(json.loads(record.read_text()), sections, output, weights, files):
             say(f"This export is complete: {output}")
             return
-        raise DeuxError(f"export_dataset.output={settings.output} is there already: remove it or name another folder.")
+        raise DeuxError(f"export_dataset.output={settings.output} already exists: remove it or choose another folder.")
     training = sections.read("training", TrainingSettings)
     with open_run_folder(run_folder(), sections.identity, weights, files) as run:
         if not readers:
-            readers = _collected(sections, run)
+            readers = _collect(sections, run)
         splits = read_splits(readers, training.offsets, settings.sources or training.sources)
         partial = output.with_name(f".{output.name}.partial")
         shutil.rmtree(partial, ignore_errors=True)
@@ -106,37 +106,37 @@ def run(cfg: DictConfig) -> None:
         with progress() as report:
             for done, _ in enumerate(_write(partial, output, splits, settings), start=1):
                 report("export", done, total)
-        write_json(record, {**_made_by(sections, partial), "weights": weights, "files": files})
+        write_json(record, {**_identity(sections, partial), "weights": weights, "files": files})
         partial.rename(output)
     say(str(output))
     for split in splits:
         say(f"  {split.name}: {counted(len(split.triplets), 'frame')} in {counted(len(split.sequences()), 'sequence')}")
     if settings.format == "void":
-        _say_what_setup_takes(splits, settings.arrangement)
+        _print_setup_usage(splits, settings.arrangement)
 
 
 def _output(settings: ExportDatasetSettings) -> Path:
     if not settings.output:
-        raise DeuxError("task=export_dataset needs a folder to make: export_dataset.output=.")
+        raise DeuxError("task=export_dataset needs an output folder: set export_dataset.output=.")
     return user_path(settings.output)
 
 
-def _made_by(sections: Sections, folder: Path) -> dict[str, Any]:
-    """What identifies a folder, before and after it is renamed, and the command that has made it."""
+def _identity(sections: Sections, folder: Path) -> dict[str, Any]:
+    """Identity of an export: the command's settings, and the folder's inode, which survives renaming."""
     return {"settings": short_hash(sections.identity), "inode": folder.stat().st_ino}
 
 
-def _has_made(
+def _was_exported(
     record: dict[str, Any], sections: Sections, folder: Path, weights: dict[str, str], files: dict[str, str]
 ) -> bool:
-    """Whether a command's record says that it has made a folder, with the same weights and of the same recordings."""
-    known = {key: record.pop(key, {}) for key in ("weights", "files")}  # which earlier versions did not record
-    same = not changed(known["weights"], weights) and not changed(known["files"], files)
-    return same and record == _made_by(sections, folder)
+    """Whether a record is that of an export of the same settings, weights and recorded frames to this folder."""
+    recorded = {key: record.pop(key, {}) for key in ("weights", "files")}  # absent in records of earlier versions
+    same = not changed_options(recorded["weights"], weights) and not changed_options(recorded["files"], files)
+    return same and record == _identity(sections, folder)
 
 
-def _collected(sections: Sections, run: RunFolder) -> dict[str, Reader]:
-    """What an experiment trains and tests on."""
+def _collect(sections: Sections, run: RunFolder) -> dict[str, Reader]:
+    """Collect the frames that an experiment trains and tests on."""
     datasets = Datasets(sections, ["train"])
     evaluation = sections.read("evaluation", EvaluationSettings)
     training = Training(sections, datasets, evaluation.validation_viewpoints)
@@ -154,11 +154,12 @@ def _write(folder: Path, final: Path, splits: list[ExportedSplit], settings: Exp
     return write_shards(folder, splits, settings.samples)
 
 
-def _say_what_setup_takes(splits: list[ExportedSplit], arrangement: Arrangement) -> None:
+def _print_setup_usage(splits: list[ExportedSplit], arrangement: Arrangement) -> None:
+    """Print how many of the exported frames the published set-up script of VOID uses."""
     used, total = used_by_setup(splits, arrangement)
     sources = "their own" if arrangement == "triplets" else f"{SOURCE_DISTANCE} frames before and after them"
     say(
-        f"The published set-up script leaves out {MARGIN} files at either end of a training sequence and takes the "
-        f"files {SOURCE_DISTANCE} places away as source frames: it uses {used} of the "
-        f"{counted(total, 'training frame')}, with source frames that are {sources}."
+        f"The published set-up script skips {MARGIN} files at either end of a training sequence and uses the files "
+        f"{SOURCE_DISTANCE} places away as source frames: it uses {used} of the {counted(total, 'training frame')}, "
+        f"with source frames that are {sources}."
     )

@@ -1,4 +1,4 @@
-"""The training stage: a newly made model on one dataset, laid on its foundation where it is built on one."""
+"""The training stage: trains a model on one dataset, after its foundation if it is built on one."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,8 @@ from deux.io.layout import SourceChoice
 from deux.io.locking import locked
 from deux.registry import PluginChoice, registry
 from deux.task_sections import MEANS, Sections
-from deux.tasks.checkpoints import check_foundation, load_named_model, load_start, named_path, weights_identity
-from deux.tasks.console import quieten_trainer, say, watched
+from deux.tasks.checkpoints import check_foundation, load_named_model, load_start, model_path, weights_identity
+from deux.tasks.console import is_interactive, quieten_trainer, say
 from deux.tasks.datasets import Datasets
 from deux.tasks.recorded_frames import Needs
 from deux.tasks.run_folder import RunFolder, open_run_folder, short_hash
@@ -33,23 +33,23 @@ if TYPE_CHECKING:
     from lightning import Callback
 
 _WITHOUT_EFFECT = (*MEANS["training"], "validations")
-"""Options of `training` that the trained weights do not depend on."""
+"""Options of `training` that do not affect the trained weights."""
 
-_ALWAYS_TAKEN: dict[str, tuple[Any, ...]] = {"accelerator": ("auto", "cpu"), "devices": (1,)}
-"""Values of `trainer` that Lightning takes on every machine: it need not be imported to check them."""
+_ALWAYS_VALID: dict[str, tuple[Any, ...]] = {"accelerator": ("auto", "cpu"), "devices": (1,)}
+"""Values of `trainer` that are valid on every machine, so that Lightning need not be imported to check them."""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a depth model is and how it is trained.
+    """A depth model and the settings of its training.
 
     Args:
         model: the depth model with its options.
         objective: loss terms that override the model's own.
-        pose: where relative poses come from.
-        training: budget and learning rate.
+        pose: source of the relative poses.
+        training: options of the training.
     """
 
     model: PluginChoice
@@ -58,7 +58,7 @@ class Recipe:
     training: TrainingSettings
 
     def check(self) -> None:
-        """Make once, without memory and time, what only the training needs.
+        """Check the options by constructing model, objective and pose source without allocating weights.
 
         Raises:
             DeuxError: an option of the model, a loss term or the pose source is wrong.
@@ -69,22 +69,22 @@ class Recipe:
             make_pose_source(self.pose, model)
 
     def outline(self) -> DepthModel:
-        """The model without memory for its weights."""
+        """The model, without allocating its weights."""
         with without_weights():
             model: DepthModel = self.model.create()
         return model
 
     @property
     def supervised(self) -> bool:
-        """Whether the objective may read ground truth."""
+        """Whether the objective may use ground truth."""
         return self.outline().supervised or self.training.supervised
 
     def source_choice(self) -> SourceChoice:
-        """How source frames are chosen; "recent" where the objective compares no frames."""
+        """How source frames are chosen; "recent" if the objective uses no source frames."""
         return self.training.sources if self.needs().sources else "recent"
 
     def needs(self) -> Needs:
-        """What the training reads of its frames."""
+        """What the training reads of its frames besides image, sparse points and intrinsics."""
         compares = make_objective(self.outline(), self.objective, self.supervised).needs_reconstructions
         truth = self.supervised or self.training.augmentation.draws_points
         return Needs(sources=compares, poses=compares and self.pose == "simulator", ground_truth=truth)
@@ -92,15 +92,15 @@ class Recipe:
 
 @dataclass(frozen=True)
 class FoundationSettings:
-    """The supervised model that the chosen one is built on, where it is built on one.
+    """Options of the foundation, the supervised model that some depth models are built on.
 
     Args:
-        checkpoint: a trained model to take; None trains one.
-        source: source of the scenes, none of them the experiment's own, in whose frames it is trained.
-        scenes: number of these scenes.
-        viewpoints: frames of each scene.
-        steps: optimiser steps of its training.
-        batch_size: samples in a batch.
+        checkpoint: a trained model to use; None trains one.
+        source: scene source of the training scenes, which are not among the experiment's.
+        scenes: number of training scenes.
+        viewpoints: frames per scene.
+        steps: optimiser steps.
+        batch_size: samples per batch.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -122,9 +122,10 @@ class Training:
     """Trains depth models.
 
     Args:
-        sections: of these it reads `model`, `objective`, `pose`, `training`, `trainer`, `foundation` and `data.cache`.
-        datasets: of the run.
-        validation_viewpoints: validation frames of each validation scene.
+        sections: configuration; reads `model`, `objective`, `pose`, `training`, `trainer`, `foundation` and
+            `data.cache`.
+        datasets: datasets of the run.
+        validation_viewpoints: validation frames per validation scene.
 
     Raises:
         DeuxError: an option is wrong.
@@ -147,11 +148,11 @@ class Training:
         self._check()
 
     def predictor(self, model: DepthModel) -> FastPredictor:
-        """The model on the trainer's kind of device, for a robot that waits for its depth."""
+        """The model on the trainer's device, for fast inference during exploration."""
         return FastPredictor(model, self._trainer.get("accelerator", "auto"))
 
     def validation_readers(self) -> list[Reader]:
-        """Free viewpoints of the validation scenes; none without such scenes."""
+        """Readers of free viewpoints of the validation scenes; empty without validation scenes."""
         if not self._datasets.scenes.validation:
             return []
         return [DatasetReader(self._datasets.viewpoints("validation", self._validation_viewpoints))]
@@ -164,13 +165,13 @@ class Training:
         validation: Sequence[Reader] | None = None,
         callbacks: "Sequence[Callback]" = (),
     ) -> DepthModel:
-        """Train a model, or take it from the run folder if it is there already.
+        """Train a model, or load it if the run folder already contains it.
 
         Args:
-            recipe: the model and how it is trained.
-            data: frames to train on.
-            run: takes `model.safetensors`, checkpoints, logs and the training curve.
-            validation: frames to validate on; None for `validation_readers`.
+            recipe: the model and the settings of its training.
+            data: training frames.
+            run: output folder of `model.safetensors`, checkpoints, logs and the training curve.
+            validation: validation frames; None for `validation_readers`.
             callbacks: further callbacks.
 
         Returns:
@@ -180,7 +181,7 @@ class Training:
         if decided_by_leader(path.exists):
             say(f"  trained before: {path}")
             return load_model(path)
-        # Lightning, torchmetrics and matplotlib take seconds to import, which no task waits for before it trains.
+        # Slow imports: Lightning, torchmetrics and matplotlib.
         from deux.figures.drawing import save_figure
         from deux.figures.panel_logger import PanelLogger
         from deux.figures.training_curves import draw_training_curve
@@ -189,10 +190,10 @@ class Training:
         from deux.training.fit import fit
 
         quieten_trainer()
-        model = self._make(recipe)
+        model = self._make_model(recipe)
         validation = self.validation_readers() if validation is None else validation
         camera = self._datasets.simulation.camera
-        bar = watched() and self._trainer.get("enable_progress_bar", True)
+        bar = is_interactive() and self._trainer.get("enable_progress_bar", True)
         fit(
             model,
             recipe.training,
@@ -210,14 +211,14 @@ class Training:
         model = model.cpu()
         if leads():
             save_figure(draw_training_curve(run.logs), run.figures / "training.png")
-            save_model(path, model, recipe.model.name, recipe.model.settings)  # last: it says that training is done
+            save_model(path, model, recipe.model.name, recipe.model.settings)  # last: it marks the training as done
         wait_for_all()
         return model
 
     def train_once(self, recipe: Recipe, dataset: Path, kind: str) -> Path:
-        """Train a model that is kept in `outputs/<kind>` for every run that asks for the same; return its file.
+        """Train a model in `outputs/<kind>`, where all runs with the same settings share it; returns its file.
 
-        It starts from scratch: `training.start` is the final model's.
+        It is trained from scratch: `training.start` applies to the final model only.
         """
         recipe = replace(recipe, training=replace(recipe.training, start=None))
         foundation = self._foundation_file(recipe)
@@ -232,7 +233,7 @@ class Training:
             "foundation": foundation and weights_identity(foundation),
         }
         folder = self._outputs / kind / f"{recipe.model.name}-{short_hash(identity)}"
-        # Processes that train together come here together; the leading one holds the lock for all.
+        # Of several processes that train together, rank 0 holds the lock for all.
         lock = locked(folder.with_name(f".{folder.name}.lock.json"), f"trains {kind}/{folder.name}")
         with lock if leads() else nullcontext():
             if decided_by_leader((folder / MODEL_FILE).exists):
@@ -243,9 +244,9 @@ class Training:
                     self.train(recipe, DatasetReader(dataset), run)
         return folder / MODEL_FILE
 
-    def _make(self, recipe: Recipe) -> DepthModel:
-        """Make the model that is to be trained: as it starts, or untrained on its trained foundation."""
-        from lightning import seed_everything  # slow
+    def _make_model(self, recipe: Recipe) -> DepthModel:
+        """Create the model to be trained, with the weights of `training.start` or of its foundation."""
+        from lightning import seed_everything  # slow import
 
         start = recipe.training.start
         path = self._foundation_file(recipe) if start is None else None
@@ -258,7 +259,7 @@ class Training:
         foundation = model.foundation()
         if path is None or foundation is None:
             return model
-        name, trained = load_named_model(_choice(foundation), str(path))
+        name, trained = load_named_model(_plugin_choice(foundation), str(path))
         if problem := load_weights(foundation.module, trained.state_dict()):
             raise DeuxError(
                 f"foundation.checkpoint={path} is a {name} that does not fit the {foundation.name} that "
@@ -267,49 +268,47 @@ class Training:
         return model
 
     def _foundation_file(self, recipe: Recipe) -> Path | None:
-        """The trained model that another one is built on; None if it stands alone.
+        """The file of the trained foundation; None for models without one.
 
-        It is `foundation.checkpoint` if that is given. Otherwise it is trained when it is first asked for, with ground
-        truth and its own objective, on frames of generated scenes that are none of the run's, as the published
-        ScaffNet is on synthetic data: the ground truth of what the robot explores reaches no unsupervised model.
+        This is `foundation.checkpoint` if it is set. Otherwise the foundation is trained on first use, with its own
+        objective and ground truth of generated scenes that are not among the experiment's, like the published ScaffNet
+        on synthetic data. Thus, ground truth of the explored scenes does not reach an unsupervised model.
         """
         with without_weights():
             foundation = recipe.model.create().foundation()
         if foundation is None:
             return None
-        chosen = self._foundation
-        if chosen.checkpoint is not None:
-            check_foundation(_choice(foundation), recipe.model.name, chosen.checkpoint)
-            return weights_file(named_path(chosen.checkpoint))
+        settings = self._foundation
+        choice = _plugin_choice(foundation)
+        if settings.checkpoint is not None:
+            check_foundation(choice, recipe.model.name, settings.checkpoint)
+            return weights_file(model_path(settings.checkpoint))
         say(
-            f"  {recipe.model.name} is built on {foundation.name}, which learns from synthetic scenes first "
-            f"({chosen.scenes} of foundation.source={chosen.source}); foundation.checkpoint= takes a trained one"
+            f"  {recipe.model.name} is built on {foundation.name}, which is trained on synthetic scenes first "
+            f"({settings.scenes} of foundation.source={settings.source}); set foundation.checkpoint= to use a trained "
+            "one"
         )
         camera = self._datasets.simulation.camera
-        # The crop of recorded frames may be larger than the frames of these scenes.
+        # The crop of recorded frames may be larger than the rendered frames.
         height, width = recipe.training.crop or (camera.height, camera.width)
         crop = recipe.training.crop and (min(height, camera.height), min(width, camera.width))
-        training = replace(recipe.training, steps=chosen.steps, batch_size=chosen.batch_size, crop=crop)
-        below = Recipe(_choice(foundation), {}, "simulator", training)
-        return self.train_once(
-            below, self._datasets.synthetic(chosen.source, chosen.scenes, chosen.viewpoints), "foundations"
-        )
+        training = replace(recipe.training, steps=settings.steps, batch_size=settings.batch_size, crop=crop)
+        frames = self._datasets.synthetic(settings.source, settings.scenes, settings.viewpoints)
+        return self.train_once(Recipe(choice, {}, "simulator", training), frames, "foundations")
 
     def _check(self) -> None:
-        """Find what is wrong before any work is done."""
+        """Check the options before any work is done."""
         self.recipe.check()
         if self.recipe.training.start is not None:
             load_start(self.recipe.model, self.recipe.training.start)
         if self._foundation.checkpoint is not None:
-            weights_file(named_path(self._foundation.checkpoint))
+            weights_file(model_path(self._foundation.checkpoint))
             foundation = self.recipe.outline().foundation()
-            if foundation is not None and self.recipe.training.start is None:  # which has one inside already
-                check_foundation(_choice(foundation), self.recipe.model.name, self._foundation.checkpoint)
-        if self._trainer.keys() <= _ALWAYS_TAKEN.keys() and all(
-            value in _ALWAYS_TAKEN[name] for name, value in self._trainer.items()
-        ):
+            if foundation is not None and self.recipe.training.start is None:  # a start contains its foundation
+                check_foundation(_plugin_choice(foundation), self.recipe.model.name, self._foundation.checkpoint)
+        if all(value in _ALWAYS_VALID.get(name, ()) for name, value in self._trainer.items()):
             return
-        from deux.training.fit import check_trainer  # slow
+        from deux.training.fit import check_trainer  # slow import
 
         quieten_trainer()
         trainer = check_trainer(self.recipe.training, self._trainer)
@@ -320,5 +319,5 @@ class Training:
             )
 
 
-def _choice(foundation: Foundation) -> PluginChoice:
+def _plugin_choice(foundation: Foundation) -> PluginChoice:
     return registry().choose("depth_models", {"name": foundation.name, **foundation.settings}, foundation.name)

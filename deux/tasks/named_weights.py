@@ -1,4 +1,4 @@
-"""The weights that a command's options name, which make a run what it is as much as the options do."""
+"""Hashes of the weights that options refer to, which are part of a run's identity."""
 
 from contextlib import suppress
 
@@ -17,45 +17,45 @@ from deux.training.training_settings import TrainingSettings
 def named_weights(
     sections: Sections, explorer: bool = True, guide: bool = True, trained: bool = True
 ) -> dict[str, str]:
-    """What identifies the weights that options name, for `deux.tasks.run_folder.open_run_folder`.
+    """Hashes of the weights that options refer to, for `deux.tasks.run_folder.open_run_folder`.
 
-    An option holds a path, and a run's identity no more than that: the file may change while the path stays the same.
+    The options contain only paths, and a file may change while its path stays the same.
 
     Args:
-        sections: of these it reads `model`, `explore`, `seed_model`, `training` and `foundation`.
-        explorer: whether the explorer of `explore` collects.
-        guide: whether that explorer is led by the seed model, if it needs a depth model.
-        trained: whether the depth model of `model` is trained.
+        sections: configuration; reads `model`, `explore`, `seed_model`, `training` and `foundation`.
+        explorer: whether the explorer of the section `explore` is used.
+        guide: whether the seed model guides that explorer, if it needs a depth model.
+        trained: whether the depth model of the section `model` is trained.
 
     Returns:
-        Hashes by the options' names; of weights that are used and are there.
+        Hashes by option, of the weights that are used and exist.
     """
     model, explore = sections.plugin("model"), sections.plugin("explore")
-    found: dict[str, str | None] = {}
+    hashes: dict[str, str | None] = {}
     from_scratch = []
-    if explorer and explore.settings.get("weights") is not None:  # of a learned explorer
-        found["explore.weights"] = _fingerprint(explore)
+    if explorer and explore.settings.get("weights") is not None:  # a learned explorer
+        hashes["explore.weights"] = _fingerprint(explore)
     if guide and needs_model(explore):
         seed_model = sections.read("seed_model", SeedModelSettings)
         chosen = seed_model.choose(model)
         if seed_model.checkpoint is not None:
-            found["seed_model.checkpoint"] = _identity(chosen, seed_model.checkpoint)
+            hashes["seed_model.checkpoint"] = _identity(chosen, seed_model.checkpoint)
         elif not is_pretrained(chosen):
             from_scratch.append(chosen)
     if trained:
         start = sections.read("training", TrainingSettings).start
         if start is not None:
-            found["training.start"] = _identity(model, start)
+            hashes["training.start"] = _identity(model, start)
         else:
             from_scratch.append(model)
     foundation = sections.read("foundation", FoundationSettings).checkpoint
     if foundation is not None and any(map(_has_foundation, from_scratch)):
-        found["foundation.checkpoint"] = _identity(model, foundation)
-    return {option: identity for option, identity in found.items() if identity is not None}
+        hashes["foundation.checkpoint"] = _identity(model, foundation)
+    return {option: identity for option, identity in hashes.items() if identity is not None}
 
 
 def _identity(published: PluginChoice, path: str) -> str | None:
-    with suppress(DeuxError):  # whoever needs the file says that it is missing
+    with suppress(DeuxError):  # a missing file is reported where it is loaded
         return named_identity(published, path)
     return None
 

@@ -1,4 +1,4 @@
-"""The section `predict` of the configuration: which frames, by which model, and what is made of their depth."""
+"""Options of the section `predict`: model, frames and outputs."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,41 +10,42 @@ from deux.io.cloud_files import CLOUD_FORMATS, CloudFormat
 from deux.registry import registry
 
 FrameSplit = Literal["all", "train", "validation", "test"]
-"""Which frames of a folder; all are those of every split and those between two of them."""
+"""Which frames of a folder; "all" includes frames that are in no split."""
 
 DepthFormat = Literal["png", "npy"]
-"""How the depth of many frames is written: 16-bit PNG of metres x 256, or .npy of float32 metres."""
+"""File format of the depth of many frames: 16-bit PNG of metres x 256, or .npy of float32 metres."""
 
 
 @dataclass(frozen=True)
 class PredictSettings:
-    """The model, the frames whose depth it completes, and what is written of them.
+    """Options of the prediction: the model, the frames and the outputs.
 
     Args:
         checkpoint: a run folder, a model file or the model's published checkpoint.
-        image: one frame: an 8-bit image.
+        image: a single frame: an 8-bit image.
         data: many frames: a folder that the section `data` reads; with `sparse`, a folder of images or a video.
         split: which frames of a folder that the section `data` reads.
-        sparse: depth of some pixels, as a 16-bit PNG or .npy file; with `data`, a folder of these.
+        sparse: sparse depth, as a 16-bit PNG or .npy file; with `data`, a folder of these.
         sparse_scale: stored values per metre in PNG files.
-        intrinsics: a text or .npy file.
-        ground_truth: depth to compare with, as `sparse`.
+        intrinsics: a text or .npy file with the camera matrix.
+        ground_truth: depth to compare with, in the format of `sparse`.
         ground_truth_scale: stored values per metre in its PNG files; None for `sparse_scale`.
-        batch_size: of many frames, how many go through the model at once where they are of one size.
-        format: of the depth and confidence of many frames.
-        video: whether many frames are also drawn as a coloured video.
-        uncertainty: the measure whose confidence, exp(-uncertainty), is written beside the depth; None for none.
-        uncertainty_options: of the measure's constructor.
-        export: formats of a coloured point cloud: a name, several, or none.
-        voxel: edge in metres of the voxels that merge the points of a sequence; 0 keeps all.
+        batch_size: number of frames of the same size that are predicted at once.
+        format: file format of the depth and confidence of many frames.
+        video: whether a coloured video of many frames is written.
+        uncertainty: uncertainty measure whose confidence, exp(-uncertainty), is written besides the depth; None for no
+            confidence.
+        uncertainty_options: options of the measure's constructor.
+        export: one or several formats of a coloured point cloud; None for no point cloud.
+        voxel: edge length in metres of the voxels in which the points of a sequence are merged; 0 keeps all points.
         keep: fraction of the pixels, the most confident ones, that become points; None for all.
-        least_confidence: confidence in (0, 1] that a point needs; None for any.
-        agreement: greatest difference, as a fraction of the distance, between the depth of a pixel of a sequence and
-            that of two other frames with which it becomes a point; None for any.
-        viewer: "rerun" for a recording that its viewer plays; None for none.
+        least_confidence: minimal confidence of points, in (0, 1]; None for no minimum.
+        agreement: consistency filter of the points of a sequence: maximal difference of their depth to that of two
+            other frames, as a fraction of the distance; None for no filter.
+        viewer: "rerun" for a recording for this viewer; None for no recording.
 
     Raises:
-        DeuxError: a value is out of its range, or a filter has no measure to filter by.
+        DeuxError: a value is out of its range, or a confidence filter has no uncertainty measure.
     """
 
     checkpoint: str | None
@@ -89,15 +90,15 @@ class PredictSettings:
 
     @property
     def cloud_formats(self) -> tuple[CloudFormat, ...]:
-        """The formats of the point cloud, each once; none if there is to be no cloud."""
+        """The formats of the point cloud, without duplicates; empty if no point cloud is to be written."""
         chosen = (self.export,) if isinstance(self.export, str) else self.export or ()
         return tuple(name for name in CLOUD_FORMATS if name in chosen)
 
     def make_measure(self) -> Uncertainty | None:
-        """The measure of uncertainty; None if none is chosen.
+        """Create the uncertainty measure; None if none is chosen.
 
         Raises:
-            DeuxError: there is no such measure, or an option that it does not have.
+            DeuxError: the measure or one of its options is unknown.
         """
         if self.uncertainty is None:
             return None

@@ -1,7 +1,7 @@
-"""What is made of many frames' depth files: coloured videos, fused point clouds, recordings for a viewer."""
+"""Exports of predicted sequences: coloured videos, fused point clouds, and recordings for a viewer."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
@@ -24,8 +24,8 @@ from deux.tasks.depth_completion import CompletedDepth
 from deux.tasks.predict_settings import PredictSettings
 from deux.tasks.prediction_folder import PredictionFolder
 
-_SAMPLED = 4
-"""Every so many-th row and column of the confidence maps tells the quantile of a sequence."""
+_STRIDE = 4
+"""Stride of the rows and columns of confidence maps from which a sequence's quantile is computed."""
 
 log = logging.getLogger(__name__)
 
@@ -37,33 +37,34 @@ def export_sequences(
     settings: PredictSettings,
     progress: Progress,
 ) -> list[Path]:
-    """Make what `settings` asks for of frames that are all done, sequence by sequence, from the files.
+    """Export predicted frames, sequence by sequence, from the depth files.
 
     Args:
-        results: where the frames' depth lies.
-        reader: of the recorded frames.
-        frames: in the order of time within each sequence.
-        settings: of the task.
-        progress: told the number of frames.
+        results: the predicted depth of all frames.
+        reader: reader of the recorded frames.
+        frames: the frames, in temporal order within each sequence.
+        settings: the section `predict`.
+        progress: called with the number of exported frames.
 
     Returns:
         The files.
 
     Raises:
-        DeuxError: a file cannot be read or written, or nothing passes the filter.
+        DeuxError: a file cannot be read or written, or no point passes the filters.
     """
     if not (settings.video or settings.cloud_formats or settings.viewer):
         return []
-    least = _least_confidence(results, frames, settings)
+    maps = (results.read_confidence(frame)[::_STRIDE, ::_STRIDE] for frame in frames)
+    least = least_confidence(maps, settings)
     written: list[Path] = []
     done = 0
     for sequence, group in groupby(frames, key=lambda frame: frame.sequence):
         names = list(group)
         export = SequenceExport(results.folder, sequence, settings, _depth_range(results, names), least)
-        confirmed = _confirmed(results, reader, names, settings)
+        consistent = _consistency_filter(results, reader, names, settings)
         with export:
             for name, frame in FrameStream(reader, depths=settings.viewer is not None)(names):
-                export.add(name.name, frame, results.read(name), confirmed(name))
+                export.add(name.name, frame, results.read(name), consistent(name))
                 done += 1
                 progress("export", done, len(frames))
         written += export.written
@@ -71,15 +72,15 @@ def export_sequences(
 
 
 class SequenceExport:
-    """Gathers the frames of one sequence in order of time, and writes the files when it is left. A context manager.
+    """Context manager that collects the frames of one sequence and completes the exported files at its exit.
 
     Args:
-        folder: the run's; files go to `videos/`, `clouds/` and `recordings/` in it, under the
-            sequence's name, which may be a path.
-        sequence: its name.
-        settings: which files.
-        depth_range: metres at the ends of the colours.
-        least: confidence that points need.
+        folder: the run folder; files are written to its subfolders `videos`, `clouds` and `recordings`, under the
+            sequence's name, which may contain slashes.
+        sequence: name of the sequence.
+        settings: the section `predict`.
+        depth_range: range of the colour scale, metres.
+        least: minimal confidence of points.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class SequenceExport:
         least: float,
     ) -> None:
         self.written: list[Path] = []
-        """The files, once it has been left."""
+        """The exported files; filled at the exit."""
         self._clouds = [folder / "clouds" / f"{sequence}.{suffix}" for suffix in settings.cloud_formats]
         self._fusion = VoxelFusion(settings.voxel)
         self._range, self._least = depth_range, least
@@ -120,32 +121,30 @@ class SequenceExport:
         if self._clouds:
             self._write_clouds()
 
-    def add(
-        self, name: str, frame: RecordedFrame, completed: CompletedDepth, confirmed: np.ndarray | None = None
-    ) -> None:
-        """The next frame, with what was predicted of it.
+    def add(self, name: str, frame: RecordedFrame, completed: CompletedDepth, mask: np.ndarray | None = None) -> None:
+        """Add the next frame, in temporal order.
 
         Args:
-            name: of the frame.
-            frame: as recorded.
-            completed: its depth.
-            confirmed: H x W bool, the pixels that may become points; None for all.
+            name: name of the frame.
+            frame: the recorded frame.
+            completed: its predicted depth.
+            mask: H x W bool, the pixels that may become points; None for all.
         """
         if self._video is not None:
             self._video.write(draw_video_frame(frame.image, completed.depth, self._range, completed.confidence))
-        cloud = frame_cloud(frame, completed, self._least, confirmed)
+        cloud = frame_cloud(frame, completed, self._least, mask)
         if frame.pose is None:
             self._without_pose += 1
         elif self._clouds:
             self._fusion.add(*cloud)
-            self._up -= frame.pose[:3, 1]  # cameras are held upright on the whole; their y points down
+            self._up -= frame.pose[:3, 1]  # the camera's y axis points down
         if self._recording is not None:
             self._recording.add(self._number, name, frame, completed.depth, completed.confidence, cloud)
         self._number += 1
 
     def _write_clouds(self) -> None:
-        if self._without_pose == self._number:  # other sequences have poses, or no cloud could have been asked for
-            log.warning(f"{self._clouds[0]} is not written, as none of its {self._number} frames has a pose.")
+        if self._without_pose == self._number:  # only other sequences have poses
+            log.warning(f"{self._clouds[0]} is not written, since none of its {self._number} frames has a pose.")
             return
         if self._without_pose:
             log.warning(
@@ -161,64 +160,56 @@ class SequenceExport:
 
 
 def frame_cloud(
-    frame: RecordedFrame, completed: CompletedDepth, least: float = 0.0, confirmed: np.ndarray | None = None
+    frame: RecordedFrame, completed: CompletedDepth, least: float = 0.0, mask: np.ndarray | None = None
 ) -> PointCloud:
-    """The coloured points of a frame whose confidence is at least `least`, in the world if it has a pose.
+    """The coloured points of a frame; in world coordinates if it has a pose, else in camera coordinates.
 
     Args:
-        frame: as recorded.
-        completed: its depth.
-        least: confidence that a point needs; above 0 it leaves out the pixels that have none.
-        confirmed: H x W bool, the pixels that may become points; None for all.
+        frame: the recorded frame.
+        completed: its predicted depth.
+        least: minimal confidence of points; above 0, pixels without confidence are left out.
+        mask: H x W bool, the pixels that may become points; None for all.
     """
-    kept = completed.depth > 0
-    if confirmed is not None:
-        kept &= confirmed
+    valid = completed.depth > 0
+    if mask is not None:
+        valid &= mask
     if completed.confidence is not None:
-        kept &= completed.confidence >= least
-    points = unproject(completed.depth, frame.intrinsics, frame.pose)[kept]
-    return PointCloud(points.astype(np.float32), frame.image[kept])
+        valid &= completed.confidence >= least
+    points = unproject(completed.depth, frame.intrinsics, frame.pose)[valid]
+    return PointCloud(points.astype(np.float32), frame.image[valid])
 
 
-def check_not_empty(cloud: PointCloud, path: Path, limits: str = "predict.keep") -> None:
-    """Raise DeuxError if a cloud that is to be written has no point; `limits` are the options that let more pass."""
+def check_not_empty(cloud: PointCloud, path: Path, options: str = "predict.keep") -> None:
+    """Raise DeuxError if a point cloud is empty; `options` are those to raise for more points."""
     if len(cloud.points) == 0:
-        raise DeuxError(f"{path} would hold no point: raise {limits}, or lower predict.least_confidence.")
+        raise DeuxError(f"{path} would have no point: raise {options}, or lower predict.least_confidence.")
 
 
 def least_confidence(maps: Iterator[np.ndarray], settings: PredictSettings) -> float:
-    """The confidence that a point needs by `predict.least_confidence` and by the quantile of `predict.keep`.
+    """The minimal confidence of points: the larger of `predict.least_confidence` and the quantile of `predict.keep`.
 
     Args:
-        maps: H x W confidences of all frames, 0 = none; read only if `predict.keep` asks for it.
-        settings: of the task.
+        maps: confidence maps of all frames, H x W, 0 = no value; read only if `predict.keep` is set.
+        settings: the section `predict`.
     """
     least = settings.least_confidence or 0.0
     if settings.keep is not None:
-        values = np.concatenate([np.empty(0, np.float32), *(known[known > 0] for known in maps)])
+        values = np.concatenate([np.empty(0, np.float32), *(values[values > 0] for values in maps)])
         quantile = float(np.quantile(values, 1.0 - settings.keep)) if values.size else 1.0
         least = max(least, quantile, float(np.finfo(np.float32).tiny))
     return least
 
 
-def _confirmed(
+def _consistency_filter(
     results: PredictionFolder, reader: Reader, frames: Sequence[FrameReference], settings: PredictSettings
 ) -> Callable[[FrameReference], np.ndarray | None]:
-    """Which pixels of a frame of a sequence may become points; None for all."""
+    """A function that returns a frame's mask of consistent pixels, H x W bool, or None for all pixels."""
     if settings.agreement is None or not (settings.cloud_formats or settings.viewer):
         return lambda frame: None
     return AgreementFilter(results, reader, frames, settings.agreement)
 
 
-def _least_confidence(results: PredictionFolder, frames: Sequence[FrameReference], settings: PredictSettings) -> float:
-    maps = (results.read_confidence(frame)[::_SAMPLED, ::_SAMPLED] for frame in frames)
-    return least_confidence(maps, settings)
-
-
 def _depth_range(results: PredictionFolder, frames: Sequence[FrameReference]) -> tuple[float, float]:
-    """The ends of the colours of a sequence: the medians of the frames' own would flicker, their extremes flatten."""
-    records: Mapping[FrameReference, tuple[float, float, float]] = {
-        frame: results.records[frame].depth for frame in frames
-    }
-    nearest, _, farthest = zip(*records.values(), strict=True)
+    """Colour range of a whole sequence in metres, robust against single frames; per-frame ranges would flicker."""
+    nearest, _, farthest = zip(*(results.records[frame].depth for frame in frames), strict=True)
     return float(np.percentile(nearest, 10)), float(np.percentile(farthest, 90))

@@ -1,4 +1,4 @@
-"""The results of many frames: a depth file for each, and a journal that tells which of them are done."""
+"""The predictions of many frames: a depth file for each, and a journal of the completed frames."""
 
 import io
 import json
@@ -22,20 +22,20 @@ from deux.tasks.predict_settings import DepthFormat
 from deux.tasks.run_folder import JOURNAL
 
 ERRORS_FILE = "errors.csv"
-"""The errors of each frame that has ground truth, beside those of interpolation."""
+"""The errors of each frame with ground truth, and those of interpolation."""
 
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """What is noted of a frame that is done.
+    """The journal's record of a completed frame.
 
     Args:
-        sequence: its sequence.
-        name: its name.
+        sequence: sequence of the frame.
+        name: name of the frame.
         depth: 1st, 50th and 99th percentile of the predicted depth, metres.
         pixels: number of pixels that were compared with ground truth.
-        errors: of the prediction, by the names in `METRICS`; none without ground truth.
-        interpolated: of the interpolated points on the same pixels; none without ground truth or without points.
+        errors: errors of the prediction by the names in `METRICS`; empty without ground truth.
+        interpolated: errors of interpolation on the same pixels; empty without ground truth or sparse points.
     """
 
     sequence: str
@@ -47,16 +47,16 @@ class FrameRecord:
 
 
 class PredictionFolder:
-    """Reads and writes the results. A frame counts once it stands in the journal and its depth file is there.
+    """Reads and writes predictions. A frame is complete if it is in the journal and its depth file exists.
 
         depth/<sequence>/<frame>.png        16 bits, metres x 256; or .npy, float32 metres
-        confidence/<sequence>/<frame>.png   16 bits, confidence x 65535, 0 = none; or .npy, float32
-        frames.jsonl                        the journal: a line of JSON for each frame, a `FrameRecord`
+        confidence/<sequence>/<frame>.png   16 bits, confidence x 65535, 0 = no value; or .npy, float32
+        frames.jsonl                        the journal: a JSON line for each frame, a `FrameRecord`
         errors.csv
 
     Args:
-        folder: the run's folder.
-        depth_format: of depth and confidence.
+        folder: the run folder.
+        depth_format: file format of depth and confidence.
 
     Raises:
         DeuxError: a file cannot be written.
@@ -67,60 +67,60 @@ class PredictionFolder:
         self._format = depth_format
         self.records = {FrameReference(record.sequence, record.name): record for record in self._journal()}
         lines = "".join(_line(record) for record in self.records.values())
-        write_atomically(folder / JOURNAL, lines.encode())  # without a last line that was cut short
+        write_atomically(folder / JOURNAL, lines.encode())  # drops an incomplete last line
 
     def file(self, kind: str, frame: FrameReference) -> Path:
-        """Where a frame's "depth" or "confidence" lies.
+        """Path of a frame's "depth" or "confidence".
 
         Raises:
-            DeuxError: the frame's names, which may come from a file from outside, would lead out of the folder.
+            DeuxError: the frame's names, which may come from external files, lead out of the folder.
         """
         check_frame_path(frame.sequence, frame.name, self.folder)
         return self.folder / kind / frame.sequence / f"{frame.name}.{self._format}"
 
     def write(self, batch: Sequence[tuple[FrameReference, CompletedDepth, FrameRecord]]) -> None:
-        """Write the files of frames that were predicted together, then their lines in the journal, all at once.
+        """Write the files of a batch of frames, then its lines in the journal, in one write.
 
-        A batch is in the journal as a whole or not at all, so that a command which goes on after a kill forms the same
-        batches: a frame's depth depends, in its last bits, on the frames beside it.
+        A batch is in the journal as a whole or not at all, so that a resumed command forms the same batches: the last
+        bits of a frame's depth depend on the other frames of its batch.
         """
         for frame, completed, _ in batch:
             if completed.confidence is not None:
                 self._write(self.file("confidence", frame), completed.confidence, encode_fraction)
             self._write(self.file("depth", frame), completed.depth, encode_depth)
         try:
-            with (self.folder / JOURNAL).open("ab", buffering=0) as journal:  # one call of the system
+            with (self.folder / JOURNAL).open("ab", buffering=0) as journal:  # a single system call
                 journal.write("".join(_line(record) for _, _, record in batch).encode())
         except OSError as error:
             raise DeuxError(write_failure(self.folder / JOURNAL, error)) from error
         self.records |= {frame: record for frame, _, record in batch}
 
     def read(self, frame: FrameReference) -> CompletedDepth:
-        """What was written of a frame, as the files hold it."""
+        """Read a frame's depth and confidence."""
         confidence = self.read_confidence(frame) if self.file("confidence", frame).exists() else None
         return CompletedDepth(self.read_depth(frame), confidence)
 
     def read_depth(self, frame: FrameReference) -> np.ndarray:
-        """H x W float32 metres."""
+        """Read a frame's depth, H x W float32 metres."""
         return read_any_depth(self.file("depth", frame))
 
     def read_confidence(self, frame: FrameReference) -> np.ndarray:
-        """H x W float32 in [0, 1]."""
+        """Read a frame's confidence, H x W float32 in [0, 1]."""
         path = self.file("confidence", frame)
         return read_any_depth(path) if self._format == "npy" else read_fraction(path)
 
     def write_errors(self, frames: Sequence[FrameReference]) -> Path | None:
-        """Write `errors.csv` in the order of the frames; None, and no file, if none has ground truth."""
-        rows = [record for frame in frames if (record := self.records[frame]).errors]
-        if not rows:
+        """Write `errors.csv` in the order of the frames; returns None, without a file, if none has ground truth."""
+        records = [record for frame in frames if (record := self.records[frame]).errors]
+        if not records:
             return None
         header = ["sequence", "frame", "pixels", *METRICS, *(f"interpolated_{name}" for name in METRICS)]
-        lines = []
-        for row in rows:
-            values = [*(row.errors[name] for name in METRICS), *(row.interpolated.get(name) for name in METRICS)]
-            lines.append([row.sequence, row.name, row.pixels, *values])
+        rows = []
+        for record in records:
+            values = [*(record.errors[name] for name in METRICS), *(record.interpolated.get(name) for name in METRICS)]
+            rows.append([record.sequence, record.name, record.pixels, *values])
         path = self.folder / ERRORS_FILE
-        write_atomically(path, csv_text(header, lines).encode())
+        write_atomically(path, csv_text(header, rows).encode())
         return path
 
     def _journal(self) -> Iterable[FrameRecord]:
@@ -131,12 +131,12 @@ class PredictionFolder:
         for line in lines:
             try:
                 record = checked_record(decode_json(line, self.folder / JOURNAL), FrameRecord, JOURNAL)
-            except DeuxError:  # the line that was being written when the command was killed
+            except DeuxError:  # incomplete, as the command was killed while writing it
                 continue
-            whole = all(
+            complete = all(
                 not errors or METRICS.keys() <= errors.keys() for errors in (record.errors, record.interpolated)
             )
-            if not (whole and is_frame_path(record.sequence, record.name)):
+            if not (complete and is_frame_path(record.sequence, record.name)):
                 continue
             if self.file("depth", FrameReference(record.sequence, record.name)).exists():
                 yield record
@@ -147,7 +147,7 @@ class PredictionFolder:
 
 
 def encode_array(values: np.ndarray) -> bytes:
-    """The .npy file of an array."""
+    """Encode an array as the content of a .npy file."""
     content = io.BytesIO()
     np.save(content, values, allow_pickle=False)
     return content.getvalue()

@@ -1,4 +1,4 @@
-"""Recorded frames that a task is given: how they are read, what of them counts, and whether they look right."""
+"""Recorded frames as input of a task: creating the reader, checking the frames, hashing the files."""
 
 import logging
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from deux.task_sections import Sections
 from deux.tasks.console import say
 
 CHECKED = 8
-"""Frames of a split, spread evenly over it, whose camera and unit of depth are looked at."""
+"""Number of frames of a split, spread evenly, whose camera and unit of depth are checked."""
 
 log = logging.getLogger(__name__)
 
@@ -29,9 +29,9 @@ class Needs(NamedTuple):
     """What a task reads of frames besides image, sparse points and intrinsics.
 
     Args:
-        sources: source frames; frames that have none are left out.
-        poses: the frames' poses.
-        ground_truth: the true depth.
+        sources: source frames; frames without any are left out.
+        poses: poses.
+        ground_truth: ground truth depth.
     """
 
     sources: bool = False
@@ -39,44 +39,28 @@ class Needs(NamedTuple):
     ground_truth: bool = False
 
 
-def read_given(sections: Sections, folder: str) -> Reader:
-    """The reader of a folder of recorded frames, as the section `data` says it is read."""
+def make_reader(sections: Sections, folder: str) -> Reader:
+    """The reader of the section `data`, for a folder of recorded frames."""
     reader: Reader = sections.plugin("data").create(user_path(folder))
     return reader
 
 
-def validation_of(
+def validation_readers(
     reader: Reader, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice = "recent"
 ) -> list[Reader]:
-    """The reader itself if its folder has frames to validate on; none, and a line that says why, if it has not.
+    """The reader itself if it has validation frames with ground truth; else an empty list, and the reason is printed.
 
     Args:
-        reader: of the recorded frames.
-        offsets: the recent source frames, in frames from the target, where the folder does not list them.
+        reader: reader of the recorded frames.
+        offsets: offsets of the recent source frames from the target, if the folder does not list source frames.
         needs: what the training reads.
         choice: how source frames are chosen.
 
     Raises:
-        DeuxError: a file is missing, damaged or of another kind.
+        DeuxError: a file is missing, damaged or of the wrong type.
     """
-    try:
-        found = _listed(reader, "validation", offsets, needs, choice)
-    except MissingSplit as error:
-        say(f"  no validation: {error}")
-        return []
-    if needs.sources and not any(triplet.sources for triplet in found):
-        where = _where(offsets, choice)
-        say(f"  no validation: none of the validation frames of {reader.folder} has source frames{where}")
-        return []
-    targets = [triplet.target for triplet in found]
-    for sequence, target in {target.sequence: target for target in targets}.items():
-        if reader.ground_truth(target) is None:
-            say(f"  no validation: {reader.folder} has no ground truth of {sequence}")
-            return []
-    looked_at = evenly_chosen(targets, CHECKED)
-    if not any((truth := reader.ground_truth(frame)) is not None and truth.any() for frame in looked_at):
-        frames = counted(len(looked_at), "validation frame")
-        say(f"  no validation: the ground truth of all {frames} of {reader.folder} that were read is 0, no value")
+    if reason := _no_validation(reader, offsets, needs, choice):
+        say(f"  no validation: {reason}")
         return []
     return [reader]
 
@@ -89,80 +73,101 @@ def check_recorded(
     needs: Needs,
     choice: SourceChoice = "recent",
 ) -> None:
-    """Say how many frames of a split are used, and look at some of them before any work is done.
+    """Print how many frames of a split are used, and check some of them before any work is done.
 
-    Warns of depth in a likely other unit and of intrinsics of images of another size.
+    Logs a warning if depth seems to be in a wrong unit, or intrinsics seem to be of images of another size.
 
     Args:
-        reader: of the recorded frames.
+        reader: reader of the recorded frames.
         split: "train", "validation" or "test".
-        offsets: the recent source frames, in frames from the target, where the folder does not list them.
-        model: gives the depths that are plausible.
+        offsets: offsets of the recent source frames from the target, if the folder does not list source frames.
+        model: its depth range is the plausible one.
         needs: what the task reads.
         choice: how source frames are chosen.
 
     Raises:
-        DeuxError: there are no frames, or no poses though they are needed, or training frames have no points, or a file
-            is missing, damaged or of another kind.
+        DeuxError: there are no frames, poses are needed and missing, training frames have no sparse points, or a file
+            is missing, damaged or of the wrong type.
     """
-    found = _listed(reader, split, offsets, needs, choice)
-    complete = [triplet for triplet in found if triplet.sources or not needs.sources]
-    lacking = len(found) - len(complete)
-    others = f"; {counted(lacking, 'other')} {plural('has', lacking)} no source frames{_where(offsets, choice)}"
-    say(f"  {counted(len(complete), f'{split} frame')} of {reader.folder}{others if lacking else ''}")
-    if not complete:
-        return  # the data module says so in a sentence
-    chosen = evenly_chosen([triplet.target for triplet in complete], CHECKED)
+    triplets = _list_triplets(reader, split, offsets, needs, choice)
+    usable = [triplet for triplet in triplets if triplet.sources or not needs.sources]
+    lacking = len(triplets) - len(usable)
+    others = f"; {counted(lacking, 'other')} {plural('has', lacking)} no source frames{_at(offsets, choice)}"
+    say(f"  {counted(len(usable), f'{split} frame')} of {reader.folder}{others if lacking else ''}")
+    if not usable:
+        return  # the data module raises the error
+    frames = evenly_chosen([triplet.target for triplet in usable], CHECKED)
     if needs.poses:
-        _check_poses(reader, chosen)
+        _check_poses(reader, frames)
     if split == "train":
-        _check_points(reader, chosen)
-    _check_cameras_and_units(reader, chosen, model, needs.ground_truth)
+        _check_points(reader, frames)
+    _check_cameras_and_units(reader, frames, model, needs.ground_truth)
 
 
 def check_frames(reader: Reader, frames: Sequence[FrameReference], model: DepthModel) -> None:
-    """Look at some of the frames: warn of depth in a likely other unit and of intrinsics of images of another size.
+    """Check some of the frames, like `check_recorded`.
 
     Args:
-        reader: of the recorded frames.
-        frames: at least one.
-        model: gives the depths that are plausible.
+        reader: reader of the recorded frames.
+        frames: the frames, at least one.
+        model: its depth range is the plausible one.
 
     Raises:
-        DeuxError: a file is missing, damaged or of another kind.
+        DeuxError: a file is missing, damaged or of the wrong type.
     """
     _check_cameras_and_units(reader, evenly_chosen(frames, CHECKED), model, truth=True)
 
 
-def given_files(reader: Reader, option: str, sections: Sections) -> dict[str, str]:
-    """What identifies the files of recorded frames, for `deux.tasks.run_folder.open_run_folder`.
+def data_digest(reader: Reader, option: str, sections: Sections) -> dict[str, str]:
+    """Digest of the files of recorded frames, for `deux.tasks.run_folder.open_run_folder`.
 
-    An option holds a folder's path, and the frames in it, their cameras and poses may change while that stays the same.
+    The option contains only a folder's path, and the files in it may change while the path stays the same.
 
     Args:
-        reader: of the recorded frames.
-        option: that names its folder.
-        sections: say where outputs lie, which may be in that folder.
+        reader: reader of the recorded frames.
+        option: the option that gives the folder.
+        sections: configuration; its output folder, which may be in that folder, is excluded.
 
     Returns:
-        A digest by the option's name.
+        The digest by option.
     """
     values = [value for name, value in vars(reader).items() if not name.startswith("_")]
     paths = [user_path(value) for value in values if isinstance(value, Path)]
     return {option: file_digest(paths, [sections.outputs, run_folder()])}
 
 
-def _listed(reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> list[Triplet]:
-    found = list_triplets(reader, split, choice if needs.sources else "recent", offsets)
-    if not found:
+def _no_validation(reader: Reader, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice) -> str | None:
+    """Why a model cannot be validated on a reader's frames; None if it can."""
+    try:
+        triplets = _list_triplets(reader, "validation", offsets, needs, choice)
+    except MissingSplit as error:
+        return str(error)
+    if needs.sources and not any(triplet.sources for triplet in triplets):
+        return f"none of the validation frames of {reader.folder} has source frames{_at(offsets, choice)}"
+    targets = [triplet.target for triplet in triplets]
+    for sequence, target in {target.sequence: target for target in targets}.items():
+        if reader.ground_truth(target) is None:
+            return f"{reader.folder} has no ground truth of {sequence}"
+    checked = evenly_chosen(targets, CHECKED)
+    if not any((truth := reader.ground_truth(frame)) is not None and truth.any() for frame in checked):
+        frames = counted(len(checked), "validation frame")
+        return f"the ground truth of all {frames} of {reader.folder} that were read is 0, which means no value"
+    return None
+
+
+def _list_triplets(
+    reader: Reader, split: str, offsets: tuple[int, ...], needs: Needs, choice: SourceChoice
+) -> list[Triplet]:
+    triplets = list_triplets(reader, split, choice if needs.sources else "recent", offsets)
+    if not triplets:
         raise MissingSplit(
-            f"the {split} split of {reader.folder} has no frames, as {type(reader).__name__} reads it: name a folder "
-            "that has some, or by the options under `data` which are the split's."
+            f"the {split} split of {reader.folder} has no frames for the {type(reader).__name__}: give a folder with "
+            "such frames, or set the options under `data` that assign frames to the split."
         )
-    return found
+    return triplets
 
 
-def _where(offsets: tuple[int, ...], choice: SourceChoice) -> str:
+def _at(offsets: tuple[int, ...], choice: SourceChoice) -> str:
     return f" at {list(offsets)}" if choice == "recent" else ""
 
 
@@ -178,7 +183,7 @@ def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
     for frame in frames:
         if reader.pose(frame) is None:
             raise DeuxError(
-                f"pose=simulator needs the poses of the frames, and {reader.folder} has none of {frame.sequence}: use "
+                f"pose=simulator needs the poses of the frames, and {reader.folder} has none for {frame.sequence}: use "
                 "pose=learned, or frames with poses."
             )
 
@@ -186,31 +191,31 @@ def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
 def _check_points(reader: Reader, frames: Sequence[FrameReference]) -> None:
     if not any(reader.sparse_depth(frame).any() for frame in frames):
         raise DeuxError(
-            f"none of the {counted(len(frames), 'frame')} of {reader.folder} that were read has a sparse point, and "
-            "depth completion is trained on these: depth maps that are 0 everywhere hold no value."
+            f"none of the {counted(len(frames), 'frame')} of {reader.folder} that were read has a sparse point, which "
+            "depth completion needs: give frames whose sparse depth is not 0 everywhere."
         )
 
 
 def _check_unit(reader: Reader, frames: Sequence[FrameReference], truth: bool, max_depth: float) -> None:
-    """Warn of frames without points, and of points and ground truth that are likely to be in another unit."""
-    points = [reader.sparse_depth(frame) for frame in frames]
-    if empty := sum(not depth.any() for depth in points):
-        read = counted(len(points), "frame")
-        log.warning(f"{empty} of the {read} of {reader.folder} that were read {plural('has', empty)} no point.")
+    """Warn of frames without sparse points, and of points and ground truth that seem to be in a wrong unit."""
+    sparse = [reader.sparse_depth(frame) for frame in frames]
+    if empty := sum(not depth.any() for depth in sparse):
+        read = counted(len(sparse), "frame")
+        log.warning(f"{empty} of the {read} of {reader.folder} that were read {plural('has', empty)} no sparse point.")
     if (scale := points_scale(reader)) is not None:
-        flat = np.concatenate([depth.ravel() for depth in points])
-        _warn(unit_warning(flat, scale[0], max_depth, f"the points of {reader.folder}", scale[1]))
-    maps = [reader.ground_truth(frame) for frame in frames] if truth else []
+        points = np.concatenate([depth.ravel() for depth in sparse])
+        _warn(unit_warning(points, scale[0], max_depth, f"the points of {reader.folder}", scale[1]))
+    dense = [reader.ground_truth(frame) for frame in frames] if truth else []
     pairs = [
-        (known.ravel(), depth.ravel())
-        for known, depth in zip(maps, points, strict=False)
-        if known is not None and known.shape == depth.shape
+        (target.ravel(), depth.ravel())
+        for target, depth in zip(dense, sparse, strict=False)
+        if target is not None and target.shape == depth.shape
     ]
     if pairs:
-        known, depth = (np.concatenate(values) for values in zip(*pairs, strict=True))
-        _warn(ratio_warning(known, depth, f"the ground truth of {reader.folder}", ratio_remedy(reader)))
+        target, depth = (np.concatenate(values) for values in zip(*pairs, strict=True))
+        _warn(ratio_warning(target, depth, f"the ground truth of {reader.folder}", ratio_remedy(reader)))
 
 
-def _warn(sentence: str | None) -> None:
-    if sentence is not None:
-        log.warning(sentence)
+def _warn(message: str | None) -> None:
+    if message is not None:
+        log.warning(message)

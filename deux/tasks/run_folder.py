@@ -1,4 +1,4 @@
-"""A run's folder: which run it belongs to, who works in it, and how long its stages took."""
+"""The folder of a run: identity of the run, locking, and duration of its stages."""
 
 import hashlib
 import json
@@ -25,27 +25,26 @@ from deux.training.ranks import leads
 
 _SECONDS_FILE = "seconds.json"
 _LOCK_FILE = ".lock.json"
-_WEIGHTS = "weights of options"  # in `IDENTITY_FILE`, where no section is called so
+_WEIGHTS = "weights of options"  # key in `IDENTITY_FILE`; no section has this name
 _FILES = "files of options"  # likewise
 
 EPISODES = "episodes"
-"""The folder of the episodes that a comparison has finished."""
+"""Folder of the finished episodes of a comparison."""
 
 ROUNDS = "rounds"
-"""The folder of what a training with active collection has explored, and of the weights that explored."""
+"""Folder of the datasets and weights of the rounds of active collection."""
 
 JOURNAL = "frames.jsonl"
-"""The file that tells which of many frames are predicted."""
+"""Journal of the frames that are predicted (`deux.tasks.prediction_folder`)."""
 
-_WORK = ("checkpoints", CHECKPOINT_FILE, EPISODES, ROUNDS, MODEL_FILE, POLICY_FILE, RESULTS_FILE, JOURNAL)
-"""What a run leaves in its folder that another run must not go on from."""
+_RESUMABLE = ("checkpoints", CHECKPOINT_FILE, EPISODES, ROUNDS, MODEL_FILE, POLICY_FILE, RESULTS_FILE, JOURNAL)
+"""Files and folders from which a run resumes, and from which a different run must not."""
 
 
 class RunFolder:
-    """Where one run keeps what it leaves behind; the same command again finds it and goes on.
+    """The output folder of a run, from which the same command resumes. Open it with `open_run_folder`, which locks it.
 
-    Where several processes train together, the leading one alone writes here. Open it by `open_run_folder`, which
-    keeps other commands out.
+    Of several processes that train together, only rank 0 writes to it.
 
     Args:
         path: the folder.
@@ -66,23 +65,23 @@ class RunFolder:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """Seconds spent in each stage so far, over all starts of this run."""
+        """Seconds spent in each stage so far, over all attempts of this run."""
         path = self.path / _SECONDS_FILE
         return read_record(path, dict[str, float]) if path.exists() else {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Count the time spent inside, also when it ends by an error."""
+        """Context manager that adds the time spent in it to the stage `name`, also in case of an error."""
         started = time.perf_counter()
         try:
             yield
         except BaseException:
-            with suppress(DeuxError):  # a full disk must not hide what ended the stage
-                self._count(name, time.perf_counter() - started)
+            with suppress(DeuxError):  # a full disk must not hide the original error
+                self._add_seconds(name, time.perf_counter() - started)
             raise
-        self._count(name, time.perf_counter() - started)
+        self._add_seconds(name, time.perf_counter() - started)
 
-    def _count(self, name: str, seconds: float) -> None:
+    def _add_seconds(self, name: str, seconds: float) -> None:
         if not leads():
             return
         earlier = self.seconds
@@ -96,89 +95,89 @@ def open_run_folder(
     weights: Mapping[str, str] | None = None,
     files: Mapping[str, str] | None = None,
 ) -> Iterator[RunFolder]:
-    """Work in a run's folder, which is made if it is absent, and keep other commands out meanwhile.
+    """Open a run folder, which is created if it does not exist, and lock it against other commands.
 
     Args:
         path: the folder.
-        identity: all that makes the run what it is, JSON-able.
-        weights: what identifies the weights that options name (`deux.tasks.named_weights`), by option. A folder does
-            not refuse those that it has no record of, as earlier versions kept none.
-        files: what identifies the recorded frames that options name (`deux.tasks.recorded_frames.given_files`),
+        identity: identity of the run; JSON-serialisable.
+        weights: hashes of the weights that options refer to (`deux.tasks.named_weights`), by option. Options that the
+            folder has no hash of are accepted, since earlier versions stored none.
+        files: digests of the recorded frames that options refer to (`deux.tasks.recorded_frames.data_digest`),
             likewise.
 
     Raises:
-        DeuxError: another command works there, or the folder holds the work of other settings, weights or frames.
+        DeuxError: another command uses the folder, or it contains a run with other settings, weights or frames.
     """
     if not leads():
         yield RunFolder(path)
         return
     make_folder(path)
-    taken = (
-        f"another command is at work in {path}: wait until it has ended, or choose another one with hydra.run.dir=..."
+    locked_message = (
+        f"another command is using {path}: wait until it has ended, or choose another folder with hydra.run.dir=..."
     )
-    with locked_at_once(path / _LOCK_FILE, f"works in {path.name}", taken):
+    with locked_at_once(path / _LOCK_FILE, f"works in {path.name}", locked_message):
         _claim(path, json.loads(json.dumps(identity)), {_WEIGHTS: dict(weights or {}), _FILES: dict(files or {})})
         yield RunFolder(path)
 
 
-def changed(known: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
-    """The options whose weights or files are others than those recorded; none of which there is no record."""
-    return sorted(option for option, identity in now.items() if known.get(option, identity) != identity)
+def changed_options(recorded: Mapping[str, str], current: Mapping[str, str]) -> list[str]:
+    """The options whose weights or files have changed since they were recorded; unrecorded ones are accepted."""
+    return sorted(option for option, identity in current.items() if recorded.get(option, identity) != identity)
 
 
 def short_hash(content: Any) -> str:
-    """Eight hexadecimal digits that name a JSON-able value."""
+    """Hash of a JSON-serialisable value, for names: 8 hexadecimal digits."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:8]
 
 
-def _claim(path: Path, mine: Any, named: dict[str, dict[str, str]]) -> None:
-    """Write down to which run the folder belongs, unless it holds the work of another one.
+def _claim(path: Path, settings: Any, hashes: dict[str, dict[str, str]]) -> None:
+    """Record the identity of a run in its folder, unless the folder contains a different run.
 
     Args:
         path: the folder.
-        mine: the settings.
-        named: what identifies the weights and files that options name, by `_WEIGHTS` and `_FILES`.
+        settings: the run's settings.
+        hashes: hashes of weights and files by option, under `_WEIGHTS` and `_FILES`.
     """
     record = path / IDENTITY_FILE
-    if not (record.exists() and any((path / work).exists() for work in _WORK)):
+    if not (record.exists() and any((path / name).exists() for name in _RESUMABLE)):
         if record.exists() and HydraConfig.initialized() and path == run_folder():
-            _record_command(path)  # Hydra has not, as this might have been another command's folder
-        write_json(record, _with_named(mine, named))
+            _record_command(path)  # Hydra has not done so, since the folder might have been another command's
+        write_json(record, _identity_record(settings, hashes))
         return
-    theirs = read_json(record)
-    known = {key: theirs.pop(key, {}) if isinstance(theirs, dict) else {} for key in named}
-    if different := sorted(_differences(theirs, mine)):
+    recorded = read_json(record)
+    recorded_hashes = {key: recorded.pop(key, {}) if isinstance(recorded, dict) else {} for key in hashes}
+    if different := sorted(_differences(recorded, settings)):
         raise DeuxError(
-            f"{path} holds a run with other settings ({', '.join(different[:4])}); "
-            "choose another folder with hydra.run.dir=... or delete this one."
+            f"{path} contains a run with other settings ({', '.join(different[:4])}): choose another folder with "
+            "hydra.run.dir=... or delete this one."
         )
-    for key, what, those in ((_WEIGHTS, "weights", "those"), (_FILES, "recorded frames", "the files")):
-        if options := changed(known[key], named[key]):
+    for key, what in ((_WEIGHTS, "weights"), (_FILES, "recorded frames")):
+        if options := changed_options(recorded_hashes[key], hashes[key]):
             raise DeuxError(
-                f"{path} holds a run with other {what}: {those} of {', '.join(options)} have changed since it was "
-                "begun; choose another folder with hydra.run.dir=... or delete this one."
+                f"{path} contains a run with other {what}, the files of {', '.join(options)} have changed since it "
+                "started: choose another folder with hydra.run.dir=... or delete this one."
             )
-    if any(named[key].keys() - known[key].keys() for key in named):
-        write_json(record, _with_named(mine, {key: known[key] | named[key] for key in named}))
+    if any(hashes[key].keys() - recorded_hashes[key].keys() for key in hashes):
+        write_json(record, _identity_record(settings, {key: recorded_hashes[key] | hashes[key] for key in hashes}))
 
 
 def _record_command(path: Path) -> None:
-    """Write what this command was into the folder, as Hydra does."""
+    """Write the command's configuration and overrides to the folder, as Hydra does."""
     overrides = job_overrides()
     make_folder(path / RECORD_FOLDER)
     for name, content in (("config.yaml", compose(overrides)), ("overrides.yaml", OmegaConf.create(overrides))):
         write_atomically(path / RECORD_FOLDER / name, OmegaConf.to_yaml(content).encode())
 
 
-def _with_named(identity: Any, named: Mapping[str, dict[str, str]]) -> Any:
-    """What `IDENTITY_FILE` holds."""
-    return identity | {key: content for key, content in named.items() if content}
+def _identity_record(settings: Any, hashes: Mapping[str, dict[str, str]]) -> Any:
+    """The content of `IDENTITY_FILE`."""
+    return settings | {key: content for key, content in hashes.items() if content}
 
 
-def _differences(theirs: Any, mine: Any, where: str = "") -> Iterator[str]:
-    """What differs; an option that is null is as one that an earlier version did not have."""
-    if isinstance(theirs, dict) and isinstance(mine, dict):
-        for key in theirs.keys() | mine.keys():
-            yield from _differences(theirs.get(key), mine.get(key), f"{where}.{key}" if where else key)
-    elif theirs != mine:
-        yield f"{where}: {theirs} there, {mine} here"
+def _differences(recorded: Any, current: Any, where: str = "") -> Iterator[str]:
+    """The options that differ; null equals absent, since earlier versions did not have all options."""
+    if isinstance(recorded, dict) and isinstance(current, dict):
+        for key in recorded.keys() | current.keys():
+            yield from _differences(recorded.get(key), current.get(key), f"{where}.{key}" if where else key)
+    elif recorded != current:
+        yield f"{where}: {recorded} there, {current} here"

@@ -1,4 +1,4 @@
-"""The seed model: the depth model whose errors tell the explorer where to go."""
+"""The seed model: the depth model whose uncertainty guides the explorer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -27,18 +27,18 @@ from deux.training.training_settings import TrainingSettings
 
 @dataclass(frozen=True)
 class SeedModelSettings:
-    """The model whose errors guide the explorer.
+    """Options of the seed model.
 
     Args:
-        name: any installed depth model; None for the final model's kind and options.
-        checkpoint: a trained model to take, a path or the name of one that ships; None trains one, unless the model
-            brings its weights.
-        explore: the explorer that collects its frames; no free viewpoints, which no robot could collect.
+        name: an installed depth model; None for the final model with its options.
+        checkpoint: a trained model to use, a path or the name of a shipped model; None trains one, unless the model is
+            pretrained.
+        explore: the explorer that collects its training frames; not free viewpoints, which no robot could collect.
         steps: optimiser steps of its training.
-        source: of the scenes that this explorer is in: a scene source, none of whose scenes are the experiment's, or
-            None for the experiment's own training scenes.
-        scenes: number of the source's scenes.
-        options: of the constructor of the model that `name` names, where they differ from what `model=<name>` has.
+        source: scene source of the scenes in which that explorer collects, which are not among the experiment's; None
+            for the experiment's training scenes.
+        scenes: number of scenes of that source.
+        options: options of the model `name` that differ from those of `model=<name>`.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -57,37 +57,37 @@ class SeedModelSettings:
         check_range("seed_model.scenes", self.scenes, 1)
         if self.options and self.name is None:
             raise DeuxError(
-                "seed_model.options are of the model that seed_model.name names, and it names none: the seed model has "
-                "the final model's options then, model.<option>=."
+                "seed_model.options have no effect without seed_model.name: set that, or change the final model's "
+                "options, which the seed model shares, with model.<option>=."
             )
         file = self.checkpoint
         if self.name is not None and file is not None and not file.endswith(PUBLISHED_SUFFIX):
             raise DeuxError(
                 f"seed_model.name={self.name} and seed_model.checkpoint={file} are two seed models: set "
-                "seed_model.checkpoint=null to have the one that is named, or leave the name out."
+                "seed_model.checkpoint=null to use the former, or leave out seed_model.name."
             )
 
     def choose(self, final: PluginChoice) -> PluginChoice:
-        """The depth model that is made where there is no checkpoint, or that `checkpoint` is published for.
+        """The seed model's plugin and options: `final`, or the model `name`.
 
         Args:
-            final: the depth model that is trained in the end.
+            final: the final model.
         """
         if self.name is None or (self.name == final.name and not self.options):
             return final
-        registry().find("depth_models", self.name)  # or it would be told as a mistake in `model`
+        registry().find("depth_models", self.name)  # otherwise a wrong name would be reported for the option `model`
         configured = plain(compose([f"model={self.name}"]).model, "model")
         return registry().choose("depth_models", {**configured, **self.options}, "seed_model.options")
 
     def is_ready(self, chosen: PluginChoice) -> bool:
-        """Whether it takes no training: there is a checkpoint, or the model chosen by `choose` brings its weights."""
+        """Whether no training is needed: there is a checkpoint, or the model chosen by `choose` is pretrained."""
         return self.checkpoint is not None or is_pretrained(chosen)
 
     def load(self, chosen: PluginChoice) -> "TrainedModel":
-        """The seed model that is ready.
+        """Load a seed model that needs no training (`is_ready`).
 
         Raises:
-            DeuxError: there is no model where `checkpoint` says, or none that fits.
+            DeuxError: there is no model at `checkpoint`, or it does not fit.
         """
         if self.checkpoint is not None:
             return TrainedModel(*load_named_model(chosen, self.checkpoint), named_identity(chosen, self.checkpoint))
@@ -96,12 +96,12 @@ class SeedModelSettings:
 
 
 class TrainedModel(NamedTuple):
-    """A depth model and where it comes from.
+    """A trained depth model.
 
     Args:
         name: its registered name.
-        model: in eval mode.
-        weights: what identifies its weights.
+        model: the model, in eval mode.
+        weights: identity of its weights, a hash.
     """
 
     name: str
@@ -113,9 +113,10 @@ class SeedModel:
     """Trains the seed model, or loads it.
 
     Args:
-        sections: of these it reads `seed_model`, `explore` and, to adopt the training of another model, `training`.
-        datasets: of the run.
-        training: of the final model; its recipe is the seed model's too, unless that is of another kind.
+        sections: configuration; reads `seed_model`, `explore` and, if the seed model is another model than the final
+            one, `training`.
+        datasets: datasets of the run.
+        training: trains the seed model; its recipe is that of the final model.
 
     Raises:
         DeuxError: an option is wrong.
@@ -133,8 +134,8 @@ class SeedModel:
         self._explorer = explorer
         if self.settings.checkpoint is None and is_ceiling(explorer):
             raise DeuxError(
-                f"seed_model.explore is {self.settings.explore}, but a seed model is trained on what a robot collects, "
-                "and free viewpoints are a ceiling that none can: choose another explorer."
+                f"seed_model.explore={self.settings.explore} stands for free viewpoints, which no robot can collect: "
+                "choose another explorer."
             )
         final = training.recipe
         model = self.settings.choose(final.model)
@@ -147,30 +148,29 @@ class SeedModel:
 
     @property
     def description(self) -> str:
-        """What it is, for the console."""
+        """One-line description, for the console."""
         if self.settings.checkpoint is not None:
             return f"Seed model: {self.settings.checkpoint}"
         if is_pretrained(self._recipe.model):
-            return f"Seed model: {self._recipe.model.name}, which is trained already"
-        place = "" if self.settings.source is None else f" of {self.settings.scenes} further {self.settings.source}"
-        return f"Seed model: {self._recipe.model.name} on the {self._explorer.name} frames{place}"
+            return f"Seed model: {self._recipe.model.name}, pretrained"
+        scenes = "" if self.settings.source is None else f" of {self.settings.scenes} further {self.settings.source}"
+        return f"Seed model: {self._recipe.model.name} on the {self._explorer.name} frames{scenes}"
 
     def get(self) -> TrainedModel:
-        """The seed model.
+        """Load or train the seed model.
 
-        It is `seed_model.checkpoint` if that is given: a run folder, a model file, or a file that the authors of the
-        model published. A model that brings its weights is taken as it is. Otherwise it is trained on the frames of
-        `seed_model.explore` and kept under `outputs/seed_models` for every run that asks for the same. Frames of
-        `seed_model.source` cost the robot no step in the scenes that it explores and are no part of its budget, as
-        those of a foundation are not.
+        `seed_model.checkpoint` is loaded if it is set: a run folder, a model file or a published checkpoint. A
+        pretrained model is used unchanged. Otherwise the model is trained on the frames of `seed_model.explore` and
+        saved under `outputs/seed_models`, where all runs with the same settings share it. Like those of a foundation,
+        frames of `seed_model.source` do not count towards the robot's budget of steps in the explored scenes.
         """
         say(self.description)
         if self.settings.is_ready(self._recipe.model):
             return self.settings.load(self._recipe.model)
-        path = self._trained()
+        path = self._train()
         return TrainedModel(*load_named_model(self._recipe.model, path), weights_identity(path))
 
-    def _trained(self) -> str:
+    def _train(self) -> str:
         training = replace(self._recipe.training, steps=self.settings.steps)
         source = self.settings.source
         if source is None:
@@ -181,17 +181,17 @@ class SeedModel:
 
 
 def _other_recipe(model: PluginChoice, final: Recipe, training: dict[str, Any]) -> Recipe:
-    """The recipe of another depth model: its own objective, and of the training what its configuration changes.
+    """The recipe of a seed model other than the final model: its own objective and training defaults.
 
-    The published learning rates differ between models, and at another one's a network may not learn at all. What a
-    preset or the user has set is for both.
+    Published learning rates differ between models, and a network may not learn at all with another one's. Training
+    options that differ from the final model's defaults, as set by a preset or the user, apply to both models.
     """
-    mine, theirs = (compose([f"model={name}"]) for name in (model.name, final.model.name))
-    own, others = (plain(one.training, "training") for one in (mine, theirs))
+    seed_config, final_config = (compose([f"model={name}"]) for name in (model.name, final.model.name))
+    seed_defaults, final_defaults = (plain(config.training, "training") for config in (seed_config, final_config))
     settings = dict(training)
-    for option in own | others:
-        if training.get(option) == others.get(option):  # as the final model's configuration has it
+    for option in seed_defaults | final_defaults:
+        if training.get(option) == final_defaults.get(option):
             settings.pop(option, None)
-            settings |= {option: own[option]} if option in own else {}
-    objective = plain(mine.objective, "objective")
+            settings |= {option: seed_defaults[option]} if option in seed_defaults else {}
+    objective = plain(seed_config.objective, "objective")
     return Recipe(model, objective, final.pose, construct(TrainingSettings, settings, "training"))

@@ -1,4 +1,4 @@
-"""`task=study_uncertainty`: which uncertainty points at a depth model's errors, in scenes that it never saw."""
+"""`task=study_uncertainty`: how well uncertainty measures predict a depth model's errors in unseen scenes."""
 
 from collections.abc import Sequence
 
@@ -25,27 +25,27 @@ from deux.tasks.seed_model import SeedModel, TrainedModel
 
 
 def run(cfg: DictConfig) -> None:
-    """Judge the seed model's depth along the chosen explorer's way through the test scenes.
+    """Evaluate the seed model's depth and uncertainty along the explorer's path through the test scenes.
 
-    Scenes that an earlier attempt in the same folder finished are not walked through again.
+    Scenes that an earlier attempt in the same folder finished are not repeated.
     """
     quieten_libraries()
-    studying = Studying(sections_of(cfg))
-    judged = studying.seed_model.get()  # before the folder is opened, as its weights say whose folder that is
-    identity = studying.identity | {"seed model": judged.weights}
-    with open_run_folder(run_folder(), identity, studying.weights) as run:
+    stages = StudyStages(sections_of(cfg))
+    evaluated = stages.seed_model.get()  # before opening the folder, since its weights are part of the run's identity
+    identity = stages.identity | {"seed model": evaluated.weights}
+    with open_run_folder(run_folder(), identity, stages.weights) as run:
         say(f"Run folder: {run.path}")
-        study = studying.judge(judged, run)
-        studying.draw(study, run)
-        studying.write(study, judged, run)
-        say(f"Tables, figures and every frame's numbers: {run.path}")
+        study = stages.evaluate(evaluated, run)
+        stages.draw(study, run)
+        stages.write(study, evaluated, run)
+        say(f"Tables, figures and the values of every frame: {run.path}")
 
 
-class Studying:
-    """The stages of a study of uncertainty.
+class StudyStages:
+    """The stages of a study of uncertainty measures.
 
     Args:
-        sections: of these it reads all that the task names.
+        sections: configuration.
 
     Raises:
         DeuxError: an option is wrong, or there is no test scene.
@@ -58,13 +58,13 @@ class Studying:
         self._training = Training(sections, self._datasets, evaluation.validation_viewpoints)
         self._explorer = sections.plugin("explore")
         check_robot(self._explorer, "task=study_uncertainty")
-        self._datasets.collect.measure.create()  # a mistake in its options is told before a model is trained
+        self._datasets.collect.measure.create()  # checks its options before a model is trained
         self.seed_model = SeedModel(sections, self._datasets, self._training)
         self.identity = sections.identity
         self.weights = named_weights(sections, guide=False, trained=False)
 
-    def judge(self, judged: TrainedModel, run: RunFolder) -> UncertaintyStudy:
-        """Let the explorer walk through the test scenes, and judge every frame by all installed measures."""
+    def evaluate(self, evaluated: TrainedModel, run: RunFolder) -> UncertaintyStudy:
+        """Run the explorer in the test scenes, and compute all installed measures for every frame."""
         measures, left_out = installed_measures()
         for name, reason in left_out.items():
             say(f"Without {name}: {reason}")
@@ -80,7 +80,7 @@ class Studying:
                 datasets.simulation,
                 datasets.scenes.test,
                 self._explorer,
-                self._training.predictor(judged.model),
+                self._training.predictor(evaluated.model),
                 datasets.sampling,
                 measures,
                 self._training.seed,
@@ -93,17 +93,17 @@ class Studying:
             )
 
     def draw(self, study: UncertaintyStudy, run: RunFolder) -> None:
-        """Draw what the study found."""
+        """Draw the figures of the study."""
         with run.stage("draw"):
             save_figure(draw_sparsification(study), run.figures / "sparsification.png")
             save_figure(draw_frames(study), run.figures / "frames.png")
 
-    def write(self, study: UncertaintyStudy, judged: TrainedModel, run: RunFolder) -> None:
-        """Write the tables, results.json last, and print them."""
+    def write(self, study: UncertaintyStudy, evaluated: TrainedModel, run: RunFolder) -> None:
+        """Write the tables and, last, `results.json`; print the tables."""
         tables = [agreement_table(study), causes_table(study)]
         if study.count("moved"):
             tables.insert(1, agreement_table(study, "moved"))
-        page = [f"# Uncertainty of {judged.name}: {counted(len(study.scenes), 'scene')}, {self._explorer.name}", ""]
+        page = [f"# Uncertainty of {evaluated.name}: {counted(len(study.scenes), 'scene')}, {self._explorer.name}", ""]
         page += [table.markdown() for table in tables]
         write_atomically(run.path / "table.md", "\n".join(page).encode())
         write_atomically(run.path / "frames.csv", study.frames_csv().encode())
@@ -111,7 +111,7 @@ class Studying:
             run.path / RESULTS_FILE,
             {
                 "task": self._task,
-                "model": judged.name,
+                "model": evaluated.name,
                 "explore": self._explorer.name,
                 "seed": self._training.seed,
                 "scenes": list(study.scenes),

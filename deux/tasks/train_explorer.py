@@ -30,16 +30,16 @@ from deux.tasks.datasets import further_scenes, read_scenes, read_simulation
 from deux.tasks.run_folder import open_run_folder
 
 CAMERA_PIXELS = 64
-"""Rows and columns of the depth images in training: enough for a map with cells of 0.1 m."""
+"""Height and width of the depth images in training; sufficient for a map with cells of 0.1 m."""
 
 
 @dataclass(frozen=True)
 class ExplorerTrainingSettings(PPOSettings):
-    """How a policy is trained, and where.
+    """Options of the training of a policy.
 
     Args:
-        source: source of the scenes, none of them the experiment's own, in which it is trained.
-        scenes: number of these scenes; None for `scenes.train`.
+        source: scene source of the training scenes, which are not among the experiment's.
+        scenes: number of scenes of that source; None to train in `scenes.train`.
         reward_options: options of the reward's constructor.
 
     Raises:
@@ -57,7 +57,7 @@ class ExplorerTrainingSettings(PPOSettings):
 
 
 def run(cfg: DictConfig) -> None:
-    """Train the explorer's policy, from where an earlier attempt in the same folder stopped."""
+    """Train the explorer's policy, or resume where an earlier attempt in the same folder stopped."""
     quieten_libraries()
     sections = sections_of(cfg)
     settings = sections.read("explorer_training", ExplorerTrainingSettings)
@@ -74,7 +74,7 @@ def run(cfg: DictConfig) -> None:
         with progress() as report, run.stage("train"):
             make = partial(_environment, reward, settings, scenes, pool)
             result = train_policy(settings, make, seed, run.path, report)
-        made_by = {
+        provenance = {
             "reward": reward,
             "seed": seed,
             "scenes": [scene.identity for scene in scenes],
@@ -82,7 +82,7 @@ def run(cfg: DictConfig) -> None:
             "torch": torch.__version__,
             "curve": asdict(result.curve),
         }
-        policy = TrainedPolicy(result.network, Crops(), RESOLUTION, result.reward_state, made_by)
+        policy = TrainedPolicy(result.network, Crops(), RESOLUTION, result.reward_state, provenance)
         save_policy(run.path / POLICY_FILE, policy)
         curve = result.curve
         figure = draw_learning_curve(curve.steps, curve.reward, curve.area, reward)
@@ -98,19 +98,21 @@ def _reward_name(name: str) -> str:
         return explorer.reward
     names = registry().names("explorers")
     learned = [other for other in names if issubclass(registry().get("explorers", other), LearnedExplorer)]
-    raise DeuxError(f"explore={name} learns nothing: task=train_explorer takes {', '.join(learned)}.")
+    raise DeuxError(f"explore={name} is not a learned explorer: task=train_explorer takes {', '.join(learned)}.")
 
 
 def _scenes(sections: Sections, settings: ExplorerTrainingSettings) -> tuple[SceneReference, ...]:
     if settings.scenes is None:
         return read_scenes(sections, ["train"]).train
     if settings.source is None:
-        raise DeuxError("explorer_training.source names no source of scenes: set it, or explorer_training.scenes=null.")
+        raise DeuxError(
+            "explorer_training.source is missing: set it to a scene source, or set explorer_training.scenes=null."
+        )
     return further_scenes(settings.source, settings.scenes, read_scenes(sections, []))
 
 
 def _pool(simulation: Simulation) -> ScenePool:
-    """The scenes, which all environments of a process share."""
+    """A pool of scenes that all environments of a process share."""
     camera = replace(simulation.camera, width=CAMERA_PIXELS, height=CAMERA_PIXELS)
     return ScenePool(replace(simulation, camera=camera), colors=False)
 
@@ -118,13 +120,13 @@ def _pool(simulation: Simulation) -> ScenePool:
 def _environment(
     reward: str, settings: ExplorerTrainingSettings, scenes: tuple[SceneReference, ...], pool: ScenePool
 ) -> ExplorationEnv:
-    made: Reward = registry().create("rewards", reward, settings.reward_options)
-    return ExplorationEnv(scenes, made, steps=settings.episode, pool=pool)
+    reward_function: Reward = registry().create("rewards", reward, settings.reward_options)
+    return ExplorationEnv(scenes, reward_function, steps=settings.episode, pool=pool)
 
 
 def _report(curve: LearningCurve) -> None:
     if not curve.steps:
-        say("No episode came to its end: explorer_training.steps is too small to tell anything.")
+        say("No episode was completed: explorer_training.steps is too small for results.")
         return
     say(
         f"Reward of an episode: {curve.reward[0]:.2f} after {counted(curve.steps[0], 'step')}, {curve.reward[-1]:.2f} "

@@ -1,4 +1,4 @@
-"""What a training shows of its progress, apart from the rest of the console since Lightning takes seconds to import."""
+"""Progress display of a training; separate from `deux.tasks.console` since Lightning takes seconds to import."""
 
 import math
 import time
@@ -12,41 +12,41 @@ from deux.training.training_progress import training_progress
 
 
 def training_display(bar: bool) -> Callback:
-    """Lightning's progress bar, or else a line at each validation."""
+    """Lightning's progress bar if `bar` is set, else a line after each validation."""
     return _LossBar() if bar else _ValidationLines()
 
 
 class _ValidationLines(Callback):
-    """Says at each validation how far the training is, what it has reached, and how long the rest will take."""
+    """Prints the step, the validation error and the remaining time after each validation."""
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Note when, and with which step, the training begins or goes on."""
+        """Store time and step at which the training starts or resumes."""
         self._start, self._first = time.monotonic(), trainer.global_step
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Say it."""
+        """Print the line."""
         if trainer.sanity_checking:
             return
         step, total = trainer.global_step, trainer.estimated_stepping_batches
-        words = [f"step {step:,}"]
+        parts = [f"step {step:,}"]
         if math.isfinite(total):
-            words = [f"step {step:,} of {total:,}"]
+            parts = [f"step {step:,} of {total:,}"]
         if (error := trainer.callback_metrics.get("validation/mae")) is not None:
-            words.append(f"validation MAE {float(error):.1f} mm")
+            parts.append(f"validation MAE {float(error):.1f} mm")
         if math.isfinite(total) and self._first < step < total:
             seconds = (time.monotonic() - self._start) / (step - self._first) * (total - step)
-            words.append(f"{minutes(seconds)} left")
-        say(f"  {', '.join(words)}")
+            parts.append(f"{minutes(seconds)} left")
+        say(f"  {', '.join(parts)}")
 
     def on_train_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Say where the training ended, if that was too early."""
-        _say_early_end(trainer)
+        """Report a training that ended early."""
+        _report_early_end(trainer)
 
 
 class _LossBar(RichProgressBar):
-    """Lightning's progress bar with the loss of the last step that was logged.
+    """Lightning's progress bar with the loss of the last logged step.
 
-    A loss that is logged with `prog_bar=True` is read at every step, for which a card has to be waited for.
+    With `prog_bar=True`, the loss would be read at every step, which synchronises with the GPU.
     """
 
     def __init__(self) -> None:
@@ -56,27 +56,27 @@ class _LossBar(RichProgressBar):
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Show the loss of this step if it is one whose values are read anyway."""
+        """Update the loss at logged steps, whose values are read anyway."""
         logged = trainer.global_step % trainer.log_every_n_steps == 0  # type: ignore[attr-defined]
         if logged and "train/loss" in trainer.callback_metrics:
             self._loss = {"loss": float(trainer.callback_metrics["train/loss"])}
         super().on_train_batch_end(trainer, pl_module, outputs, batch, batch_idx)
 
     def get_metrics(self, trainer: Trainer, pl_module: LightningModule) -> dict[str, Any]:
-        """What stands beside the bar."""
+        """The values shown next to the bar."""
         return {**super().get_metrics(trainer, pl_module), **self._loss}
 
     def teardown(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
-        """End the bar, and say below it where the training ended, if that was too early."""
+        """Close the bar, and report a training that ended early."""
         super().teardown(trainer, pl_module, stage)
-        _say_early_end(trainer)
+        _report_early_end(trainer)
 
 
-def _say_early_end(trainer: Trainer) -> None:
-    """Say that a training ended before its last step, which its learning rate's schedule counts on."""
+def _report_early_end(trainer: Trainer) -> None:
+    """Report that a training ended before its last step, and thus before the end of the learning rate schedule."""
     done, total = training_progress(trainer)
     if done < total < math.inf:
         say(
-            f"  the training ended after {done:,} of {total:,} steps: trainer.max_time or a callback such as "
-            "early_stopping asked for it"
+            f"  the training ended after {done:,} of {total:,} steps, stopped by trainer.max_time or a callback such "
+            "as early_stopping"
         )

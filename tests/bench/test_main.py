@@ -59,7 +59,7 @@ def test_quick_is_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
         ("limits", "step_limits", "measure_limits"),
         ("peers", "peer_figures", "measure_peers"),
         ("processes", "process_speed", "measure_processes"),
-        ("published", "published_way", "measure_published_way"),
+        ("published", "published_training", "measure_published_training"),
         ("data", "data_waiting", "measure_data_waiting"),
     ],
 )

@@ -169,7 +169,7 @@ def test_an_image_for_which_there_is_no_memory_is_refused(monkeypatch, leave_mem
 
 
 def test_no_model(tmp_path):
-    with pytest.raises(DeuxError, match=r"^there is no model .*/model\.safetensors: name a file of weights"):
+    with pytest.raises(DeuxError, match=r"^there is no model .*/model\.safetensors: give a model file"):
         deux.predict(**frame(), model=tmp_path)
     with pytest.raises(DeuxError, match=r"^model is of the type NoneType: it is a depth model, or the path of a run"):
         deux.predict(**frame(), model=None)

@@ -58,14 +58,14 @@ def test_a_hostile_config_of_the_hub_is_refused(kbnet, tmp_path):
     options = {"cache_dir": tmp_path / "cache", "local_files_only": True}
     for content in ("[]", "{", json.dumps({"model": "kbnet", "licence": "mit"})):
         file.write_text(content)
-        with pytest.raises(DeuxError, match=r"owner/kbnet, and no model of deux|does not say which model"):
+        with pytest.raises(DeuxError, match=r"owner/kbnet, and no model of deux|has no configuration of a model"):
             deux.from_pretrained("owner/kbnet", **options)
 
 
 def test_a_model_that_cannot_be_had_is_one_sentence(tmp_path):
     with pytest.raises(DeuxError) as error:
         deux.from_pretrained("owner/kbnet", cache_dir=tmp_path, local_files_only=True)
-    assert str(error.value).startswith("there is no folder owner/kbnet, and no model of deux could be had")
+    assert str(error.value).startswith("there is no folder owner/kbnet, and no model of deux could be downloaded")
     assert "\n" not in str(error.value)
 
 

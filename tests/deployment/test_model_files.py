@@ -89,19 +89,19 @@ def test_a_file_cut_short(tmp_path):
 @pytest.mark.parametrize("name", ["kbnet-void1500.pth", "epoch=0-step=2.ckpt"])
 def test_a_file_of_torch_is_not_said_to_be_damaged(tmp_path, name):
     torch.save({"weight": torch.ones(1)}, tmp_path / name)
-    with pytest.raises(DeuxError, match=r"written by torch\.save\. A published checkpoint is read by deux\.load_pub"):
+    with pytest.raises(DeuxError, match=r"written by torch\.save: load published checkpoints with deux\.load_pub"):
         load_model(tmp_path / name)
 
 
 @pytest.mark.parametrize("path", [None, 3, Scaled])
 def test_a_model_is_named_by_a_path(path):
-    with pytest.raises(DeuxError, match=r"^a model is named by a value of the type \w+: name it by the path"):
+    with pytest.raises(DeuxError, match=r"^a model cannot be loaded from a value of the type \w+: give the path"):
         load_model(path)
 
 
 def test_weights_of_somebody_else(tmp_path):
     safetensors.torch.save_file({"weight": torch.ones(1)}, tmp_path / MODEL_FILE)
-    with pytest.raises(DeuxError, match="does not say which model it holds"):
+    with pytest.raises(DeuxError, match="has no configuration of a model"):
         load_model(tmp_path)
 
 

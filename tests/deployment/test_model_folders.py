@@ -115,7 +115,7 @@ def test_weights_without_a_header_are_described_by_config_json(kbnet, folder):
     anonymous(folder)
     model = from_pretrained(folder)
     assert all(torch.equal(a, b) for a, b in zip(model.parameters(), kbnet.parameters(), strict=True))
-    with pytest.raises(DeuxError, match="does not say which model it holds"):
+    with pytest.raises(DeuxError, match="has no configuration of a model"):
         deux.load(folder)
 
 
@@ -161,7 +161,7 @@ def test_a_copy_saves_itself(kbnet, tmp_path, copied):
         ({"settings": {"image_filters": "os.system"}}, "image_filters must be a list"),
         (
             {"settings": {"image_filters": [-1, 8, 8, 8, 8]}},
-            "cannot be made here: model.image_filters is -1: it must be at least 1",
+            "cannot be created here: model.image_filters is -1: it must be at least 1",
         ),
         ({"settings": {"max_depth": float("nan")}}, "max_depth=nan are no depth range"),
         ({"auto_map": {"AutoModel": "code.Model"}}, "auto_map is not an option"),

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from deux.contracts import DepthModel, Prediction
-from deux.deployment.onnx_export import export_onnx, made_up_inputs
+from deux.deployment.onnx_export import export_onnx, random_inputs
 from deux.errors import DeuxError
 
 
@@ -61,7 +61,7 @@ def test_padding_and_outlier_removal_are_inside():
     exported = export_onnx(model, 21, 35)
     assert exported.difference < 1e-5
     assert exported.inputs["ones"] == ("N", 1, 21, 35)
-    data = made_up_inputs(model, 2, 21, 35)
+    data = random_inputs(model, 2, 21, 35)
     (depth,) = onnxruntime.InferenceSession(exported.content).run(None, {k: v.numpy() for k, v in data.items()})
     expected = model.eval().predict(data["image"], data["sparse_depth"], data["intrinsics"])
     torch.testing.assert_close(torch.from_numpy(depth), expected)

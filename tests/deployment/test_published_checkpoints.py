@@ -122,7 +122,7 @@ def test_a_range_that_nobody_named_is_said_once(path, caplog):
     for _ in range(2):
         assert deux.load_published("with_range", path).max_depth == 10.0
     (message,) = caplog.messages
-    assert message.startswith(f"{path} does not say which range of depths it was trained with, and with_range's ")
+    assert message.startswith(f"{path} does not contain the depth range of its training, and with_range's ")
     assert "default, 0.1 to 10 m, gives wrong depths" in message
     assert 'settings={"max_depth": ...} or on the command line model.max_depth=...' in message
 
@@ -217,10 +217,10 @@ def test_a_file_that_is_no_checkpoint(path, content):
 
 def test_a_file_of_something_else(path):
     torch.save([1, 2], path)
-    with pytest.raises(DeuxError, match="holds a list"):
+    with pytest.raises(DeuxError, match="is a list, but"):
         deux.load_published("two", path)
     torch.save({"near_state_dict": {"weight": 1}, "far_state_dict": {}}, path)
-    with pytest.raises(DeuxError, match="near_state_dict holds more than tensors"):
+    with pytest.raises(DeuxError, match="near_state_dict contains values that are not tensors"):
         deux.load_published("two", path)
 
 
@@ -241,7 +241,7 @@ def test_a_model_is_written_as_published_and_read_back(path, cls, name, prefix):
 
 
 def test_a_model_without_published_code_is_not_written(path):
-    with pytest.raises(DeuxError, match=r"'plain' has no published code that could load it: export.format=onnx\.$"):
+    with pytest.raises(DeuxError, match=r"'plain' has no published code that could load it: use export.format=onnx\.$"):
         save_published(Plain(), "plain", path)
     assert not path.exists()
 
@@ -276,6 +276,6 @@ def test_what_the_published_code_does_not_compute_is_said(path, caplog):
     assert not caplog.messages
     save_published(Fixed(), "fixed", path)
     assert caplog.messages == [
-        f"{path} holds a fixed with margin=4, and its published code computes with margin=0, so that its depth will "
-        "differ; deux.load_published makes the same model again by settings={'margin': 4}."
+        f"{path} is a fixed with margin=4, but its published code uses margin=0, so that its depth will "
+        "differ: load it by deux.load_published with settings={'margin': 4} for the same depth."
     ]

@@ -86,7 +86,7 @@ def spoil(folder: Path, what: str) -> dict[str, float]:
     ("what", "sentence"),
     [
         ("unit", "the depth holds 256 values per metre (metres x 256)"),
-        ("inverted", "by the warp error of the true depth: the poses are world-to-camera (error"),
+        ("inverted", "the depth are wrong: the poses are world-to-camera (error"),
         ("camera", "multiply its first row by the width 48 and its second row by the height 40."),
         ("no points", " of the 12 frames that were read have no sparse point."),
         ("truth", "the ground truth is 0.0512 times the sparse depth"),
@@ -147,7 +147,7 @@ def test_depth_without_a_point_says_nothing_of_poses(folder: Path) -> None:
     check = train(DatasetReader(folder))
     assert check.problems == ["12 of the 12 frames that were read have no sparse point."]
     assert check.warp is None
-    assert "no ground truth at any pixel of neighbouring frames: nothing is said of poses" in check.facts
+    assert "no ground truth at any pixel of neighbouring frames: poses cannot be checked" in check.facts
 
 
 def test_an_option_is_named_only_where_the_reader_has_it(folder: Path) -> None:
@@ -170,4 +170,4 @@ def test_single_frames_are_checked_as_far_as_they_go(tmp_path: Path) -> None:
     check = train(DatasetReader(dataset(tmp_path / "singles", frames=1, triplets=False)), tmp_path / "previews")
     assert check.problems == []
     assert check.frames == 2
-    assert "no neighbouring frames: nothing is said of poses" in check.facts
+    assert "no neighbouring frames: poses cannot be checked" in check.facts

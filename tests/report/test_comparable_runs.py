@@ -73,14 +73,14 @@ def test_a_run_that_is_there_twice_counts_once(write_run, outputs):
     write_run("deux", "kbnet", 0, 10.0)
     write_run("deux", "kbnet", 0, 10.001, folder="copy")
     (runs,) = compare(outputs)
-    assert (runs.repeated, runs.errors(DEUX, KBNET).estimates["mae"].mean) == (1, 10.001)  # the first folder by name
+    assert (runs.duplicates, runs.errors(DEUX, KBNET).estimates["mae"].mean) == (1, 10.001)  # the first folder by name
 
 
 def test_the_same_run_with_other_errors_is_a_mistake(write_run, outputs):
     write_run("deux", "kbnet", 0, 10.0)
     write_run("deux", "kbnet", 0, 20.0, folder="again")
     with pytest.raises(
-        DeuxError, match=r"again/\S+ and \S+ are the same run with other errors \(MAE 20.0 and 10.0 mm\)"
+        DeuxError, match=r"again/\S+ and \S+ are the same run with different errors \(MAE 20.0 and 10.0 mm\)"
     ):
         compare(outputs)
 
@@ -97,7 +97,7 @@ def test_missing_is_what_the_occurring_values_call_for(write_run, outputs):
     write_run("random", "voiced", 1, 10.0)
     write_run("random", "kbnet", 0, None)
     (runs,) = compare(outputs)
-    assert {(m.explorer, m.model, m.seed): m.begun for m in runs.missing} == {
+    assert {(m.explorer, m.model, m.seed): m.started for m in runs.missing} == {
         (DEUX, KBNET, 1): False,
         (DEUX, VOICED, 0): False,
         (DEUX, VOICED, 1): False,

@@ -266,7 +266,7 @@ def test_an_option_that_came_later_and_changes_nothing_tells_no_runs_apart():
     assert conditions(chosen) != conditions(CONFIGURATION)
 
 
-@pytest.mark.parametrize("key", parts.AS_BEFORE)
+@pytest.mark.parametrize("key", parts.EARLIER_BEHAVIOUR)
 def test_what_counts_as_before_is_the_default(key):
     section, name = key.split(".", 1)
     if section == "explore":
@@ -277,4 +277,4 @@ def test_what_counts_as_before_is_the_default(key):
         default = getattr(AugmentationSettings(), name.partition(".")[2])
     else:
         default = getattr(TrainingSettings(), name)
-    assert flatten_options({"it": default}) == (("it", parts.AS_BEFORE[key]),)
+    assert flatten_options({"it": default}) == (("it", parts.EARLIER_BEHAVIOUR[key]),)

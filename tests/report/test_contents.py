@@ -68,14 +68,14 @@ def test_missing_runs_and_commands_are_listed(write_run, write_sweep, outputs, n
     contents = read_contents(outputs, names)
     (section,) = contents.sections
     assert "Random, VOICED: seeds 0, 1, 2" in section.missing
-    assert "DEUX, KBNet: seeds 0, 1, 2 (begun: 2)" in section.missing
+    assert "DEUX, KBNet: seeds 0, 1, 2 (started: 2)" in section.missing
     assert [line.partition(",")[0] for line in section.missing] == ["Random"] * 2 + ["Frontier"] + ["DEUX"] * 2
     assert contents.missing == len(section.runs.missing)
     assert section.commands == (
         "python -m deux -m explore=deux,random model=kbnet,voiced seed=0,1,2",
         "python -m deux explore=frontier 'scenes.test=[1, 2]'",
     )
-    assert contents.notes == ("Nothing is finished of 2 runs: python -m deux -m explore=novelty seed=5,6",)
+    assert contents.notes == ("None of 2 runs is finished: python -m deux -m explore=novelty seed=5,6",)
 
 
 def test_a_sweep_over_other_options_says_how_many_runs_it_lacks(write_run, write_sweep, outputs, names):
@@ -96,10 +96,10 @@ def test_a_sweep_over_other_options_of_which_nothing_is_finished_is_counted_whol
     write_run("random", "kbnet", 0, 20.0, folder="alone")
     write_sweep(["explore=deux,random", "scenes.train=1,2,4"], folder="never")
     (note,) = read_contents(outputs, names).notes
-    assert note.startswith("Nothing is finished of 6 runs: ")
+    assert note.startswith("None of 6 runs is finished: ")
 
 
 def test_an_unknown_first_dataset_is_a_mistake(write_run, outputs, names):
     write_run("random", "kbnet", 0, 20.0)
-    with pytest.raises(DeuxError, match=r"report\.first=mp3d is no dataset"):
+    with pytest.raises(DeuxError, match=r"report\.first=mp3d is not a dataset"):
         read_contents(outputs, names, first="mp3d")

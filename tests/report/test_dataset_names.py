@@ -22,7 +22,7 @@ def test_datasets_are_called_by_their_source_and_by_what_differs(write_run, outp
     assert datasets.name(datasets.first) == "apartments"  # most explorers
     chosen = DatasetNames(groups, "files hall")
     assert chosen.name(chosen.first) == "files hall"
-    with pytest.raises(DeuxError, match=r"report\.first=halls is no dataset of these runs: did you mean files hall\?"):
+    with pytest.raises(DeuxError, match=r"report\.first=halls is not a dataset of these runs: did you mean files hall"):
         DatasetNames(groups, "halls")
 
 

@@ -58,7 +58,7 @@ def test_scorecards_are_a_part_of_their_own(write_run, outputs, names):
     assert "scorecards" in reader.ids
     assert ["DEUX", "50.0", "40.0", "7", "10", "20.0", "50.0", "30.0", *["–"] * 6] in reader.rows
     assert ["views", "-1.00", "6"] in reader.rows
-    assert "Below 0: runs that have more of the entry" in reader.text
+    assert "Below 0: runs with a larger value" in reader.text
 
 
 @pytest.fixture

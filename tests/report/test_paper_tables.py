@@ -51,12 +51,13 @@ def test_a_note_compares_explorers_seed_by_seed(write_run, outputs, names):
     (runs,) = compare(outputs)
     interval = stats.t.ppf(0.975, 2) / 3**0.5
     assert table_one(runs, names, "apartments", baseline="random").notes[0] == (
-        "KBNet, MAE beyond Random's with the same seed (below 0 is better; Student's t over the seeds): "
+        "KBNet, difference to Random's MAE with the same seed (below 0 is better; Student's t over the seeds): "
         f"DEUX -4.0 ± {interval:.1f}."
     )
     both = table_one(runs, names, "apartments", baseline=("random", "deux")).notes
     assert both[0] == table_one(runs, names, "apartments", baseline="random").notes[0]
-    assert "beyond DEUX's with the same seed (below 0 is better; Student's t over the seeds): Random +4.0" in both[1]
+    assert "KBNet, difference to DEUX's MAE with the same seed" in both[1]
+    assert "Random +4.0" in both[1]
     for baseline in (None, "frontier"):
         notes = table_one(runs, names, "apartments", baseline=baseline).notes
         assert not any("same seed" in note for note in notes)
@@ -80,7 +81,7 @@ def test_the_ceiling_stands_apart_and_a_note_tells_the_share_of_the_way_to_it(wr
     assert {mark(table, -1, 0, column) for column in range(4)} == {None}
     (note,) = [note for note in table.notes if "share of the way" in note]
     assert "DEUX 50 ± 0 %" in note
-    found = runs.share_of_way(Variant("novelty"), Variant("random"), Variant("viewpoints"), Variant("kbnet"))
+    found = runs.relative_gain(Variant("novelty"), Variant("random"), Variant("viewpoints"), Variant("kbnet"))
     gain, way = [0.0, 6.0, 12.0], [20.0, 24.0, 18.0]
     share = sum(gain) / sum(way)
     spread = stats.t.interval(0.95, 2, 0, stats.sem([g - share * w for g, w in zip(gain, way, strict=True)]))[1]
@@ -147,9 +148,9 @@ def test_runs_that_cannot_be_compared_are_pointed_out(write_run, outputs, names)
     path.write_text(path.read_text().replace('"mae": 80.0', '"mae": 90.0'))
     (runs,) = compare(outputs)
     notes = " ".join(table_one(runs, names, "apartments").notes)
-    assert "were not tested on the same frames" in notes
-    assert "Runs that are there twice, with equal errors: 1; each counts once." in notes
-    assert "One seed (0) each" in notes
+    assert "Not all runs were tested on the same frames" in notes
+    assert "Duplicate runs with equal errors, which are counted once: 1." in notes
+    assert "One seed (0), thus without intervals" in notes
 
 
 def test_a_note_compares_explorers_scene_by_scene_where_results_have_scenes(write_run, outputs, names):

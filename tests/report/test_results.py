@@ -33,10 +33,10 @@ def test_results_of_a_version_that_knew_no_rounds_are_read(tmp_path):
 
 
 def test_reading_says_what_is_wrong(tmp_path):
-    with pytest.raises(DeuxError, match="holds no finished run"):
+    with pytest.raises(DeuxError, match="give the folder of a finished run"):
         Results.load(tmp_path)
     (tmp_path / "results.json").write_text('{"model": 1}')
-    with pytest.raises(DeuxError, match="no results file of deux"):
+    with pytest.raises(DeuxError, match="not a results file of deux"):
         Results.load(tmp_path)
 
 
@@ -64,8 +64,8 @@ def test_the_table_says_how_many_frames_and_what_the_baselines_stand_for():
     table = results(images=30, without_truth=2, without_points=3).table()
     assert table.caption == "Errors on the 30 test frames (12 training frames, seed 3)"
     assert table.notes == (
-        "2 of the test frames have no ground truth in range and do not count.",
-        "3 of the test frames have no sparse point; interpolation and median take the median depth of the other frames "
+        "2 of the test frames have no ground truth in range and are left out.",
+        "3 of the test frames have no sparse point; interpolation and median use the median depth of the other frames "
         "there.",
     )
     assert results(images=30).table().notes == ()
@@ -77,5 +77,5 @@ def test_errors_by_scene_are_kept_and_checked(tmp_path):
     assert Results.load(tmp_path).scenes == [scene]
     for broken in ({**scene, "metrics": {}}, {"scene": "flat"}, {**scene, "frames": 0}):
         results(scenes=[broken]).save(tmp_path)
-        with pytest.raises(DeuxError, match="no results file of deux"):
+        with pytest.raises(DeuxError, match="not a results file of deux"):
             Results.load(tmp_path)

@@ -19,7 +19,7 @@ def test_runs_are_found_wherever_they_lie(write_run, outputs):
     found = find_runs(outputs)
     assert [run.path.name for run in found.finished] == ["kbnet-random-0", "kbnet-deux-0"]
     assert found.finished[1].overrides == ("model=kbnet",)
-    assert [run.path.name for run in found.begun] == ["kbnet-deux-1"]
+    assert [run.path.name for run in found.unfinished] == ["kbnet-deux-1"]
     assert find_runs(outputs / "runs" / "kbnet-random-0").finished == found.finished[:1]
 
 
@@ -47,17 +47,17 @@ def test_what_fits_into_no_table_is_told(write_run, outputs):
     path = write_run("deux", "kbnet", 0, 10.0, task="evaluate")
     given = write_run("deux", "kbnet", 1, 10.0, training_data="void")
     reasons = dict(find_runs(outputs).left_out)
-    assert reasons[path] == "it is not known on what its model was trained"
-    assert "given dataset" in reasons[given]
+    assert reasons[path] == "the training data of its model are unknown"
+    assert "recorded frames" in reasons[given]
 
 
 @pytest.mark.parametrize(
     ("file", "content", "sentence"),
     [
-        ("results.json", "{", "is no results file of deux"),
-        ("results.json", "[]", "is no results file of deux"),
-        ("results.json", '{"metrics": {}}', "is no results file of deux"),
-        ("results.json", b"\xff\xfe", "is no results file of deux"),
+        ("results.json", "{", "is not a results file of deux"),
+        ("results.json", "[]", "is not a results file of deux"),
+        ("results.json", '{"metrics": {}}', "is not a results file of deux"),
+        ("results.json", b"\xff\xfe", "is not a results file of deux"),
         ("run.json", "{", "the configuration of the run"),
         ("run.json", "3", "the configuration of the run"),
         ("run.json", '{"model": 3}', "the configuration of the run"),
@@ -82,12 +82,12 @@ def test_a_metric_that_is_no_number(write_run, outputs):
 
 
 def test_folders_without_runs(tmp_path, write_run, outputs):
-    with pytest.raises(DeuxError, match=r"nothing is no folder: name one"):
+    with pytest.raises(DeuxError, match=r"nothing is not a folder: give one"):
         find_runs(tmp_path / "nothing")
     with pytest.raises(DeuxError, match=r"^there is no finished run below .*: a run is finished once"):
         find_runs(tmp_path)
     write_run("deux", "kbnet", 0, None)
-    with pytest.raises(DeuxError, match=r"1 begun and not finished"):
+    with pytest.raises(DeuxError, match=r"1 unfinished"):
         find_runs(outputs)
 
 

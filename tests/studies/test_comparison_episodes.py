@@ -126,7 +126,7 @@ def test_a_guided_explorer_sees_each_frame_once(compare, tmp_path):
 def test_a_damaged_episode_is_named(compare, tmp_path):
     compare(tmp_path)
     (tmp_path / "random-short-00/episode.json").write_text(json.dumps({"explorer": "random"}))
-    with pytest.raises(DeuxError, match=r"random-short-00/episode\.json is damaged, it holds no episode"):
+    with pytest.raises(DeuxError, match=r"random-short-00/episode\.json is damaged, it is not an episode"):
         compare(tmp_path)
 
 

@@ -43,7 +43,7 @@ def judged() -> JudgedWalk:
     truth = np.full((48, 64), 2.0, np.float32)
     truth[0] = 0.0  # not known
     for step in range(2, 6):
-        judge.see(step, view(0.1 * step), truth, camera_pose(0.0, 1.25, 0.0, 0.0), moved=0.25, turned=10.0)
+        judge.add(step, view(0.1 * step), truth, camera_pose(0.0, 1.25, 0.0, 0.0), moved=0.25, turned=10.0)
     return judge.result()
 
 
@@ -85,7 +85,7 @@ def test_it_survives_json(judged):
 
 def test_a_frame_without_true_depth_is_passed_over():
     judge = WalkJudge("dark", CAMERA, MEASURES)
-    assert judge.see(2, view(0.1), np.zeros((48, 64), np.float32), camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 0.0) == {}
+    assert judge.add(2, view(0.1), np.zeros((48, 64), np.float32), camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 0.0) == {}
     assert judge.result().frames == []
 
 
@@ -97,7 +97,7 @@ def test_what_is_computed_already_is_not_computed_again(judged):
     given = torch.full((48, 64), 0.3)
     judge = WalkJudge("wall", CAMERA, {"given": Never(), "flip": MEASURES["flip"]})
     truth = np.full((48, 64), 2.0, np.float32)
-    maps = judge.see(2, view(0.1), truth, camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 10.0, {"given": given})
+    maps = judge.add(2, view(0.1), truth, camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 10.0, {"given": given})
     assert set(maps) == {"given", "flip", *CONTROLS}
     np.testing.assert_array_equal(maps["given"], given.numpy())
     assert judge.result().frames[0].judgements["given"].delta == pytest.approx(1.0 - np.exp(-0.3))

@@ -36,7 +36,7 @@ def test_an_explorer_that_needs_a_model_is_left_out_with_a_hint_unless_it_is_nam
     found = participants()
     assert "seed_model.checkpoint=, such as kbnet-indoor" in found.left_out["deux"]
     assert {"random", "frontier"} <= {choice.name for choice in found.explorers}
-    with pytest.raises(DeuxError, match=r"needs a depth model: name a trained one with seed_model\.checkpoint="):
+    with pytest.raises(DeuxError, match=r"needs a depth model: set seed_model\.checkpoint="):
         participants("random", "deux")
     named = participants("random", "deux", has_model=True)
     assert [choice.name for choice in named.explorers] == ["random", "deux"]
@@ -103,7 +103,7 @@ class Unnamed(Broken):
 @pytest.mark.parametrize(
     ("cls", "reason"),
     [
-        (Broken, "broken cannot be made: ValueError: gain must be negative."),
+        (Broken, "broken cannot be created: ValueError: gain must be negative."),
         (Unnamed, "Unnamed needs a value for compare.explorers.gain."),
     ],
 )

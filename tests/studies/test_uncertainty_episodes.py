@@ -102,12 +102,12 @@ def test_a_finished_scene_is_read(study, tmp_path):
     assert shown == []
     assert told == [("scenes", 1, 2), ("scenes", 2, 2)]
     (tmp_path / "long.json").write_text("{}")
-    with pytest.raises(DeuxError, match=r"long\.json is damaged, it holds no judged walk"):
+    with pytest.raises(DeuxError, match=r"long\.json is damaged, it is not an evaluated walk"):
         study(tmp_path)
 
 
 def test_walks_that_are_too_short_are_an_error(study, tmp_path):
-    with pytest.raises(DeuxError, match="No frame of the 2 scenes could be judged"):
+    with pytest.raises(DeuxError, match="no frame of the 2 scenes could be evaluated"):
         study(tmp_path, steps=2)
 
 
@@ -134,4 +134,4 @@ def test_all_installed_measures_are_found_and_a_broken_one_is_left_out(monkeypat
         raise ValueError("no\nwindow")
 
     monkeypatch.setattr(cls, "__init__", refuse)
-    assert installed_measures()[1]["ssim"] == "ssim cannot be made: ValueError: no window."
+    assert installed_measures()[1]["ssim"] == "ssim cannot be created: ValueError: no window."

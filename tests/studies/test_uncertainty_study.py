@@ -44,7 +44,7 @@ def test_a_walk_of_which_a_number_is_not_known_does_not_count_in_it(study):
     frames = study.walks[1].frames
     for kept in (frames[:2], frames[1:2], frames[:1]):
         other = UncertaintyStudy([study.walks[0], replace(study.walks[1], frames=kept, places={})], MEASURES)
-        for found in (other.frames("sparse_error", kept="moved"), other.places("sparse_error")):
+        for found in (other.frames("sparse_error", selection="moved"), other.places("sparse_error")):
             assert found.mean == pytest.approx(1.0)
             assert np.isnan(found.half_width)
 

@@ -207,12 +207,12 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
         ),
         (
             ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=val_loss", "scenes.validation=1"],
-            "callbacks.early_stopping.monitor=val_loss is nothing that this training logs: did you mean validation",
+            "callbacks.early_stopping.monitor=val_loss is not logged by this training: did you mean validation",
         ),
         (
             ["callbacks=[early_stopping]", "callbacks.early_stopping.monitor=validation/mae"],
-            "callbacks.early_stopping.monitor=validation/mae is nothing that this training logs, which has no frames "
-            "to validate on: there is: train/color_consistency, train/learning_rate,",
+            "callbacks.early_stopping.monitor=validation/mae is not logged by this training, which has no validation "
+            "frames: there is: train/color_consistency, train/learning_rate,",
         ),
         (
             ["callbacks=[ema_weight_averaging]", "training.averaging=0.3"],

@@ -30,8 +30,8 @@ MISTAKES = {
     "compare.baseline=rndom": "there is no explorer called 'rndom': did you mean random?",
     "objective.color_consistncy=1": "there is no loss term called 'color_consistncy': did you mean color_consistency",
     "scenes=apartmnts": "there is no source of scenes called 'apartmnts': did you mean apartments?",
-    "evaluation.data=void": "evaluation.data=void has no effect with task=experiment, which tests its model on views",
-    "training.crop=[100,9]": "training.crop=[100,9] is 9 x 100 pixels (width x height), which do not fit into ",
+    "evaluation.data=void": "evaluation.data=void has no effect with task=experiment, which evaluates its own model",
+    "training.crop=[100,9]": "training.crop=[100,9] is 9 x 100 pixels (width x height), larger than the ",
     "experiment=debg": "there is no experiment called 'debg': did you mean debug?",
     "simulator.renderer=embre": "simulator.renderer cannot be 'embre': did you mean embree?",
     "pose=lerned": "pose=lerned is no source of poses: did you mean learned?",
@@ -51,14 +51,14 @@ MISTAKES = {
     "camera.width=abc": "camera.width must be a whole number, but is 'abc'.",
     "camera.width=64.5": "camera.width must be a whole number, but is 64.5.",
     "collect.steps=abc": "collect.steps must be a whole number, but is 'abc'.",
-    "seed=abc": "seed is 'abc': the random seed is a whole number from 0 to 4294967295.",
+    "seed=abc": "seed is 'abc': it must be a whole number from 0 to 4294967295.",
     "training.offsets=[-1,0]": "training.offsets is [-1, 0]: it lists the source frames as distances from the target",
     "training.crop=64": "training.crop must be a list of 2 values (a whole number, a whole number) or null, but is 64.",
     "verification.min_points=few": "verification.min_points must be a number, but is 'few'.",
     "objective.sparse_depth=heavy": "objective.sparse_depth has the weight 'heavy': a weight is a number of 0 or more",
     "scenes.train=many": "scenes.train must be a whole number or a list (each a whole number), but is 'many'.",
-    "trainer.accelerator=gpuu": "the settings under trainer make no lightning.Trainer: You selected an invalid acc",
-    "trainer.devices=many": "the settings under trainer make no lightning.Trainer: `devices` selected with",
+    "trainer.accelerator=gpuu": "lightning.Trainer refuses the settings under trainer: You selected an invalid acc",
+    "trainer.devices=many": "lightning.Trainer refuses the settings under trainer: `devices` selected with",
     # ranges
     "camera.width=0": "camera.width is 0: it must be at least 1.",
     "camera.hfov=200": "camera.hfov is 200.0: it must be above 0 and below 180.",
@@ -71,24 +71,24 @@ MISTAKES = {
     "collect.executor=rai": "collect.executor cannot be 'rai': did you mean ray?",
     "collect.executor_options.worker=3": "collect.executor_options.worker is not an option of LocalExecutor",
     "sampling.density=2": "sampling.density is 2.0: it must be at least 1e-06 and at most 1.",
-    "seed_model.explore=viewpoints": "seed_model.explore is viewpoints, but a seed model is trained on what a robot "
-    "collects, and free viewpoints are a ceiling that none can: choose another explorer.",
+    "seed_model.explore=viewpoints": "seed_model.explore=viewpoints stands for free viewpoints, which no robot can "
+    "collect: choose another explorer.",
     "seed_model.steps=-1": "seed_model.steps is -1: it must be at least 1.",
     "training.steps=-3": "training.steps is -3: it must be at least 1.",
     "training.batch_size=0": "training.batch_size is 0: it must be at least 1.",
     "training.validations=0": "training.validations is 0: it must be at least 1.",
     "evaluation.viewpoints=0": "evaluation.viewpoints is 0: it must be at least 1.",
     "compare.steps=1": "compare.steps is 1: it must be at least 2.",
-    "compare.figure_scene=20": "compare.figure_scene is 20, but there is 1 scene: the first one is 0.",
-    "seed=-1": "seed is -1: the random seed is a whole number from 0 to 4294967295.",
+    "compare.figure_scene=20": "compare.figure_scene is 20, but there is 1 scene, counted from 0.",
+    "seed=-1": "seed is -1: it must be a whole number from 0 to 4294967295.",
     "objective.structural_consistency.window_size=4": "objective.structural_consistency.window_size is 4: it must be",
     "objective.sparse_depth=-1": "objective.sparse_depth has the weight -1: a weight is a number of 0 or more",
     "scenes.test=0": "scenes.test names no scene: at least one is needed.",
     "model.min_depth=-1": "min_depth=-1.0 and max_depth=10.0 are no depth range",
-    "compare.explorers=[]": "compare.explorers is empty: name some, or null for all that are installed.",
+    "compare.explorers=[]": "compare.explorers is empty: list some, or set it to null for all installed explorers.",
     "compare.explorers=random": "compare.explorers must be a list",
     # what another option asks for
-    "task=evaluate": "a trained model is needed: name a run folder, a model file, a model that ships or a published",
+    "task=evaluate": "a trained model is needed: set evaluation.checkpoint= to a run folder, a model file, the ",
 }
 
 
@@ -301,13 +301,13 @@ def load_settings(model: Path) -> dict:
     ("kind", "sentence"),
     [
         ("damaged", "damaged.safetensors cannot be read as safetensors, it is damaged or something else: "),
-        ("foreign", "foreign.safetensors does not say which model it holds: it was not written by deux;"),
+        ("foreign", "foreign.safetensors has no configuration of a model, so it was not written by deux:"),
         (
             "other",
-            "holds a 'kbnit' that cannot be made here: there is no depth model called 'kbnit': did you mean kbnet",
+            "has a 'kbnit' that cannot be created here: there is no depth model called 'kbnit': did you mean kbnet",
         ),
         ("lacking", "does not fit the kbnet that is installed: it lacks 1 tensor ("),
-        ("lightning", ".ckpt is for resuming a training: name the model.safetensors of a run folder, or the folder."),
+        ("lightning", ".ckpt is for resuming a training: give the model.safetensors of a run folder, or the folder."),
         ("layout", "layout.pth is not a published checkpoint of kbnet: it lacks "),
         ("code", "code.pth cannot be read as a checkpoint of tensors: it is damaged, something else, or holds code"),
         ("folder", "there is no model "),
@@ -526,7 +526,9 @@ def test_the_episode_of_a_killed_collector_is_done_again(tiny_arguments, tmp_pat
 def test_a_run_folder_of_other_settings(tiny, trained):
     run = f"hydra.run.dir={trained}/trained"
     sentence = tiny(trained, "task=train", "explore=random", "training.steps=9", run).sentence
-    assert sentence.startswith(f"{trained}/trained holds a run with other settings (training.steps: 2 there, 9 here);")
+    assert sentence.startswith(
+        f"{trained}/trained contains a run with other settings (training.steps: 2 there, 9 here):"
+    )
 
 
 def test_one_failing_job_does_not_stop_a_sweep(tiny, tmp_path):

@@ -109,7 +109,7 @@ def test_an_explorer_that_fails_is_named_and_the_others_are_compared(compare, tm
 
 def test_episodes_of_other_settings_are_refused(compare, finished):
     sentence = compare(finished, "compare.explorers=[frontier,random]", "compare.steps=7").sentence
-    assert "holds a run with other settings (compare.steps: 6 there, 7 here)" in sentence
+    assert "contains a run with other settings (compare.steps: 6 there, 7 here)" in sentence
 
 
 @pytest.mark.slow  # tests/studies/test_comparison_episodes.py looks at the same without the command
@@ -149,11 +149,11 @@ def test_files_are_explored_as_they_are(compare, room, tmp_path):
     assert "semantic_reconstruction" not in episode["exploration"]["rewards"]
     assert "| random |" in (tmp_path / "run" / "table.md").read_text()
     sentence = compare(tmp_path / "other", *chosen, "compare.figure_scene=1").sentence
-    assert sentence == "compare.figure_scene is 1, but there is 1 scene: the first one is 0."
+    assert sentence == "compare.figure_scene is 1, but there is 1 scene, counted from 0."
 
 
 def test_a_damaged_episode(compare, finished, tmp_path):
     shutil.copytree(finished, tmp_path / "run")
     (tmp_path / "run" / "episodes" / "random-apartment_200000-00" / "episode.json").write_text("{}")
     sentence = compare(tmp_path / "run", "compare.explorers=[frontier,random]").sentence
-    assert "random-apartment_200000-00/episode.json is damaged, it holds no episode" in sentence
+    assert "random-apartment_200000-00/episode.json is damaged, it is not an episode" in sentence

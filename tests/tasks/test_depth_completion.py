@@ -12,7 +12,7 @@ from deux.data.frame_stream import RecordedFrame, SourceImage
 from deux.geometry.camera import Camera
 from deux.geometry.poses import source_from_target
 from deux.registry import registry
-from deux.tasks.depth_completion import DepthCompleter, batches, refuse_measure
+from deux.tasks.depth_completion import DepthCompleter, batches, unusable_measure
 from deux.testing.box_world import BoxWorld
 
 CAMERA = Camera(40, 32)
@@ -101,9 +101,9 @@ def test_batches_hold_frames_of_one_kind(walk):
 
 
 def test_a_refusal_names_the_measures_that_would_do():
-    sentence = str(refuse_measure("l1", "this is one frame"))
+    sentence = str(unusable_measure("l1", "this is one frame"))
     assert sentence.endswith(
-        "and this is one frame: choose a measure that judges single frames, flip or hidden_points or sparse_error."
+        "and this is one frame: choose a measure of single frames, flip or hidden_points or sparse_error."
     )
 
 

@@ -72,7 +72,7 @@ def test_the_file_predicts_what_the_model_predicts(export, model_file, name):
         np.testing.assert_allclose(run_file(path, inputs), expected_depth(model, inputs), rtol=1e-3)
     assert str(path) in outcome.out
     assert all(f"  {name}: N x " in outcome.out for name in names)
-    assert "onnxruntime's depth differs from PyTorch's by " in outcome.out
+    assert "difference between onnxruntime's and PyTorch's depth on random inputs: " in outcome.out
 
 
 def test_the_cameras_size_a_fixed_number_and_no_path_of_this_machine(export, model_file):
@@ -106,7 +106,7 @@ def test_a_package_that_is_not_installed(export, model_file, monkeypatch, missin
     [
         (
             "export.checkpoint=null",
-            "a trained model is needed: name a run folder, a model file, a model that ships or a published",
+            "a trained model is needed: set export.checkpoint= to a run folder, a model file, the ",
         ),
         ("export.checkpoint=nowhere", "there is no model "),
         ("export.height=0", "export.height is 0: it must be at least 1."),

@@ -26,7 +26,7 @@ def test_what_is_exported_is_evaluated_like_what_was_collected(
     said = run(
         "a", "task=export_dataset", "explore=random", f"export_dataset.format={form}", f"export_dataset.output={output}"
     )
-    assert ("The published set-up script leaves out 30 files" in said) == (form == "void")
+    assert ("The published set-up script skips 30 files" in said) == (form == "void")
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".export")] == []
     given = (f"data={reader}", f"evaluation.data={output / folder}")
     results = []
@@ -75,7 +75,7 @@ def test_one_split_of_a_folder(deux, tiny_arguments, tmp_path):
     assert (again / "test-000000.tar").read_bytes() == (output / "test-000000.tar").read_bytes()
     assert "This export is complete" in deux(*tiny_arguments(tmp_path / "outputs", *arguments)).out
     (output / "test-000000.tar").touch()
-    assert "is there already: remove it" in deux(*tiny_arguments(tmp_path / "outputs", *arguments)).sentence
+    assert "already exists: remove it" in deux(*tiny_arguments(tmp_path / "outputs", *arguments)).sentence
 
 
 def test_the_command_that_has_made_the_folder_finds_it_and_no_other_command_does(deux, tiny_arguments, tmp_path):
@@ -91,17 +91,17 @@ def test_the_command_that_has_made_the_folder_finds_it_and_no_other_command_does
     again = export()
     assert (again.code, again.out.strip()) == (0, f"This export is complete: {output}")
     assert before == {path: path.stat().st_mtime_ns for path in output.iterdir()}
-    assert "is there already" in export("export_dataset.samples=7").sentence
+    assert "already exists" in export("export_dataset.samples=7").sentence
     output.rename(tmp_path / "elsewhere")
     output.mkdir()
-    assert "is there already" in export().sentence
+    assert "already exists" in export().sentence
 
 
 @pytest.mark.parametrize(
     ("option", "sentence"),
     [
-        ("export_dataset.output=null", "task=export_dataset needs a folder to make: export_dataset.output=."),
-        ("export_dataset.output={there}", "export_dataset.output={there} is there already: remove it or name another"),
+        ("export_dataset.output=null", "task=export_dataset needs an output folder: set export_dataset.output=."),
+        ("export_dataset.output={there}", "export_dataset.output={there} already exists: remove it or choose another"),
         (
             "export_dataset.format=kitti",
             "export_dataset.format cannot be 'kitti': there is: triplets, void, webdataset.",

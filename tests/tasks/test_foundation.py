@@ -24,7 +24,7 @@ def founded(tiny, collected, tmp_path_factory):
 
 def test_scaffnet_is_trained_first_and_stays_as_it_is(founded):
     outputs, said = founded
-    assert "fusionnet is built on scaffnet, which learns from synthetic scenes first" in said
+    assert "fusionnet is built on scaffnet, which is trained on synthetic scenes first" in said
     (foundation,) = outputs.glob("foundations/scaffnet-*/model.safetensors")
     scaffnet, fusionnet = deux.load(foundation), deux.load(outputs / "fusionnet")
     inside = fusionnet.scaffnet.state_dict()
@@ -63,7 +63,7 @@ def test_a_checkpoint_of_the_users(founded, tiny):
     arguments = ["task=train", "explore=random", f"foundation.checkpoint={given}", f"hydra.run.dir={run}"]
     outcome = tiny(outputs, *arguments, model="fusionnet")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "learns from synthetic scenes" not in outcome.out
+    assert "is trained on synthetic scenes" not in outcome.out
     inside = deux.load(run).scaffnet.state_dict()
     assert all(torch.equal(inside[name], value) for name, value in scaffnet.state_dict().items())
 
@@ -99,7 +99,7 @@ def test_a_checkpoint_that_does_not_fit(founded, tiny, trained):
 def test_a_checkpoint_of_other_options_is_told_before_any_work(tiny, model_file, tmp_path, options, said):
     chosen = f"foundation.checkpoint={model_file('scaffnet')}"
     sentence = tiny(tmp_path, "task=train", "explore=random", chosen, *options, model="fusionnet").sentence
-    assert sentence.startswith(f"{chosen} was made with other options of scaffnet {said} than the one that fusionnet ")
+    assert sentence.startswith(f"{chosen} was made with other options of scaffnet {said} than fusionnet needs")
     assert not list(tmp_path.glob("datasets/*"))
 
 

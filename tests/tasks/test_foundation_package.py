@@ -73,7 +73,7 @@ def test_it_guides_a_robot_as_the_seed_model(tiny, weights: Path, tmp_path: Path
     chosen = ["seed_model.name=depth_anything", f"seed_model.options.weights={weights}"]
     outcome = tiny(tmp_path, "task=collect", "explore=deux", *chosen, "seed_model.options.resolution=56")
     assert (outcome.code, outcome.err) == (0, "")
-    assert "Seed model: depth_anything, which is trained already" in outcome.out
+    assert "Seed model: depth_anything, pretrained" in outcome.out
     assert list(tmp_path.glob("datasets/deux-*/manifest.json"))
     assert not (tmp_path / "seed_models").exists()
 

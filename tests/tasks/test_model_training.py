@@ -25,7 +25,7 @@ def test_a_training_starts_from_the_weights_that_are_named(tiny, model_file, tmp
     outcome = tiny(collected, *TRAIN, *options, *STILL, folder, f"training.start={start}", model=model)
     assert (outcome.code, outcome.err) == (0, "")
     assert f"starting from {start}" in outcome.out
-    assert "learns from synthetic scenes" not in outcome.out  # a foundation is part of the start
+    assert "is trained on synthetic scenes" not in outcome.out  # a foundation is part of the start
     found, expected = weights(tmp_path / "run"), weights(start)
     assert all(torch.allclose(found[name], expected[name], atol=1e-6) for name in expected)
 
@@ -41,7 +41,7 @@ def test_a_run_does_not_pass_for_one_with_other_weights_of_the_same_name(tiny, m
         next(model.parameters()).add_(0.1)
     save_model(start, model, "kbnet", model_config(start).settings)
     assert tiny(collected, *command).sentence == (
-        f"{tmp_path}/run holds a run with other weights: those of training.start have changed since it was begun; "
+        f"{tmp_path}/run contains a run with other weights, the files of training.start have changed since it started: "
         "choose another folder with hydra.run.dir=... or delete this one."
     )
 

@@ -94,7 +94,7 @@ def test_the_files_hold_what_the_arrays_give(predict, frame, model_file, model):
     *paths, numbers = outcome.out.splitlines()
     assert paths == [str(folder / name) for name in ("depth.png", "depth.npy", "depth_colored.png")]
     assert numbers.startswith(
-        f"Depth from {depth.min():.2f} to {depth.max():.2f} m, {np.median(depth):.2f} m in the med"
+        f"Depth from {depth.min():.2f} to {depth.max():.2f} m, median {np.median(depth):.2f} m, at"
     )
 
 
@@ -217,7 +217,7 @@ def test_a_published_checkpoint_completes_a_frame(predict, frame, model_file):
     assert outcome.code == 0
     assert outcome.err.startswith("WARNING: ")
     assert outcome.err.count("\n") == 1
-    assert "published.pth does not say which range of depths it was trained with" in outcome.err
+    assert "published.pth does not contain the depth range of its training" in outcome.err
     near, far = {"hydra.run.dir": frame.folder / "near"}, {"hydra.run.dir": frame.folder / "far"}
     named = [predict(checkpoint="published.pth", **options, **near, **{"model.max_depth": 8})]
     named.append(predict(checkpoint="published.pth", **options, **far, **{"model.max_depth": 10}))
@@ -273,11 +273,11 @@ def change(frame: Frame, kind: str) -> dict[str, object]:
     [
         (
             "no points",
-            "WARNING: sparse.png holds no point, all its values are 0: the depth comes from the image alone.",
+            "WARNING: sparse.png has no sparse point, all its values are 0: only the image is used.",
         ),
         (
             "some far points",
-            "% of the [0-9]+ points of sparse.png lie outside the 0.1 to 10 m that the model predicts ",
+            "% of the [0-9]+ points of sparse.png are out of the model's depth range of 0.1 to 10 m ",
         ),
         (
             "other camera",
@@ -333,7 +333,7 @@ def test_without_points_nothing_is_interpolated(predict, frame):
 def test_depth_beyond_what_a_png_holds_is_said(tmp_path, caplog):
     depth = np.array([[1.0, 300.0]], np.float32)
     png, npy, _ = write_prediction(CompletedDepth(depth), tmp_path / "run")
-    assert caplog.messages == [f"{png} holds 0 where the depth is above 256 m: {npy} holds all of it."]
+    assert caplog.messages == [f"{png} is 0 where the depth is above 256 m: {npy} contains these depths as well."]
     np.testing.assert_array_equal(read_depth(png), [[1.0, 0.0]])
     np.testing.assert_array_equal(np.load(npy), depth)
 
@@ -344,14 +344,20 @@ def test_depth_beyond_what_a_png_holds_is_said(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("kind", "sentence"),
     [
-        ("all far points", r"all \d+ points of sparse.png lie outside the 0.1 to 10 m that the model predicts"),
+        ("all far points", r"all \d+ points of sparse.png are out of the model's depth range of 0.1 to 10 m"),
         (
             "too small a scale",
-            r"all \d+ points of sparse.png .* holds predict.sparse_scale=1 values per metre; it is 1000 for",
+            r"all \d+ points of sparse.png .* have predict.sparse_scale=1 values per metre, which is 1000 for",
         ),
-        ("other sizes", "image has 60 x 45 pixels and sparse 61 x 45: they must be of one size."),
-        ("other size of the truth", "image has 61 x 45 pixels and ground_truth 61 x 44: they must be of one size."),
-        ("no truth", "ground_truth has no pixel between 0.1 and 10 m apart from the sparse points: name another file"),
+        ("other sizes", "predict.image has 60 x 45 pixels and predict.sparse 61 x 45: they must have the same size."),
+        (
+            "other size of the truth",
+            "predict.image has 61 x 45 pixels and predict.ground_truth 61 x 44: they must have the same size.",
+        ),
+        (
+            "no truth",
+            "predict.ground_truth=.* has no pixel between 0.1 and 10 m apart from the sparse points: give another file",
+        ),
     ],
 )
 def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
@@ -370,11 +376,14 @@ def test_files_that_do_not_fit_together(predict, frame, kind, sentence):
             {"sparse": None, "intrinsics": None},
             "task=predict needs the files .*: sparse and intrinsics are not given.$",
         ),
-        ({"checkpoint": None}, "a trained model is needed: name a run folder, .* checkpoint by predict.checkpoint=.$"),
-        ({"checkpoint": "."}, "there is no model .*/model.safetensors: name a file of weights, a run folder"),
+        ({"checkpoint": None}, "a trained model is needed: set predict.checkpoint= to a run folder, .* checkpoint.$"),
+        ({"checkpoint": "."}, "there is no model .*/model.safetensors: give a model file, a run folder"),
         ({"image": "nothing.png"}, ".*/nothing.png is missing.$"),
         ({"image": "K.txt"}, ".*/K.txt cannot be read as an image, .*: it has no format that Pillow knows.$"),
-        ({"image": "."}, r"predict\.image=\. is a folder, and the file of one frame .* by predict\.data=\.$"),
+        (
+            {"image": "."},
+            r"predict\.image=\. is a folder, and the file of one frame .* use predict\.data= for a folder of frames\.$",
+        ),
         ({"image": "sparse.png"}, ".*/sparse.png is an image of mode I;16 where 8 bits a channel are expected"),
         ({"sparse": "image.png"}, ".*/image.png is an image of mode RGB where a 16-bit depth map is expected."),
         ({"sparse": "K.txt"}, r".*/K.txt is no PNG file \(.* bytes\): a 16-bit depth map in PNG format is expected."),

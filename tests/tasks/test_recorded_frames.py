@@ -18,7 +18,7 @@ from deux.doctor import frame_checks
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.tasks import recorded_frames
-from deux.tasks.recorded_frames import Needs, check_recorded, validation_of
+from deux.tasks.recorded_frames import Needs, check_recorded, validation_readers
 from deux.testing.box_world import Box, BoxWorld
 
 MODELS = ("kbnet", "voiced", "scaffnet", "fusionnet")
@@ -115,7 +115,7 @@ def test_learned_poses(tiny, without_poses, model_file, tmp_path, model):
     options = [f"training_data={without_poses}", f"hydra.run.dir={tmp_path}/run", *known(model, model_file)]
     outcome = tiny(tmp_path, "task=train", *options, model=model)
     assert outcome.sentence == (
-        f"pose=simulator needs the poses of the frames, and {without_poses} has none of kitchen: use pose=learned, or "
+        f"pose=simulator needs the poses of the frames, and {without_poses} has none for kitchen: use pose=learned, or "
         "frames with poses."
     )
     assert not list(tmp_path.glob("run/checkpoints/*"))
@@ -139,8 +139,8 @@ def test_a_training_does_not_go_on_with_other_frames(tiny, video, tmp_path):
     matrix = np.loadtxt(folder / "data/kitchen/K.txt")
     np.savetxt(folder / "data/kitchen/K.txt", 2 * matrix)
     assert tiny(tmp_path, *options).sentence == (
-        f"{tmp_path}/run holds a run with other recorded frames: the files of training_data have changed since it was "
-        "begun; choose another folder with hydra.run.dir=... or delete this one."
+        f"{tmp_path}/run contains a run with other recorded frames, the files of training_data have changed since it "
+        "started: choose another folder with hydra.run.dir=... or delete this one."
     )
 
 
@@ -165,7 +165,7 @@ def test_files_that_options_name_count_and_other_text_does_not(tmp_path, monkeyp
 
     def identity() -> dict[str, str]:
         reader = Listed(tmp_path / "frames", Path("skipped.txt"))
-        return recorded_frames.given_files(reader, "training_data", SimpleNamespace(outputs=tmp_path / "outputs"))
+        return recorded_frames.data_digest(reader, "training_data", SimpleNamespace(outputs=tmp_path / "outputs"))
 
     first = identity()
     (tmp_path / "colour/1.png").write_bytes(b"1")
@@ -180,7 +180,7 @@ def test_a_foundation_is_trained_on_generated_flats_and_that_is_said(tiny, video
     outcome = tiny(tmp_path, "task=train", *options, model="fusionnet")
     assert (outcome.code, outcome.err) == (0, "")
     assert (
-        "fusionnet is built on scaffnet, which learns from synthetic scenes first (1 of foundation.source=apartments)"
+        "fusionnet is built on scaffnet, which is trained on synthetic scenes first (1 of foundation.source=apartments)"
         in outcome.out
     )
     assert [path.name.partition("-")[0] for path in tmp_path.glob("datasets/[!.]*")] == ["synthetic"]
@@ -267,7 +267,7 @@ def test_frames_without_points_are_counted_in_the_table(tiny, video, model_file,
     options = [f"evaluation.data={folder}", f"evaluation.checkpoint={model_file('kbnet')}"]
     outcome = tiny(tmp_path, "task=evaluate", *options, f"hydra.run.dir={tmp_path}/run")
     assert outcome.code == 0
-    assert outcome.err == f"WARNING: 1 of the 8 frames of {folder} that were read has no point.\n"
+    assert outcome.err == f"WARNING: 1 of the 8 frames of {folder} that were read has no sparse point.\n"
     assert "Errors on the 12 test frames" in outcome.out
     found = results(tmp_path / "run")
     assert found["without_points"] == 1
@@ -305,10 +305,10 @@ def test_a_reader_that_finds_nothing_is_told_with_folder_and_split(tmp_path, cap
         def triplets(self, split, offsets):
             return []
 
-    told = f"split of {tmp_path} has no frames, as Blind reads it: name a folder that has some, or by the options"
+    told = f"split of {tmp_path} has no frames for the Blind: give a folder with such frames, or set the options"
     with pytest.raises(DeuxError, match=f"^the train {told}"):
         check_recorded(Blind(), "train", (-1, -2), None, Needs())
-    assert validation_of(Blind(), (-1, -2), Needs()) == []
+    assert validation_readers(Blind(), (-1, -2), Needs()) == []
     assert f"no validation: the validation {told}" in capsys.readouterr().out
 
 
@@ -317,7 +317,7 @@ def test_a_damaged_validation_frame_is_no_lack_of_validation_frames(tmp_path, ca
     for file in (folder / "data/office/sparse_depth/3.png", folder / "data/office/image/3.jpg"):
         file.write_bytes(file.read_bytes()[:100])
     with pytest.raises(DeuxError, match=r"image/3\.jpg cannot be read as an image"):
-        validation_of(DatasetReader(folder), (-1, -2), Needs(sources=True), "baseline")
+        validation_readers(DatasetReader(folder), (-1, -2), Needs(sources=True), "baseline")
     assert "no validation" not in capsys.readouterr().out
 
 
@@ -325,7 +325,7 @@ def test_a_damaged_list_of_validation_frames_is_no_lack_of_them(tmp_path, capsys
     folder = record(tmp_path / "video", "validation", "office", CAMERA)
     (folder / "validation_image.txt").write_bytes(b"\xff\xfe" * 40)
     reader = DatasetReader(folder)
-    for use in (lambda: validation_of(reader, (-1, -2), Needs()), lambda: frame_checks.check_frames(reader)):
+    for use in (lambda: validation_readers(reader, (-1, -2), Needs()), lambda: frame_checks.check_frames(reader)):
         with pytest.raises(DeuxError, match=r"validation_image\.txt is no list of frames"):
             use()
     assert "no validation" not in capsys.readouterr().out
@@ -341,9 +341,9 @@ def test_training_frames_without_any_point_are_refused(video, tmp_path):
 
 def test_ground_truth_without_any_value_is_no_validation(video, tmp_path, capsys):
     folder = copy(video, tmp_path)
-    assert validation_of(DatasetReader(folder), (-1, -2), Needs()) == [DatasetReader(folder)]
+    assert validation_readers(DatasetReader(folder), (-1, -2), Needs()) == [DatasetReader(folder)]
     for file in folder.glob("data/office/ground_truth/*.png"):
         Image.fromarray(np.zeros((CAMERA.height, CAMERA.width), np.uint16)).save(file)
-    assert validation_of(DatasetReader(folder), (-1, -2), Needs()) == []
+    assert validation_readers(DatasetReader(folder), (-1, -2), Needs()) == []
     told = f"no validation: the ground truth of all 6 validation frames of {folder} that were read is 0"
     assert told in capsys.readouterr().out

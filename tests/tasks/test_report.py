@@ -140,7 +140,7 @@ def test_several_models_that_fit_are_not_chosen_between(tiny, trained, tmp_path)
     arguments = ("task=evaluate", "explore=random", f"evaluation.checkpoint={tmp_path}/runs")
     sentence = tiny(tmp_path, *arguments).sentence
     assert (
-        "has 2 trained runs of kbnet on random frames with seed 0 and this budget below it: name the folder" in sentence
+        "has 2 trained runs of kbnet on random frames with seed 0 and this budget below it: give the folder" in sentence
     )
     shutil.rmtree(tmp_path / "runs" / "b")
     sentence = tiny(tmp_path, *arguments, "seed=3").sentence
@@ -154,8 +154,8 @@ def test_several_models_that_fit_are_not_chosen_between(tiny, trained, tmp_path)
 @pytest.mark.parametrize(
     ("overrides", "sentence"),
     [
-        ([], "task=report needs runs: name a folder"),
-        (["report.runs={tmp}/nothing"], "{tmp}/nothing is no folder: name one that has runs or sweeps below it."),
+        ([], "task=report needs runs: set report.runs= to a folder"),
+        (["report.runs={tmp}/nothing"], "{tmp}/nothing is not a folder: give one with runs or sweeps below it."),
         (["report.runs={tmp}"], "there is no finished run below {tmp}: a run is finished once it has results.json."),
         (["report.runs=3"], "report.runs must be text or null, but is 3."),
         (["report.runs={tmp}", "report.order=a"], "report.order is not an option of ReportSettings"),
@@ -172,7 +172,7 @@ def test_damaged_results_are_told_in_one_sentence(deux, tmp_path):
     (tmp_path / "runs" / "a").mkdir(parents=True)
     (tmp_path / "runs" / "a" / "results.json").write_text('{"model": "kb')
     found = deux("task=report", f"report.runs={tmp_path}/runs", f"paths.outputs={tmp_path}/outputs").sentence
-    assert found.startswith(f"{tmp_path}/runs/a/results.json is no results file of deux (")
+    assert found.startswith(f"{tmp_path}/runs/a/results.json is not a results file of deux (")
     assert found.endswith("run it again.")
 
 
@@ -190,7 +190,7 @@ def test_kept_runs_are_reported_as_the_runs_are(deux, tmp_path):
         f"report.keep={tmp_path}/kept",
         f"hydra.run.dir={tmp_path}/first",
     )
-    assert f"1 run is kept in {tmp_path}/kept" in outcome.out
+    assert f"Copied the small files of 1 run to {tmp_path}/kept" in outcome.out
     assert deux("task=report", f"report.runs={tmp_path}/kept", f"hydra.run.dir={tmp_path}/second").code == 0
     tables = [(tmp_path / name / "tables" / "table1.csv").read_text() for name in ("first", "second")]
     assert tables[0] == tables[1]

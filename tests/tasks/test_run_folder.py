@@ -32,7 +32,9 @@ def test_other_weights_under_the_same_name_are_refused(tmp_path):
         with open_run_folder(tmp_path, {"seed": 0}, known):
             pass
     with (
-        pytest.raises(DeuxError, match=r"holds a run with other weights: those of training\.start have changed since"),
+        pytest.raises(
+            DeuxError, match=r"contains a run with other weights, the files of training\.start have changed since"
+        ),
         open_run_folder(tmp_path, {"seed": 0}, {"training.start": "2b"}),
     ):
         pass
@@ -60,8 +62,8 @@ def test_other_recorded_frames_under_the_same_path_are_refused_and_unknown_ones_
         "files of options": {"training_data": "c3"},
     }
     sentence = (
-        f"^{tmp_path} holds a run with other recorded frames: the files of training_data have changed since it was "
-        r"begun; choose another folder with hydra\.run\.dir=\.\.\. or delete this one\.$"
+        f"^{tmp_path} contains a run with other recorded frames, the files of training_data have changed since it "
+        r"started: choose another folder with hydra\.run\.dir=\.\.\. or delete this one\.$"
     )
     with (
         pytest.raises(DeuxError, match=sentence),
@@ -92,7 +94,7 @@ def test_a_run_that_came_to_nothing_makes_room_for_another(tmp_path):
 def test_two_commands_do_not_work_in_one_folder_at_once(tmp_path):
     with open_run_folder(tmp_path, {"seed": 0}):
         with (
-            pytest.raises(DeuxError, match=f"^another command is at work in {tmp_path}: wait until it has ended, or"),
+            pytest.raises(DeuxError, match=f"^another command is using {tmp_path}: wait until it has ended, or"),
             open_run_folder(tmp_path, {"seed": 0}),
         ):
             pass
@@ -122,7 +124,7 @@ def test_a_refused_command_leaves_the_record_of_the_run_as_it_is(tiny, trained):
     folder = trained / "trained"
     before = {path.name: path.read_bytes() for path in (folder / ".hydra").iterdir()}
     outcome = tiny(trained, "task=train", "explore=random", "training.steps=9", f"hydra.run.dir={folder}")
-    assert "holds a run with other settings (training.steps: 2 there, 9 here)" in outcome.sentence
+    assert "contains a run with other settings (training.steps: 2 there, 9 here)" in outcome.sentence
     assert {path.name: path.read_bytes() for path in (folder / ".hydra").iterdir()} == before
     assert b"explore=random" in before["overrides.yaml"]
 

@@ -82,7 +82,7 @@ def test_a_shipped_model_guides_unless_another_is_asked_for(tiny, tmp_path):
     sentence = tiny(tmp_path, *GUIDED, "seed_model.checkpoint=kbnet-indoor", "seed_model.name=voiced").sentence
     assert sentence == (
         "seed_model.name=voiced and seed_model.checkpoint=kbnet-indoor are two seed models: set "
-        "seed_model.checkpoint=null to have the one that is named, or leave the name out."
+        "seed_model.checkpoint=null to use the former, or leave out seed_model.name."
     )
 
 
@@ -145,7 +145,7 @@ def test_a_model_that_brings_its_weights_is_not_trained(tiny, tmp_path, wall):
     for distance in (1.0, 3.0):
         outcome = tiny(tmp_path, *GUIDED, f"seed_model.name={wall}", f"seed_model.options.distance={distance}")
         assert (outcome.code, outcome.err) == (0, "")
-        assert f"Seed model: {wall}, which is trained already\n" in outcome.out
+        assert f"Seed model: {wall}, pretrained\n" in outcome.out
     assert not list(tmp_path.glob("seed_models/*"))
     assert len(list(tmp_path.glob("datasets/deux-*"))) == 2  # what guides the robot is part of what makes its frames
     assert not list(tmp_path.glob("datasets/random-*"))
@@ -158,7 +158,7 @@ def test_a_model_that_brings_its_weights_is_not_trained(tiny, tmp_path, wall):
             ["seed_model.name=wall", "seed_model.options.distnce=1"],
             "seed_model.options.distnce is not an option of Wall",
         ),
-        (["seed_model.options.distance=1"], "seed_model.options are of the model that seed_model.name names"),
+        (["seed_model.options.distance=1"], "seed_model.options have no effect without seed_model.name"),
     ],
 )
 @pytest.mark.usefixtures("wall")

@@ -153,22 +153,22 @@ def test_what_was_done_before_a_kill_is_not_done_again(predict, room_folder, mon
     outcome = predict(batch_size=2)
     assert outcome.code == 0
     assert "Predict 7 frames of" in outcome.out
-    assert ", 3 of them before" in outcome.out
+    assert ", 3 of them done before" in outcome.out
     assert sum(calls[3:]) == 4
     assert all(path.stat().st_mtime_ns == time for path, time in whole.items() if path.name != "002.png")
     assert len((run / "frames.jsonl").read_text().splitlines()) == FRAMES
     assert len(table(run)) == FRAMES
     monkeypatch.undo()
     outcome = predict(batch_size=5, export="ply", agreement="null")  # what takes nothing anew
-    assert ", 7 of them before" in outcome.out
+    assert ", 7 of them done before" in outcome.out
     assert (run / "clouds" / "room.ply").exists()
 
 
 def test_another_model_is_refused_in_a_folder_with_results(predict, room_folder, model_file):
     assert predict().code == 0
     sentence = predict(checkpoint=model_file("scaffnet")).sentence
-    assert re.match(r".*/run holds a run with other settings \(predict\.checkpoint: .*hydra\.run\.dir", sentence)
-    assert re.match(r".*/run holds a run with other settings \(predict\.format", predict(format="npy").sentence)
+    assert re.match(r".*/run contains a run with other settings \(predict\.checkpoint: .*hydra\.run\.dir", sentence)
+    assert re.match(r".*/run contains a run with other settings \(predict\.format", predict(format="npy").sentence)
 
 
 @pytest.mark.parametrize("form", ["images", "video"])
@@ -184,7 +184,7 @@ def test_images_or_a_video_beside_points(predict, room_folder, recorded, form):
     if form == "images":
         other = f"hydra.run.dir={room_folder.parent}/other"
         sentence = predict(other, data=data, sparse_scale=1, **files).sentence
-        assert re.match(r"all \d+ points of .*/sparse lie outside the 0.1 to 10 m that the model predicts", sentence)
+        assert re.match(r"all \d+ points of .*/sparse are out of the model's depth range of 0.1 to 10 m", sentence)
     written = sorted((room_folder.parent / "run" / "depth").rglob("*.png"))
     assert len(written) == FRAMES
     assert read_any_depth(written[0]).shape == SIZE
@@ -259,9 +259,12 @@ def test_frames_of_one_split(predict, room_folder):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"image": "a.png"}, "predict.image names one frame and predict.data many: give one of the two"),
-        ({"intrinsics": "K.txt"}, "predict.intrinsics and predict.ground_truth belong to images beside a folder of"),
-        ({"sparse": "points"}, "predict.sparse says that .* predict.intrinsics= names the file of its camera matrix"),
+        ({"image": "a.png"}, "predict.image is one frame and predict.data many: give one of the two"),
+        ({"intrinsics": "K.txt"}, "predict.intrinsics and predict.ground_truth are used with predict.sparse= only"),
+        (
+            {"sparse": "points"},
+            "predict.intrinsics= is missing: with predict.sparse=, .* needs the file of its camera matrix",
+        ),
         ({"uncertainty": "l2"}, "there is no measure of uncertainty called 'l2': did you mean l1"),
     ],
 )
@@ -275,7 +278,7 @@ def test_an_option_that_cannot_be(predict, options, sentence):
         (
             {"uncertainty": "parallax"},
             "predict.uncertainty=parallax compares a frame with its neighbours by their poses, and .*/room has no "
-            "poses: choose a measure that judges single frames, flip or hidden_points or sparse_error",
+            "poses: choose a measure of single frames, flip or hidden_points or sparse_error",
         ),
         ({"export": "ply"}, "predict.export=ply fuses the frames by their poses, and .*/room has none"),
     ],
@@ -288,7 +291,7 @@ def test_without_poses_some_things_cannot_be(predict, room_folder, options, sent
 def test_a_filter_that_leaves_nothing_is_said(predict):
     outcome = predict(uncertainty="sparse_error", least_confidence=1, export="ply")
     assert re.match(
-        r".*/clouds/room\.ply would hold no point: raise predict\.agreement or predict\.keep, or lower",
+        r".*/clouds/room\.ply would have no point: raise predict\.agreement or predict\.keep, or lower",
         outcome.sentence,
     )
 
@@ -322,9 +325,9 @@ def test_a_model_that_brings_its_weights_resumes_with_the_same_options_only(pred
     outcome = predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy")
     assert (outcome.code, outcome.err) == (0, "")
     assert (np.load(room_folder.parent / "run" / "depth" / "room" / "000.npy") == 1.5).all()
-    assert "7 of them before" in predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy").out
+    assert "7 of them done before" in predict(f"model={wall}", "model.distance=1.5", checkpoint=None, format="npy").out
     sentence = predict(f"model={wall}", "model.distance=2.5", checkpoint=None, format="npy").sentence
-    assert "holds a run with other settings" in sentence
+    assert "contains a run with other settings" in sentence
 
 
 def test_frames_of_a_corrected_camera_are_not_taken_for_those_of_before(predict, room_folder):
@@ -338,7 +341,7 @@ def test_frames_of_a_corrected_camera_are_not_taken_for_those_of_before(predict,
     matrix = np.loadtxt(room_folder / "K.txt")
     np.savetxt(room_folder / "K.txt", 2 * matrix)
     assert predict().sentence == (
-        f"{run} holds a run with other recorded frames: the files of predict.data have changed since it was begun; "
+        f"{run} contains a run with other recorded frames, the files of predict.data have changed since it started: "
         "choose another folder with hydra.run.dir=... or delete this one."
     )
 
@@ -350,5 +353,5 @@ def test_a_sequence_without_poses_has_no_cloud_beside_one_that_has_them(predict,
     (videos / "hall" / "poses.txt").unlink()
     outcome = predict(data=videos, export="ply", agreement="null")
     assert outcome.code == 0, outcome.err
-    assert "clouds/hall.ply is not written, as none of its 7 frames has a pose." in outcome.out + outcome.err
+    assert "clouds/hall.ply is not written, since none of its 7 frames has a pose." in outcome.out + outcome.err
     assert [path.name for path in sorted((room_folder.parent / "run" / "clouds").iterdir())] == ["room.ply", "room.png"]

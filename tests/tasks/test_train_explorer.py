@@ -90,7 +90,7 @@ def test_an_explorer_collects_with_the_policy_and_anew_with_another_one(trained,
 def test_an_explorer_that_learns_nothing_is_told(tiny, tmp_path):
     outcome = tiny(tmp_path, "task=train_explorer", "explore=frontier")
     assert outcome.code == 1
-    assert "explore=frontier learns nothing: task=train_explorer takes coverage" in outcome.err
+    assert "explore=frontier is not a learned explorer: task=train_explorer takes coverage" in outcome.err
 
 
 def test_impossible_settings_are_told(tiny, tmp_path):

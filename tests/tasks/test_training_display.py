@@ -78,7 +78,9 @@ def test_a_bar_takes_the_place_of_the_lines(tmp_path: Path, capsys: pytest.Captu
 def test_an_end_before_the_last_step_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], bar: bool) -> None:
     trainer = train(tmp_path, bar=bar, max_steps=10_000_000, max_time={"seconds": 0.5})
     last = capsys.readouterr().out.splitlines()[-1]
-    assert last.startswith(f"  the training ended after {trainer.global_step:,} of 10,000,000 steps: trainer.max_time")
+    assert last.startswith(
+        f"  the training ended after {trainer.global_step:,} of 10,000,000 steps, stopped by trainer.max_time"
+    )
 
 
 def test_the_end_of_a_training_in_epochs_is_no_early_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

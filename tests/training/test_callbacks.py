@@ -90,7 +90,7 @@ QUANTITIES = ["train/loss", "validation/loss"]
 )
 def test_a_quantity_that_no_training_logs_is_told(name, settings, known):
     made = make_callback(name, settings)
-    sentence = rf"callbacks\.{name}\.monitor=\S+ is nothing that this training logs: did you mean .*validation/loss"
+    sentence = rf"callbacks\.{name}\.monitor=\S+ is not logged by this training: did you mean .*validation/loss"
     with nullcontext() if known else pytest.raises(DeuxError, match=sentence):
         check_monitor(name, made, QUANTITIES)
 
@@ -116,7 +116,7 @@ def test_options_reach_the_callback():
         (
             "early_stoping",
             {},
-            r"callbacks\.early_stoping is no callback: did you mean early_stopping\? There is: active_c",
+            r"there is no callback called 'early_stoping': did you mean early_stopping\? There is: active_c",
         ),
         (
             "early_stopping",
@@ -137,7 +137,7 @@ def test_options_reach_the_callback():
         (
             "model_checkpoint",
             {"train_time_interval": "00:10:00"},
-            r"callbacks\.model_checkpoint\.train_time_interval must be null, but is '00:10:00': what else it takes are",
+            r"callbacks\.model_checkpoint\.train_time_interval must be null, but is '00:10:00': the other values that",
         ),
         ("throughput_monitor", {"length_fn": "len"}, r"callbacks\.throughput_monitor\.length_fn must be null"),
     ],
@@ -157,4 +157,4 @@ def test_lightnings_complaint_becomes_one_sentence(complaint):
 
     with pytest.raises(DeuxError) as raised:
         lightning_object(trainer, {}, "trainer")
-    assert str(raised.value) == "the settings under trainer make no lightning.trainer: No supported backend found."
+    assert str(raised.value) == "lightning.trainer refuses the settings under trainer: No supported backend found."

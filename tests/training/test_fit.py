@@ -134,7 +134,7 @@ def test_an_interval_that_is_longer_than_the_epoch_it_is_counted_in_is_told_in_o
         (
             {},
             {"logger": ["csv"]},
-            r"^trainer\.logger must be true or false or null, but is \['csv'\]: what else it takes",
+            r"^trainer\.logger must be true or false or null, but is \['csv'\]: the other values that",
         ),
     ],
 )

@@ -167,7 +167,7 @@ def test_what_lightning_does_well_is_left_to_it(name):
     ("precision", "sentence"),
     [
         ("16-true", r"trainer\.precision=16-true .* underflow: use bf16-mixed"),
-        ("transformer-engine", r"settings under trainer make no lightning.Trainer: .*transformer_engine"),
+        ("transformer-engine", r"lightning.Trainer refuses the settings under trainer: .*transformer_engine"),
         ("bf15", r"trainer\.precision must be .*'bf16-mixed'.* but is 'bf15'"),
         ([64], r"trainer\.precision must be .* but is \[64\]"),
     ],

@@ -1,7 +1,7 @@
-"""Training steps beside the way in which the published code of the depth models computes.
+"""Speed of training steps, compared with the implementation of the depth models' published code.
 
-That is: square pools, enlarging before convolving, channels first, float32, Adam as PyTorch makes it, and a loop of its
-own. The networks, the losses and the samples are the same.
+The published code uses square pooling windows, upsampling before convolution, channels-first tensors, float32,
+PyTorch's default Adam and its own training loop. Networks, losses and samples are the same.
 """
 
 from collections.abc import Iterator
@@ -43,10 +43,10 @@ class PublishedSettings:
 
 
 QUICK = PublishedSettings(batch_size=1, size=128, steps=1, rounds=2)
-"""Settings for a quick look."""
+"""Settings for a quick test."""
 
 
-def measure_published_way(settings: PublishedSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
+def measure_published_training(settings: PublishedSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
     """Measure a step of every installed depth model as deux trains here, and as the published code computes.
 
     Args:

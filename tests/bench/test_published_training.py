@@ -1,7 +1,7 @@
 import pytest
 import torch
 
-from deux.bench.published_way import PublishedSettings, measure_published_way
+from deux.bench.published_training import PublishedSettings, measure_published_training
 from deux.bench.rendered_batch import render_batch
 from deux.bench.timing import Spread
 from deux.geometry.tuned_forms import natural_forms
@@ -12,7 +12,7 @@ TINY = PublishedSettings(batch_size=1, size=32, steps=1, rounds=2)
 
 @pytest.mark.usefixtures("tiny_models")
 def test_both_ways_are_measured_in_turns() -> None:
-    (table,) = measure_published_way(TINY, "cpu")
+    (table,) = measure_published_training(TINY, "cpu")
     (row,) = table.rows
     assert (row["model"], row["poses"]) == ("tiny", "learned")
     for column in ("published way, s", "deux, s", "times as fast"):
@@ -22,7 +22,7 @@ def test_both_ways_are_measured_in_turns() -> None:
 
 
 @pytest.mark.parametrize("name", ["kbnet", "voiced", "scaffnet", "fusionnet"])
-def test_the_published_way_computes_the_same(name: str) -> None:
+def test_the_published_training_computes_the_same(name: str) -> None:
     torch.manual_seed(0)
     model = registry().create("depth_models", name, {}).eval()
     batch = render_batch(model, 64, 1)

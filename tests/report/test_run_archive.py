@@ -7,7 +7,7 @@ import pytest
 from deux.errors import DeuxError
 from deux.metrics.scorecard import Scorecard
 from deux.report.comparable_runs import group_comparable
-from deux.report.kept_runs import keep_runs
+from deux.report.run_archive import archive_runs
 from deux.report.runs import find_runs
 from deux.report.sweeps import find_sweeps
 
@@ -31,7 +31,7 @@ def test_a_report_of_the_copies_is_the_report_of_the_runs(write_run, write_sweep
     for seed in (0, 1):
         run = write_run("random", "kbnet", seed, 20.0 + seed, overrides=(f"seed={seed}", "paths.outputs=/scratch"))
         (run / "model.deux").write_bytes(b"0" * 100_000)
-    keep_runs(outputs, tmp_path / "kept")
+    archive_runs(outputs, tmp_path / "kept")
     assert cells(tmp_path / "kept") == cells(outputs)
     (group,) = groups(tmp_path / "kept")
     assert {(one.explorer.name, one.seed) for one in group.missing} == {("deux", 0), ("deux", 1)}
@@ -43,7 +43,7 @@ def test_a_report_of_the_copies_is_the_report_of_the_runs(write_run, write_sweep
 def test_scorecards_are_kept(write_run, outputs, tmp_path):
     card = Scorecard(18, 18, parallax=0.5, moved=0.4, places=7, views=9, near=0.2, middle=0.5, far=0.3, area=12.5)
     card.save(write_run("random", "kbnet", 0, 20.0))
-    keep_runs(outputs, tmp_path / "kept")
+    archive_runs(outputs, tmp_path / "kept")
     (run,) = find_runs(tmp_path / "kept").finished
     assert run.scorecard == card
 
@@ -51,35 +51,35 @@ def test_scorecards_are_kept(write_run, outputs, tmp_path):
 def test_a_sweep_in_two_sittings_becomes_one(write_run, outputs, tmp_path):
     kept = tmp_path / "kept"
     first = write_run("random", "kbnet", 0, 20.0)
-    keep_runs(outputs, kept)
+    archive_runs(outputs, kept)
     shutil.rmtree(first)
     write_run("random", "kbnet", 1, 21.0)
-    keep_runs(outputs, kept)
-    keep_runs(outputs, kept)  # again changes nothing
+    archive_runs(outputs, kept)
+    archive_runs(outputs, kept)  # again changes nothing
     (group,) = groups(kept)
     assert [run.conditions.seed for run in group.finished] == [0, 1]
-    assert group.repeated == 0
+    assert group.duplicates == 0
 
 
 def test_what_is_kept_is_not_overwritten_by_another_run(write_run, outputs, tmp_path):
     run = write_run("random", "kbnet", 0, 20.0)
-    keep_runs(outputs, tmp_path / "kept")
+    archive_runs(outputs, tmp_path / "kept")
     results = json.loads((run / "results.json").read_text())
     (run / "results.json").write_text(json.dumps({**results, "seconds": {"train": 9.0}}))
-    keep_runs(outputs, tmp_path / "kept")  # another machine's clock makes no other run
+    archive_runs(outputs, tmp_path / "kept")  # another machine's clock makes no other run
     results["metrics"]["mae"] = 25.0
     (run / "results.json").write_text(json.dumps(results))
-    with pytest.raises(DeuxError, match=r"is kept already and is another run than \S+: choose another folder"):
-        keep_runs(outputs, tmp_path / "kept")
+    with pytest.raises(DeuxError, match=r"exists and is another run than \S+: choose another folder"):
+        archive_runs(outputs, tmp_path / "kept")
 
 
 def test_another_sweep_under_the_same_name_is_refused(write_run, write_sweep, outputs, tmp_path):
     write_run("random", "kbnet", 0, 20.0)
     write_sweep(["seed=0,1"])
-    keep_runs(outputs, tmp_path / "kept")
+    archive_runs(outputs, tmp_path / "kept")
     write_sweep(["seed=0,1,2"])
     with pytest.raises(DeuxError, match="is another sweep"):
-        keep_runs(outputs, tmp_path / "kept")
+        archive_runs(outputs, tmp_path / "kept")
 
 
 def test_a_run_with_16_scenes_is_small(write_run, outputs, tmp_path):
@@ -87,7 +87,7 @@ def test_a_run_with_16_scenes_is_small(write_run, outputs, tmp_path):
     scene = {"scene": "house_2200000", "frames": 40, "metrics": ERRORS, "baseline": ERRORS}
     results = json.loads((run / "results.json").read_text())
     (run / "results.json").write_text(json.dumps({**results, "scenes": [scene] * 16}))
-    count, size = keep_runs(outputs, tmp_path / "kept")
+    count, size = archive_runs(outputs, tmp_path / "kept")
     assert count == 1
     assert size < 10_000
     files = [file for file in (tmp_path / "kept").rglob("*") if file.is_file()]
@@ -101,7 +101,7 @@ def kept_files(folder):
 def test_a_copy_that_was_cut_short_by_a_kill_is_made_again(write_run, outputs, tmp_path, monkeypatch):
     """Killed at each of its moves in turn, and started again."""
     write_run("random", "kbnet", 0, 20.0)
-    keep_runs(outputs, tmp_path / "unbroken")
+    archive_runs(outputs, tmp_path / "unbroken")
     files = kept_files(tmp_path / "unbroken")
     replace = os.replace
     for move in range(len(files)):
@@ -118,12 +118,12 @@ def test_a_copy_that_was_cut_short_by_a_kill_is_made_again(write_run, outputs, t
         with monkeypatch.context() as patch:
             patch.setattr(os, "replace", killed)
             with pytest.raises(KeyboardInterrupt):
-                keep_runs(outputs, folder)
-        keep_runs(outputs, folder)
+                archive_runs(outputs, folder)
+        archive_runs(outputs, folder)
         assert kept_files(folder) == files
 
 
 def test_copies_among_the_runs_themselves_are_refused(write_run, outputs):
     write_run("random", "kbnet", 0, 20.0)
-    with pytest.raises(DeuxError, match=r"report\.keep=.*kept lies in report\.runs="):
-        keep_runs(outputs, outputs / "docs" / "kept")
+    with pytest.raises(DeuxError, match=r"report\.keep=.*kept is below report\.runs="):
+        archive_runs(outputs, outputs / "docs" / "kept")

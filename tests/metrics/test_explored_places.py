@@ -114,7 +114,7 @@ def test_a_dataset_of_an_earlier_version_has_no_share_of_the_free_floor(tmp_path
 def test_a_damaged_record_is_told(tmp_path):
     collect(tmp_path, "room-00")
     (tmp_path / "data/room-00/episode.json").write_text("{}")
-    with pytest.raises(DeuxError, match=r"episode\.json is damaged, it holds no episode"):
+    with pytest.raises(DeuxError, match=r"episode\.json is damaged, it contains no episode"):
         measure(tmp_path)
 
 

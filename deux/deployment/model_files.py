@@ -17,9 +17,8 @@ from torch import Tensor, nn
 from deux import __version__
 from deux.contracts import DepthModel
 from deux.deployment.shipped_models import file_or_shipped, shipped_files
-from deux.errors import DeuxError, counted, shown
+from deux.errors import DeuxError, counted, error_text, shown
 from deux.inference.weightless import without_weights
-from deux.io.arrays import said
 from deux.io.atomic import write_atomically
 from deux.io.json_files import checked_record, decode_json
 from deux.memory_budget import check_memory
@@ -252,7 +251,7 @@ def _damaged(file: Path, error: Exception) -> DeuxError:
             "read by deux.load_published(name, path) or with model=<name> on the command line; of a training's "
             f"checkpoint name the run folder, which holds a {MODEL_FILE} at the training's end."
         )
-    return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {said(error)}.")
+    return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {error_text(error)}.")
 
 
 def _make(config: ModelConfig, file: Path) -> DepthModel:
@@ -262,7 +261,9 @@ def _make(config: ModelConfig, file: Path) -> DepthModel:
         model: DepthModel = registry().create("depth_models", config.name, settings)
         return model
     except Exception as error:  # the settings are anybody's, and a constructor may meet anything in them
-        raise DeuxError(f"{file} holds a {shown(config.name)} that cannot be made here: {said(error)}.") from error
+        raise DeuxError(
+            f"{file} holds a {shown(config.name)} that cannot be made here: {error_text(error)}."
+        ) from error
 
 
 def _kind(tensor: Tensor) -> str:

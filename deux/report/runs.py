@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from deux.command_record import IDENTITY_FILE, RECORD_FOLDER
-from deux.errors import DeuxError
-from deux.io.arrays import said
+from deux.errors import DeuxError, error_text
 from deux.io.folder_walk import walk
 from deux.io.json_files import read_json
 from deux.io.yaml_files import read_yaml
@@ -148,7 +147,7 @@ def read_identity(path: Path) -> dict[str, Any] | None:
         conditions(found)
         return found
     except Exception as error:  # options of any type, which `conditions` takes apart
-        problem = said(error)
+        problem = error_text(error)
         raise DeuxError(f"the configuration of the run {path} is damaged ({problem}): delete the folder.") from error
 
 

@@ -111,6 +111,17 @@ def first_line(error: BaseException) -> str:
     return f"{type(error).__name__}: {line}" if line else type(error).__name__
 
 
+def error_text(error: BaseException, most: int = 300) -> str:
+    """The message of a library's error as part of a sentence: on one line, cut if it is long, without a full stop.
+
+    Example:
+        >>> error_text(ValueError("no such\\n  key.")), error_text(KeyError())
+        ('no such key', 'KeyError')
+    """
+    text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
 def sizes(shape: Iterable[int]) -> str:
     """The shape of an array or tensor for a message.
 

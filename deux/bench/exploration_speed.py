@@ -27,7 +27,7 @@ class ExploreSettings:
 
     Args:
         size: width and height of the images in pixels.
-        robots: number of flats that are explored together, with one robot in each.
+        robots: number of flats to explore together, with one robot in each.
         steps: steps of each robot in each round.
         warm_up: first steps of each round that are not counted.
         rounds: number of times that each explorer is measured.

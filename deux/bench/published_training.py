@@ -18,7 +18,7 @@ from deux.bench.step_clock import MeanStep
 from deux.bench.timing import Spread, Stopwatch, in_turn
 from deux.contracts import Batch, DepthModel
 from deux.geometry.sparse_outliers import remove_outliers
-from deux.geometry.tuned_forms import natural_forms
+from deux.geometry.tuned_forms import reference_forms
 from deux.inference.precision import default_device, default_precision
 from deux.registry import registry
 from deux.training.objective import make_objective
@@ -108,7 +108,7 @@ def _published_step(variant: StepVariant, batch: Batch, steps: int, device: torc
     for number in range(steps + 1):
         if number == 1:
             watch.start("steps")
-        with natural_forms():
+        with reference_forms():
             shown = replace(seen, validity=seen.validity * remove_outliers(seen.sparse_depth))
             prediction = network(shown.image, shown.sparse_depth, shown.validity, shown.intrinsics, **shown.prepared)
             compares = objective.needs_reconstructions

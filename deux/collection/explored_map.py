@@ -7,10 +7,10 @@ import numpy as np
 from deux.broken_contracts import broken_contract
 from deux.collection.free_floor import stored_grid
 from deux.contracts import Explorer, ExplorerMap, Robot
-from deux.errors import DeuxError, kind_of, sizes
+from deux.errors import DeuxError, error_text, kind_of, sizes
 from deux.geometry.camera import Camera
 from deux.geometry.grid import GridFrame
-from deux.io.arrays import read_arrays, said
+from deux.io.arrays import read_arrays
 from deux.io.calibration import read_pose
 from deux.io.csv_files import number, read_table
 from deux.io.images import read_depth
@@ -61,7 +61,7 @@ def explored_map(sequence: SequencePaths, camera: Camera, robot: Robot) -> Explo
         occupancy = arrays["occupancy"]
         return ExplorerMap(stored_grid(arrays, occupancy), occupancy, arrays.get("uncertainty"))
     except (ValueError, KeyError) as error:
-        raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({said(error)}): delete it.") from error
+        raise DeuxError(f"{kept} is damaged, it holds no explorer's map ({error_text(error)}): delete it.") from error
 
 
 def mean_uncertainty(episodes: Iterable[SequencePaths]) -> float | None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from deux.errors import DeuxError
+from deux.errors import DeuxError, error_text
 from deux.geometry.grid import FreeSpace, GridFrame
-from deux.io.arrays import read_arrays, said
+from deux.io.arrays import read_arrays
 from deux.io.atomic import write_atomically
 from deux.io.layout import SequencePaths
 from deux.mapping.occupancy import FREE, OccupancyMap
@@ -47,7 +47,7 @@ def read_free_floor(sequence: SequencePaths) -> tuple[GridFrame, np.ndarray] | N
     try:
         return stored_grid(arrays, arrays["free"]), arrays["free"].astype(bool)
     except (ValueError, KeyError) as error:
-        raise DeuxError(f"{path} is damaged, it holds no free floor ({said(error)}): delete it.") from error
+        raise DeuxError(f"{path} is damaged, it holds no free floor ({error_text(error)}): delete it.") from error
 
 
 def stored_grid(arrays: Mapping[str, np.ndarray], cells: np.ndarray) -> GridFrame:

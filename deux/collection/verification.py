@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from deux.collection.sparse import SparseSettings, point_count
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, error_text
 from deux.geometry.poses import motion
 from deux.geometry.source_frames import SourceRule, SourceView, choose_sources, has_parallax
-from deux.io.arrays import said
 from deux.io.atomic import write_json
 from deux.io.calibration import read_intrinsics, read_pose
 from deux.io.images import read_depth, read_image
@@ -167,7 +166,7 @@ def _read_verdicts(stored: Any, record: Path) -> Verdicts:
     try:
         return {choice: {name: judged(one) for name, one in kept[choice].items()} for choice in ("recent", "baseline")}
     except (DeuxError, KeyError, ValueError, TypeError) as error:
-        raise DeuxError(f"{record} is damaged, it holds no verdicts ({said(error)}): delete it.") from error
+        raise DeuxError(f"{record} is damaged, it holds no verdicts ({error_text(error)}): delete it.") from error
 
 
 def _choose(

@@ -30,7 +30,7 @@ class Batch:
         intrinsics: N x 3 x 3.
         source_from_target: N x S x 4 x 4, transforms points of camera t to each source camera (from the robot's poses),
             to be projected with `intrinsics`. Where a source frame has intrinsics of its own, the matrix accounts for
-            them (`deux.geometry.poses.projecting_alike`). None if the frames have no poses.
+            them (`deux.geometry.poses.absorb_intrinsics`). None if the frames have no poses.
         ground_truth: N x 1 x H x W metres, 0 = none; None unless the model is supervised or this is evaluation.
         prepared: the model's further inputs, by name.
     """

@@ -24,7 +24,7 @@ class View:
         depth: N x 1 x H x W float32 metres, predicted.
         sources: N x S x 3 x H x W in [0, 1], at least one source frame (S >= 1) for a measure with `needs_sources`.
         source_from_target: N x S x 4 x 4, transforms points of the frame's camera to each source camera, to be
-            projected with `intrinsics` (`deux.geometry.poses.projecting_alike`).
+            projected with `intrinsics` (`deux.geometry.poses.absorb_intrinsics`).
         predict_depth: the depth model, for measures that compare several predictions. It takes any batch size; each
             call costs a prediction.
         rebuilt: N x S x 3 x H x W, the frames rebuilt from their sources with the predicted depth (Eq. 1).

@@ -1,7 +1,7 @@
-"""`training.augmentation`: samples with cameras and sparse points other than those of the stored frames.
+"""The data augmentation of `training.augmentation`: random field of view, image size, scale and sparse points.
 
-A model that is to work with any camera and any sensor is trained on samples whose field of view, size and points are
-drawn anew each time. The transforms work on the parts of `deux.data.sample_parts`, beside those that a model brings.
+It trains models for cameras and depth sensors other than those of the stored frames. The transforms act on the parts
+of a sample (`deux.data.sample_parts`) and are applied before the model's own augmentation.
 """
 
 import math
@@ -26,54 +26,56 @@ def training_transforms(
     depth_range: tuple[float, float] = (0.0, math.inf),
     scalable: bool = True,
 ) -> list[Augmentation]:
-    """The augmentation of a training.
+    """Compose the transforms that are applied to training samples, in order.
 
     Args:
         settings: the options.
         model: the model's own augmentation.
         depth_range: nearest and farthest depth in metres that the model predicts.
-        scalable: whether the way between the frames of a sample is known, or it is one frame alone; pictures do not
-            tell a small scene from a large one.
+        scalable: whether `RandomScale` may be used: the samples have recorded poses, or no source frames. If poses are
+            estimated from the images, the scale cannot be observed.
     """
-    found: list[Augmentation] = []
+    transforms: list[Augmentation] = []
     if settings.sizes or settings.least_view < 1:
-        found.append(RandomView(settings.sizes, settings.least_view))
+        transforms.append(RandomView(settings.sizes, settings.least_view))
     if settings.flip:
-        found.append(v2.RandomHorizontalFlip(settings.flip))
+        transforms.append(v2.RandomHorizontalFlip(settings.flip))
     if settings.density is not None:
-        found.append(DrawPoints(settings.density, settings.patterns, (0.0, settings.noise), (0.0, settings.outliers)))
-    if scalable and settings.scale != (1.0, 1.0):  # after the points are drawn, which its factors depend on
-        found.append(RandomScale(settings.scale, depth_range))
+        noise, outliers = (0.0, settings.noise), (0.0, settings.outliers)
+        transforms.append(DrawPoints(settings.density, settings.patterns, noise, outliers))
+    if scalable and settings.scale != (1.0, 1.0):  # after DrawPoints: the factors depend on the points' depth
+        transforms.append(RandomScale(settings.scale, depth_range))
     if settings.colors:
-        found.append(v2.ColorJitter(settings.colors, settings.colors, settings.colors))
-    return [*found, *(model if settings.own else ())]
+        transforms.append(v2.ColorJitter(settings.colors, settings.colors, settings.colors))
+    return [*transforms, *(model if settings.own else ())]
 
 
-def of_batch(augmentation: Sequence[Augmentation], seed: int) -> list[Augmentation]:
-    """The augmentation with what one batch has in common, its samples' size, drawn from a seed."""
-    return [one.of_batch(seed) if isinstance(one, RandomView) else one for one in augmentation]
+def fix_batch_size(augmentation: Sequence[Augmentation], seed: int) -> list[Augmentation]:
+    """The augmentation for one batch: the image size, which all its samples share, is drawn from the seed."""
+    return [one.with_one_size(seed) if isinstance(one, RandomView) else one for one in augmentation]
 
 
 class RandomView(v2.Transform):
-    """Cut out a window with the shape of the sample to be, as large as a narrower lens would see, and resize it.
+    """Crop a random window, which simulates a narrower field of view, and resize it.
 
     Args:
-        sizes: height and width of the result, one of them for each batch; none for the frame's own.
-        least_view: smallest part of the largest window of this shape; the part is drawn uniformly from here to 1.
+        sizes: heights and widths of the result, of which one is drawn for each batch; empty for the frame's size.
+        least_view: smallest side of the window relative to the largest window with the result's aspect ratio; the side
+            is drawn uniformly from `least_view` to 1.
     """
 
     def __init__(self, sizes: Sequence[tuple[int, int]] = (), least_view: float = 1.0) -> None:
         super().__init__()
         self.sizes, self.least_view = tuple(sizes), least_view
 
-    def of_batch(self, seed: int) -> "RandomView":
-        """The same with one size alone."""
+    def with_one_size(self, seed: int) -> "RandomView":
+        """A copy with only one of the sizes, drawn from the seed."""
         if len(self.sizes) < 2:
             return self
         return RandomView([self.sizes[np.random.default_rng(seed).integers(len(self.sizes))]], self.least_view)
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, Any]:
-        """Draw the window, and of several sizes one."""
+        """Draw the window, and one of the sizes."""
         height, width = next(part.canvas_size for part in flat_inputs if isinstance(part, Intrinsics))
         choice, part, down, right = torch.rand(4).tolist()
         size = self.sizes[int(choice * len(self.sizes))] if self.sizes else (height, width)
@@ -88,11 +90,11 @@ class RandomView(v2.Transform):
 
 
 class RandomScale(v2.Transform):
-    """The same pictures of a smaller or larger scene: depth and the way between frames are multiplied by one factor.
+    """Multiply depth and the translations between frames by a random factor; the images do not change.
 
-    No photometric error changes by it, as a camera that moves s times as far sees the same of a scene s times as large.
-    A sample's factors end where its nearest or its farthest sparse point would leave the depth that the model predicts:
-    a network that is shown points there is drawn to the end of its range.
+    Photometric errors do not change either: a camera that moves s times as far in a scene s times as large sees the
+    same images. The factor is limited such that a sample's nearest and farthest sparse points stay within the depth
+    range of the model: points outside of it would bias the predictions towards the ends of the range.
 
     Args:
         factors: least and greatest factor, drawn log-uniformly for each sample.
@@ -104,11 +106,11 @@ class RandomScale(v2.Transform):
         self.factors, self.depth_range = factors, depth_range
 
     def draw_factor(self, span: tuple[float, float] | None, generator: torch.Generator | None = None) -> float:
-        """The factor of a sample.
+        """Draw the factor of a sample.
 
         Args:
             span: depth in metres of its nearest and farthest sparse point; None without points.
-            generator: of the draw; by default torch's default one.
+            generator: the random generator; by default torch's default generator.
         """
         least, greatest = self.factors
         if span is not None:
@@ -123,7 +125,7 @@ class RandomScale(v2.Transform):
         return {"factor": self.draw_factor(shown.find_span())}
 
     def transform(self, inpt: Any, params: dict[str, Any]) -> Any:
-        """Scale one part of the sample, if it has a length."""
+        """Scale depth maps and poses; other parts of the sample are returned as they are."""
         if isinstance(inpt, SourcePoses):
             motions = scaled_motions(inpt.as_subclass(Tensor).numpy(), params["factor"])
             return torch.from_numpy(motions).as_subclass(SourcePoses)
@@ -136,22 +138,22 @@ class RandomScale(v2.Transform):
 
 
 def scaled_motions(motions: np.ndarray, factor: float) -> np.ndarray:
-    """The motions, S x 4 x 4, in a world whose lengths are multiplied by a factor."""
+    """Relative poses, S x 4 x 4, with their translations multiplied by a factor."""
     scaled = motions.copy()
     scaled[:, :3, 3] *= factor
     return scaled
 
 
 class DrawPoints:
-    """Take sparse points from the ground truth, in place of those that the sample has.
+    """Replace the sparse points of a sample by points sampled from its ground truth.
 
-    It works on the CPU: on a card the host waits for the sample.
+    It computes on the CPU: for a sample on a GPU the host waits for a copy.
 
     Args:
         density: least and greatest number of points as a fraction of the pixels, drawn log-uniformly.
-        patterns: where they lie, one of these for each sample.
-        noise: least and greatest relative standard deviation of their depth, drawn uniformly.
-        outliers: least and greatest fraction of them that is badly wrong, drawn uniformly.
+        patterns: spatial distributions of the points, of which one is drawn for each sample.
+        noise: least and greatest relative standard deviation of the depth noise, drawn uniformly.
+        outliers: least and greatest fraction of points that are outliers, drawn uniformly.
     """
 
     def __init__(
@@ -165,8 +167,8 @@ class DrawPoints:
         self.noise, self.outliers = noise, outliers
 
     def __call__(self, sample: Mapping[str, Tensor]) -> dict[str, Tensor]:
-        """A sample with "ground_truth"; both of its sparse depth maps are replaced."""
-        rng = np.random.default_rng(int(torch.randint(2**62, ())))  # torch's generator is the sample's
+        """Replace both sparse depth maps of a sample that has "ground_truth"."""
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))  # torch's generator is seeded for each sample
         truth = sample["ground_truth"].as_subclass(Tensor)
         image = sample["images"][0].as_subclass(Tensor).permute(1, 2, 0).contiguous()
         least, most = np.log(self.density)

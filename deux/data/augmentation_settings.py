@@ -1,4 +1,4 @@
-"""`training.augmentation`: its options, apart from what they make, which brings torchvision."""
+"""The options of `training.augmentation`, in a module that does not import torchvision."""
 
 from dataclasses import dataclass
 
@@ -6,31 +6,32 @@ from deux.collection.point_patterns import PATTERNS, Pattern
 from deux.errors import DeuxError, check_range
 
 LARGEST_SIZE = 4096
-"""Bound of a sample's sides in pixels."""
+"""Largest height or width of a sample in pixels."""
 
 
 @dataclass(frozen=True)
 class AugmentationSettings:
-    """How training samples differ from the stored frames. The defaults leave all to the model's own augmentation.
+    """The data augmentation beside the model's own; the defaults change nothing.
 
     Args:
-        sizes: height and width in pixels of the samples, one of these for each batch; none keeps the frames' size.
-        least_view: smallest part of the frame's height or width, whichever limits it, that is cut out and resized:
-            a part p of a field of view h leaves 2 arctan(p tan(h/2)). Drawn uniformly from here to 1 for each sample;
-            the window lies anywhere in the frame. The intrinsics follow.
-        flip: probability of mirroring left to right.
-        scale: least and greatest factor, drawn log-uniformly for each sample, by which its depth and the way between
-            its frames are multiplied: the same pictures of a smaller or larger scene. No sparse point is carried out of
-            the depth that the model predicts. Without effect where frames are compared whose poses are not known but
-            learned.
-        colors: strength of changes of brightness, contrast and saturation: each is multiplied by a factor from
+        sizes: heights and widths of the samples in pixels, of which one is drawn for each batch; empty for the frames'
+            size.
+        least_view: smallest crop relative to the largest window with the sample's aspect ratio, drawn uniformly from
+            `least_view` to 1 for each sample, at a random position, and then resized. A crop of p reduces a field of
+            view h to 2 arctan(p tan(h/2)). The intrinsics change accordingly.
+        flip: probability of a horizontal flip.
+        scale: least and greatest factor, drawn log-uniformly for each sample, by which depth and the translations
+            between frames are multiplied, while the images stay the same. The sparse points stay within the depth
+            range of the model. Without effect if the objective compares frames and the poses are learned.
+        colors: strength of the changes of brightness, contrast and saturation: each is multiplied by a factor from
             1 - colors to 1 + colors.
-        density: least and greatest number of sparse points, as a fraction of the pixels, drawn log-uniformly. They are
-            taken from the ground truth, as a sensor would, in place of the stored points. None keeps these.
-        patterns: where they lie, one of these for each sample: corners, uniform, grid, lines, clusters.
+        density: least and greatest number of sparse points as a fraction of the pixels, drawn log-uniformly. The
+            points are sampled from the ground truth and replace the stored points. None keeps the stored points.
+        patterns: spatial distributions of the sampled points, of which one is drawn for each sample: corners, uniform,
+            grid, lines, clusters.
         noise: greatest relative standard deviation of their depth; drawn uniformly from 0 for each sample.
-        outliers: greatest fraction of them that is badly wrong; drawn uniformly from 0 for each sample.
-        own: whether the model's own augmentation is applied too, after all this.
+        outliers: greatest fraction of outliers; drawn uniformly from 0 for each sample.
+        own: whether the model's own augmentation is applied afterwards.
 
     Raises:
         DeuxError: a value is out of its range.
@@ -58,22 +59,23 @@ class AugmentationSettings:
         for factor in self.scale:
             check_range(f"{where}.scale", factor, 0.05, 20)
         if self.scale[0] > self.scale[1]:
-            raise DeuxError(f"{where}.scale is {list(self.scale)}: it is the least and the greatest factor.")
+            raise DeuxError(f"{where}.scale is {list(self.scale)}: the least factor must come first.")
         if self.density is None:
             if self.noise or self.outliers or self.patterns != PATTERNS:
                 raise DeuxError(
-                    f"{where}.patterns, noise and outliers are of points that are drawn anew: set {where}.density."
+                    f"{where}.patterns, noise and outliers apply to points sampled from the ground truth: set "
+                    f"{where}.density too."
                 )
             return
         for density in self.density:
             check_range(f"{where}.density", density, 1e-6, 1)
         if self.density[0] > self.density[1] or not self.patterns:
             raise DeuxError(
-                f"{where}.density is {list(self.density)} with the patterns {list(self.patterns)}: it is the least and "
-                "the greatest part of the pixels, and there is at least one pattern."
+                f"{where}.density is {list(self.density)} with the patterns {list(self.patterns)}: the least fraction "
+                "must come first, and at least one pattern is needed."
             )
 
     @property
     def draws_points(self) -> bool:
-        """Whether points are taken from the ground truth, which then has to be read."""
+        """Whether sparse points are sampled from the ground truth, which then has to be read."""
         return self.density is not None

@@ -1,4 +1,4 @@
-"""Where the frames of a data set are kept while a model trains on them: on the device, in memory, or nowhere."""
+"""Choice of the frame cache: on the training device, in memory, or none."""
 
 import os
 from collections.abc import Callable
@@ -11,17 +11,17 @@ from deux.errors import DeuxError, near_matches
 from deux.memory_budget import free_memory
 
 CacheChoice = Literal["auto", "device", "memory", "none"]
-"""`data.cache`: keep the frames on the device that trains, in memory, or read them each time; "auto" goes by size."""
+"""Values of `data.cache`: cache frames on the training device, in memory, or not at all; "auto" decides by size."""
 
 SHARE = 0.5
-"""Part of what is free, on the card or in memory, that frames may take; the rest is the model's and the system's."""
+"""Fraction of the free memory, on the GPU or the host, that cached frames may take."""
 
 
 def cache_choice(value: object) -> CacheChoice:
-    """The value of `data.cache`.
+    """Check the value of `data.cache`.
 
     Raises:
-        DeuxError: it is none of the choices.
+        DeuxError: there is no such choice.
     """
     for choice in get_args(CacheChoice):
         if value == choice:
@@ -30,11 +30,11 @@ def cache_choice(value: object) -> CacheChoice:
 
 
 class Placement(NamedTuple):
-    """Where the frames of a loader are kept, and who prepares its batches.
+    """Where the frames of a data loader are cached, and its number of workers.
 
     Args:
         cache: "device", "memory" or "none".
-        num_workers: processes that prepare batches.
+        num_workers: worker processes that prepare batches.
     """
 
     cache: Literal["device", "memory", "none"]
@@ -51,22 +51,22 @@ def place(
     processes: int = 1,
     agree: Callable[[bool], bool] = bool,
 ) -> Placement:
-    """Decide where frames are kept.
+    """Decide where frames are cached.
 
     Args:
-        choice: what the user asks for.
+        choice: the value of `data.cache`.
         size: bytes of all frames.
-        device: the device that trains.
-        room_on_device: bytes that they may take there.
-        room_in_memory: bytes that they may take in this process's part of the memory.
-        num_workers: processes that prepare batches, if the user says so.
-        processes: that train together on this machine and share its cores.
-        agree: makes one decision of those of all processes that train together.
+        device: the training device.
+        room_on_device: bytes that the frames may take on the device.
+        room_in_memory: bytes that the frames of this process may take in memory.
+        num_workers: worker processes; None for the default.
+        processes: training processes on this machine, which share its cores.
+        agree: reduces the decisions of all training processes to one.
 
     Returns:
-        For "auto", a card if the frames fit there, else memory, which for training on the CPU is as fast as the device
-        cache. By default no worker processes where everything is at hand on the device that trains; else as many as
-        this process has cores for beside its own, no more than eight.
+        For "auto" a GPU if the frames fit there, otherwise memory, which for training on the CPU is as fast as the
+        device cache. By default there are no worker processes if all frames are cached on the training device, and
+        otherwise one per core besides the one of this process, at most eight.
     """
     fits_device, fits_memory = agree(size <= room_on_device), agree(size <= room_in_memory)
     if choice == "device" or (choice == "auto" and device.type != "cpu" and fits_device):
@@ -79,12 +79,12 @@ def place(
 
 
 def prepares_on_host(model: DepthModel) -> bool:
-    """Whether the model computes further inputs on the CPU from the points that are shown to it."""
+    """Whether the model computes further inputs on the CPU from the input sparse depth (`DepthModel.prepare`)."""
     return type(model).prepare is not DepthModel.prepare
 
 
 def free_on_device(device: torch.device) -> int:
-    """Bytes that are free on a card, those that torch has reserved and does not use included; of the CPU, in memory."""
+    """Free bytes on a GPU, including those that torch has reserved but does not use; for the CPU, in memory."""
     if device.type != "cuda":
         return free_memory()
     unused = torch.cuda.memory_reserved(device) - torch.cuda.memory_allocated(device)

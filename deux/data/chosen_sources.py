@@ -1,4 +1,4 @@
-"""The targets of a split with their source frames, chosen by parallax or at fixed distances in time."""
+"""Triplets of a split: each target with its source frames, chosen by parallax or at fixed offsets in time."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -13,12 +13,13 @@ from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
 from deux.errors import DeuxError, counted, shown
 from deux.geometry.source_frames import SOURCES, SourceRule, SourceView, choose_sources
 from deux.io.layout import SourceChoice
+from deux.log_once import warn_once
 
 PAPER_OFFSETS = (-1, -2)
 """t-1 and t-2, the default of `training.offsets`."""
 
-_LOOKED_AT = 16
-"""Triplets of which cameras are compared."""
+_COMPARED_TRIPLETS = 16
+"""Number of triplets whose cameras are compared."""
 
 log = logging.getLogger(__name__)
 
@@ -26,20 +27,20 @@ log = logging.getLogger(__name__)
 def list_triplets(
     reader: Reader, split: str, choice: SourceChoice = "recent", offsets: tuple[int, ...] = PAPER_OFFSETS
 ) -> list[Triplet]:
-    """The targets of a split with their source frames, in the order of the split.
+    """List the targets of a split with their source frames, in the order of the split.
 
-    By "baseline" they are those that the folder lists. Where it has no such list they are chosen here, once in a
-    process, by the poses and sparse points of the frames around each target (`deux.geometry.source_frames`), and a
-    sequence without poses has those at the offsets.
+    With the choice "baseline", source frames are taken from the folder's list (`Reader.chosen_triplets`). If it has no
+    such list, they are chosen by the poses and sparse points of the frames around each target
+    (`deux.geometry.source_frames`), once in each process; sequences without poses use the offsets.
 
     Args:
-        reader: of the folder.
+        reader: the reader of the folder.
         split: "train", "validation" or "test".
         choice: how source frames are chosen.
-        offsets: the recent source frames, in frames from the target, where the folder does not list them.
+        offsets: the recent source frames, as offsets from the target in frames; unused if the folder lists them.
 
     Raises:
-        DeuxError: as `Reader.triplets`, or a file is damaged that the choice needs.
+        DeuxError: as `Reader.triplets`, or a pose or depth file that the choice needs is damaged.
     """
     if choice == "recent":
         return read_triplets(reader, split, offsets)
@@ -52,10 +53,10 @@ def list_triplets(
 
 
 def read_triplets(reader: Reader, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-    """What a reader's `triplets` gives, arguments as there.
+    """Call `Reader.triplets` and check its result.
 
     Raises:
-        DeuxError: as `Reader.triplets`, or it gives something else than a list of triplets.
+        DeuxError: as `Reader.triplets`, or the result is not a list of triplets.
     """
     found = reader.triplets(split, offsets)
     _check_triplets(reader, found, "triplets")
@@ -63,28 +64,28 @@ def read_triplets(reader: Reader, split: str, offsets: tuple[int, ...]) -> list[
 
 
 def _check_triplets(reader: Reader, found: object, method: str) -> None:
-    """Raise DeuxError unless it is a list of triplets; plain tuples, which would do in places, are none."""
-    odd: list[object] = [found]
+    """Raise DeuxError unless the result of a reader's method is a list of `Triplet`; plain tuples are refused."""
+    invalid: list[object] = [found]
     if isinstance(found, list | tuple):
-        odd = [one for one in found if not (isinstance(one, Triplet) and _names_frames(one))]
-    if odd:
+        invalid = [one for one in found if not (isinstance(one, Triplet) and _has_frame_references(one))]
+    if invalid:
         wanted = "a list of deux.contracts.Triplet(target, (source, ...)), each of these a FrameReference"
-        raise broken_contract(reader, shown(odd[0], most=200), wanted, method)
+        raise broken_contract(reader, shown(invalid[0], most=200), wanted, method)
 
 
-def _names_frames(triplet: Triplet) -> bool:
+def _has_frame_references(triplet: Triplet) -> bool:
     target, sources = triplet
     return isinstance(sources, tuple) and all(isinstance(frame, FrameReference) for frame in (target, *sources))
 
 
 def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offsets: tuple[int, ...]) -> int:
-    """How many targets of a split have no source frames in `list_triplets`; their points are not read.
+    """Count the targets of a split without source frames in `list_triplets`, without reading sparse points.
 
     Args:
-        reader: of the folder.
-        split: as of `list_triplets`.
-        choice: as of `list_triplets`.
-        offsets: as of `list_triplets`.
+        reader: the reader of the folder.
+        split: see `list_triplets`.
+        choice: see `list_triplets`.
+        offsets: see `list_triplets`.
     """
     recent = read_triplets(reader, split, offsets)
     listed = reader.chosen_triplets(split) if choice == "baseline" else recent
@@ -106,44 +107,39 @@ def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offs
 
 
 def warn_of_cameras(reader: Reader, triplets: Sequence[Triplet]) -> None:
-    """Warn if source frames have other intrinsics than their targets, for trainings that estimate the poses.
+    """Warn if source frames have other intrinsics than their targets; for training with learned poses.
 
-    Recorded poses take the difference between the cameras along (`deux.geometry.poses.projecting_alike`). Some triplets
-    are looked at, evenly spread.
+    Recorded poses account for the difference (`deux.geometry.poses.absorb_intrinsics`). A few triplets are compared,
+    evenly spaced.
 
     Args:
-        reader: of the frames.
-        triplets: that a training takes.
+        reader: the reader of the frames.
+        triplets: the training triplets.
     """
-    for target, sources in triplets[:: max(1, len(triplets) // _LOOKED_AT)]:
+    for target, sources in triplets[:: max(1, len(triplets) // _COMPARED_TRIPLETS)]:
         own = reader.intrinsics(target)
         for source in sources:
             if not np.allclose(reader.intrinsics(source), own, rtol=1e-3):
-                _warn_of_camera(reader, source, target)
+                warn_once(
+                    log,
+                    f"{reader.folder}: frame {source.name} of {source.sequence} has other intrinsics than "
+                    f"{target.name}, whose source frame it is; with pose=learned photometric terms use the target's "
+                    "for both, so record with a fixed focus and zoom",
+                )
                 return
-
-
-@lru_cache(maxsize=256)
-def _warn_of_camera(reader: Reader, source: FrameReference, target: FrameReference) -> None:
-    """Say once, though frames are listed anew in each epoch."""
-    log.warning(
-        "%s: frame %s of %s has other intrinsics than %s, whose source frame it is; with pose=learned "
-        "photometric terms take the target's for both, so record with a fixed focus and zoom",
-        *(reader.folder, source.name, source.sequence, target.name),
-    )
 
 
 def sources_by_parallax(
     reader: Reader, frames: Sequence[FrameReference]
 ) -> dict[FrameReference, tuple[FrameReference, ...]]:
-    """The source frames of each frame, chosen by parallax among the frames around it in its sequence.
+    """Choose the source frames of each frame by parallax, among the frames around it in its sequence.
 
     Args:
-        reader: of the folder.
-        frames: in the order of time within each sequence.
+        reader: the reader of the folder.
+        frames: the frames of each sequence in the order of time.
 
     Returns:
-        The sources by frame; none of a frame without a pose, and of one without enough frames with a pose around it.
+        The source frames by frame; empty for a frame without a pose or with too few frames with poses around it.
     """
     found: dict[FrameReference, tuple[FrameReference, ...]] = {}
     reach = SourceRule().reach
@@ -186,27 +182,25 @@ def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Tripl
 
 
 def _none_to_choose(found: Sequence[Neighbourhood], recent: Sequence[Triplet]) -> bool:
-    """Whether no target has more frames around it than it needs, and those with as many have them at the offsets."""
+    """Whether there is no choice: no target has more candidates than it needs, and these are those at the offsets."""
     given = {triplet.target for triplet in recent if triplet.sources}
     return all(len(one.frames) <= SOURCES and (len(one.frames) < SOURCES or one.target in given) for one in found)
 
 
-@lru_cache(maxsize=256)
 def _warn_of_offsets(reader: Reader, offsets: tuple[int, ...]) -> None:
-    """Say once that offsets which somebody has set are not used."""
+    """Warn that offsets other than the default are not used."""
     if offsets != PAPER_OFFSETS:
-        log.warning(
-            "training.offsets=%s is not used: the source frames of %s are chosen by their parallax; "
-            "training.sources=recent takes those at the offsets.",
-            list(offsets),
-            reader.folder,
+        warn_once(
+            log,
+            f"training.offsets={list(offsets)} is not used: the source frames of {reader.folder} are chosen by their "
+            "parallax; training.sources=recent takes those at the offsets.",
         )
 
 
 def _choose(reader: Reader, members: list[Neighbourhood]) -> Iterator[Triplet]:
     """Choose the source frames of one sequence's targets."""
     frames = dict.fromkeys(frame for target, around in members for frame in (target, *around.values()))
-    with ThreadPoolExecutor() as pool:  # decoding releases the interpreter's lock
+    with ThreadPoolExecutor() as pool:  # decoding releases the GIL
         views = dict(zip(frames, pool.map(lambda frame: _view(reader, frame), frames), strict=True))
     for target, around in members:
         view = views[target]
@@ -216,12 +210,12 @@ def _choose(reader: Reader, members: list[Neighbourhood]) -> Iterator[Triplet]:
 
 
 def _view(reader: Reader, frame: FrameReference) -> SourceView | None:
-    """What the choice looks at of a frame; None where it has no pose."""
+    """The pose, camera and points of a frame, by which it is chosen; None if it has no pose."""
     pose = reader.pose(frame)
     if pose is None:
         return None
     try:
         sparse_depth = reader.sparse_depth(frame)
-    except DeuxError:  # a frame of a video that has no depth; where a target's is broken, the training says so
+    except DeuxError:  # a frame of a video without depth; a target's damaged depth is reported when it is trained on
         sparse_depth = np.zeros(reader.image(frame).shape[:2], np.float32)
     return SourceView.of(pose, reader.intrinsics(frame), sparse_depth)

@@ -33,74 +33,74 @@ from deux.memory_budget import free_memory
 
 log = logging.getLogger(__name__)
 
-FILES_ON_THE_WAY = 24
-"""Files that a process must be able to open, beside those that are open, where worker processes prepare its batches.
+FREE_DESCRIPTORS = 24
+"""File descriptors that must be free in a process whose batches are prepared by worker processes.
 
-Each tensor that one process hands to another is a file until it has arrived. A worker that can open no more loses its
-batch without an error, and who asked for it waits for good.
+A tensor is sent between processes as an open file. A worker that cannot open another file loses its batch without an
+error, and the main process waits for it forever.
 """
 
 
 class TripletLoader(DataLoader[Batch]):
-    """A loader whose errors read the same from a worker process as from this one.
+    """A data loader that raises the same errors with and without worker processes, and can be resumed within an epoch.
 
-    Where `ShuffledDraws` gives the order it can go on within an epoch: a checkpoint keeps `state_dict`.
+    With the sampler `ShuffledDraws`, `state_dict` holds the position in the epoch for the checkpoint.
     """
 
-    _given = 0  # batches of this epoch
+    _yielded = 0  # batches of this epoch
 
     def __iter__(self) -> Iterator[Batch]:  # type: ignore[override]
-        self._given = 0
+        self._yielded = 0
         if self.num_workers > 0:
             _check_open_files(self.num_workers)
         try:
             for batch in super().__iter__():
-                self._given += 1
+                self._yielded += 1
                 yield batch
         except DeuxError as error:
-            # A worker's error arrives as its stack trace in text, which ends with the sentence.
+            # The message of a worker's error is its stack trace, which ends with the original message.
             raise DeuxError(str(error).rpartition("deux.errors.DeuxError: ")[2].strip()) from None
 
     def state_dict(self) -> dict[str, int]:
-        """The epoch, and how many of its items have been given out."""
+        """The epoch, and how many of its items have been loaded."""
         if not isinstance(self.sampler, ShuffledDraws):
             return {}
-        return {"epoch": self.sampler.epoch, "items": self.sampler.skipped + self._given * (self.batch_size or 1)}
+        return {"epoch": self.sampler.epoch, "items": self.sampler.skipped + self._yielded * (self.batch_size or 1)}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Leave out the items of the epoch that have been given out; before its first batch is asked for."""
+        """Skip the items of the epoch that have been loaded; to be called before its first batch is requested."""
         if state and isinstance(self.sampler, ShuffledDraws):
             self.sampler.skip(state["epoch"], state["items"])
 
 
 class TripletDataModule(LightningDataModule):
-    """Batches for one depth model.
+    """Training, validation and test batches for one depth model.
 
-    Each loader reads what it must and no more: ground truth in training only if the model is supervised, source frames
-    and poses only where the objective compares frames. Frames without source frames are then left out of training and
-    validation; the test loader has every frame of its list and reads no source frames at all. Processes that train
-    together (`Trainer(use_distributed_sampler=False)`) share the training frames out and validate on all of them.
-    A loader, its worker processes and what is cached are kept for as long as its datasets are the same, and of other
-    datasets the frames that are cached already. Samples are the same wherever frames are kept, whoever prepares them.
+    Each loader reads only what it needs: ground truth in training only if the model is supervised, source frames and
+    poses only if the objective compares frames. Targets without source frames are then left out of training and
+    validation; the test loader has all frames of its split and reads no source frames. Distributed training processes
+    (`Trainer(use_distributed_sampler=False)`) share the training frames and validate on all validation frames. A
+    loader and its workers are reused while its datasets stay the same; when datasets are added, the cached frames
+    are kept. Samples do not depend on the cache or the number of workers.
 
     Args:
-        model: says what the training needs: `augmentation`, `prepare` and, unless `supervised` says it, `supervised`.
-        train: readers of the datasets to train on. The list may be changed between epochs, with
-            `Trainer(reload_dataloaders_every_n_epochs=1)`; the split of a dataset that is new in it is read then.
+        model: the depth model, whose `augmentation`, `prepare` and `supervised` are used.
+        train: readers of the training datasets. The list may be changed between epochs with
+            `Trainer(reload_dataloaders_every_n_epochs=1)`.
         validation: readers of the validation datasets.
         test: readers of the test datasets.
         batch_size: samples in a batch.
-        crop: height and width of the samples, at random in training and from the middle elsewhere; None for all.
-        seed: seed of order, crops and augmentation.
-        num_workers: processes that prepare batches; None goes by `deux.data.cache_choice.place`.
-        cache: where frames are kept. Test frames are read once, and never kept.
-        cache_bytes: bound of what is kept, on the device and in memory; None goes by what is free there.
-        offsets: the recent source frames, where a dataset does not list them.
-        sources: whether training and validation read the source frames.
-        poses: whether they read the frames' poses.
-        choice: how their source frames are chosen.
-        supervised: whether training reads the ground truth for the losses; None for what the model says.
-        augmentation: how training samples differ from the frames, beside the model's own augmentation.
+        crop: height and width of the samples: a random crop in training, a centre crop elsewhere; None for no crop.
+        seed: random seed of the order, crops and augmentation.
+        num_workers: worker processes that prepare batches; None for the default of `deux.data.cache_choice.place`.
+        cache: where frames are cached. Test frames are read once and not cached.
+        cache_bytes: capacity of the cache, on the device and in memory each; None for a part of the free memory.
+        offsets: the recent source frames, as offsets from the target; unused if a dataset lists them.
+        sources: whether training and validation read source frames.
+        poses: whether training and validation read poses.
+        choice: how source frames are chosen in training and validation.
+        supervised: whether training reads ground truth for the losses; None for `model.supervised`.
+        augmentation: the data augmentation beside the model's own.
     """
 
     def __init__(
@@ -134,13 +134,13 @@ class TripletDataModule(LightningDataModule):
         self._augmentation = augmentation or AugmentationSettings()
         self._choice, self._cache_bytes = cache, cache_bytes
         self._caches: dict[str, FrameCache] = {}
-        self._promised: dict[str, int] = {}
+        self._reserved: dict[str, int] = {}
         self._array_bytes: dict[tuple[Reader, Kind], int] = {}
-        self._told: set[str] = set()
+        self._logged: set[str] = set()
         self._loaders: dict[str, tuple[Hashable, TripletLoader]] = {}
 
     def train_dataloader(self) -> TripletLoader:
-        """Shuffled, cropped at random and augmented."""
+        """Shuffled batches with random crops and augmentation."""
         epoch, rank, world_size = 0, 0, 1
         if self.trainer is not None:
             epoch, rank, world_size = self.trainer.current_epoch, self.trainer.global_rank, self.trainer.world_size
@@ -158,19 +158,19 @@ class TripletDataModule(LightningDataModule):
             dataset = TripletDataset(self.train, "train", settings, offsets=self._offsets, choice=self._source_choice)
             sampler = ShuffledDraws(len(dataset), self.seed, epoch, rank, world_size)
             drop_last = len(sampler) >= self.batch_size
-            return self._loader(dataset, self._placed("train", dataset), sampler, drop_last)
+            return self._loader(dataset, self._set_cache("train", dataset), sampler, drop_last)
 
-        loader = self._kept("train", self.train, make)
+        loader = self._cached_loader("train", self.train, make)
         assert isinstance(loader.sampler, ShuffledDraws)
-        loader.sampler.set_epoch(epoch)  # Lightning does so only after it has asked a new loader for its first batch
+        loader.sampler.set_epoch(epoch)  # Lightning does so only after it has requested a new loader's first batch
         return loader
 
     def val_dataloader(self) -> TripletLoader:
-        """In order, the middle of each frame, with ground truth."""
+        """Ordered batches of centre crops with ground truth."""
         return self._evaluation_loader(self.validation, "validation", self._sources, self._poses, self._source_choice)
 
     def test_dataloader(self) -> TripletLoader:
-        """In order, the middle of each frame, with ground truth and without source frames."""
+        """Ordered batches of centre crops with ground truth and without source frames."""
         return self._evaluation_loader(self.test, "test", sources="unread", poses=False, choice="recent")
 
     def _transforms(self) -> list[Augmentation]:
@@ -191,20 +191,20 @@ class TripletDataModule(LightningDataModule):
                 crop=self.crop, ground_truth=True, sources=sources, poses=poses, prepare=self._model.prepare
             )
             dataset = TripletDataset(readers, split, settings, offsets=self._offsets, choice=choice)
-            return self._loader(dataset, self._placed(split, dataset))
+            return self._loader(dataset, self._set_cache(split, dataset))
 
-        return self._kept(split, readers, make)
+        return self._cached_loader(split, readers, make)
 
-    def _kept(self, split: str, readers: Sequence[Reader], make: Callable[[], TripletLoader]) -> TripletLoader:
-        """The loader of a split, made anew only if something has changed that it was made from."""
+    def _cached_loader(self, split: str, readers: Sequence[Reader], make: Callable[[], TripletLoader]) -> TripletLoader:
+        """The loader of a split; made again only if its datasets or settings have changed."""
         made_from = (*readers, self.batch_size, self.crop, self.num_workers)
         if split not in self._loaders or self._loaders[split][0] != made_from:
-            self._loaders.pop(split, None)  # ends the workers of the one before
+            self._loaders.pop(split, None)  # ends the workers of the previous loader
             self._loaders[split] = made_from, make()
         return self._loaders[split][1]
 
-    def _placed(self, split: str, dataset: TripletDataset) -> Placement:
-        """Decide where the frames of a loader are kept, and give its dataset the cache."""
+    def _set_cache(self, split: str, dataset: TripletDataset) -> Placement:
+        """Decide where the frames of a loader are cached, and set the cache of its dataset."""
         if split == "test":
             return Placement("none", self.num_workers or 0)
         device, keys, cache = self._device, dataset.keys, self._caches.get(split, FrameCache())
@@ -233,56 +233,55 @@ class TripletDataModule(LightningDataModule):
             cache.capacity = room_in_memory
         cache.reserve(keys, missing)
         self._caches[split] = dataset.cache = cache
-        self._promised[split] = size
+        self._reserved[split] = size
         return placement
 
     def _possible_choice(self, device: torch.device) -> CacheChoice:
-        """What the user asks for, but not the device where the model's further inputs are computed on the CPU."""
+        """The value of `data.cache`, or "memory" if samples need computations on the CPU."""
         if self._choice in ("memory", "none"):
             return self._choice
         if prepares_on_host(self._model):
             reason = f"{type(self._model).__name__} computes inputs on the CPU (prepare)"
         elif self._augmentation.draws_points:
-            reason = "points are drawn on the CPU (training.augmentation.density)"
+            reason = "points are sampled on the CPU (training.augmentation.density)"
         else:
             return self._choice
         if device.type != "cpu" or self._choice == "device":
-            self._say(f"{reason}: frames are kept in memory and not on the device.")
+            self._log_once(f"{reason}: frames are cached in memory and not on the device.")
         return "memory"
 
     def _room(self, split: str, kind: type[FrameCache], free: int) -> int:
-        """Bytes that a split's cache of some kind may take: its part of what is free and what caches have taken there.
+        """Bytes that a split's cache may take: a part of the memory that is free or cached, without other splits' part.
 
-        What the caches of other splits have been promised is theirs, also before they have filled it.
+        Memory that is reserved for the caches of other splits counts as theirs before they have filled it.
         """
         there = {name: cache for name, cache in self._caches.items() if isinstance(cache, kind)}
         if self._cache_bytes is not None:
             total = self._cache_bytes
         else:
             total = int(SHARE * (free + sum(cache.size for cache in there.values())))
-        return max(0, total - sum(self._promised[name] for name in there if name != split))
+        return max(0, total - sum(self._reserved[name] for name in there if name != split))
 
     @property
     def _device(self) -> torch.device:
-        """The device that trains; the CPU without a trainer."""
+        """The training device; the CPU without a trainer."""
         return torch.device("cpu") if self.trainer is None else self.trainer.strategy.root_device
 
     @property
     def _local_processes(self) -> int:
-        """Processes on this machine that train together."""
+        """Number of training processes on this machine."""
         return 1 if self.trainer is None else max(1, self.trainer.num_devices)
 
     def _agreed(self, decision: bool) -> bool:
-        """Whether all processes that train together have come to this decision."""
+        """Whether the decision is true in all training processes."""
         if self.trainer is None:
             return decision
         return bool(self.trainer.strategy.reduce_boolean_decision(decision, all=True))
 
-    def _say(self, sentence: str) -> None:
-        """Log a sentence once."""
-        if sentence not in self._told:
-            self._told.add(sentence)
-            log.info(sentence)
+    def _log_once(self, message: str) -> None:
+        if message not in self._logged:
+            self._logged.add(message)
+            log.info(message)
 
     def _loader(
         self,
@@ -299,27 +298,28 @@ class TripletDataModule(LightningDataModule):
             sampler=sampler,
             num_workers=workers,
             persistent_workers=workers > 0,
-            multiprocessing_context="fork" if workers and forks else None,  # a memory cache is shared by forks alone
-            worker_init_fn=_leave_inherited_garbage,
+            multiprocessing_context="fork" if workers and forks else None,  # only forks share a memory cache
+            worker_init_fn=_freeze_inherited_objects,
             collate_fn=collate,
             drop_last=drop_last,
             pin_memory=placement.cache != "device" and self._device.type == "cuda",
         )
 
 
-def _leave_inherited_garbage(worker: int) -> None:
-    """Keep a worker from collecting what was unreachable when it was forked.
+def _freeze_inherited_objects(worker: int) -> None:
+    """Exclude objects of the parent process from garbage collection in a worker.
 
-    Tensors and CUDA graphs of an earlier training may be among it, and freeing those without the card's context, which
-    a fork does not have, ends the process.
+    Tensors and CUDA graphs of an earlier training may be among them, and freeing these without a CUDA context, which a
+    forked process does not have, crashes it.
     """
     gc.freeze()
 
 
 def _check_open_files(workers: int) -> None:
     most, opened = resource.getrlimit(resource.RLIMIT_NOFILE)[0], len(os.listdir("/proc/self/fd"))
-    if most != resource.RLIM_INFINITY and most - opened < FILES_ON_THE_WAY:
+    if most != resource.RLIM_INFINITY and most - opened < FREE_DESCRIPTORS:
         raise DeuxError(
-            f"training.num_workers={workers} takes {FILES_ON_THE_WAY} files beside the {opened} that are open, and a "
-            f"process may open {most}: raise that, as by ulimit -n 1024, or take training.num_workers=0."
+            f"training.num_workers={workers} needs {FREE_DESCRIPTORS} open files beside the {opened} that are open, "
+            f"but the limit of this process is {most}: raise it, for example by ulimit -n 1024, or set "
+            "training.num_workers=0."
         )

@@ -1,9 +1,9 @@
-"""`data=deux`: the datasets that deux collects, and the VOID release, whose layout they have."""
+"""The reader `data=deux`: datasets collected by deux, and the VOID release, whose layout they have."""
 
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from deux.io.layout import (
     sequences,
     without_suffix,
 )
+from deux.log_once import warn_once
 
 log = logging.getLogger(__name__)
 
@@ -33,18 +34,18 @@ log = logging.getLogger(__name__)
 class DatasetReader(Reader):
     """Reads the layout of the VOID release, with or without the triplet list that deux adds (`deux.io.layout`).
 
-    A point of `sparse_depth/` is valid where it is above 0; `validity_map/` is not read. Images are PNG or JPEG files.
+    A pixel of `sparse_depth/` is valid if it is above 0; `validity_map/` is not read. Images are PNG or JPEG files.
 
     Args:
         folder: the dataset.
         scale: stored values per metre of the 16-bit depth files; 1000 for millimetres.
-        ground_truth_scale: the same for `ground_truth/`; None for that of the sparse depth.
-        validation: names of sequences of the training split that are kept out of it and make up the validation split,
-            for a dataset that has none.
+        ground_truth_scale: the same for `ground_truth/`; by default `scale`.
+        validation: names of sequences that are moved from the training split to the validation split, for a dataset
+            without a validation split.
 
     Raises:
-        DeuxError: the folder has no sequences in this layout, or not those that `validation` names, or a scale is not
-            above 0.
+        DeuxError: the folder has no sequences in this layout, a sequence in `validation` does not exist, or a scale is
+            not above 0.
     """
 
     folder: Path
@@ -64,10 +65,11 @@ class DatasetReader(Reader):
                 raise DeuxError(f"data.validation: {self.folder} has no sequence {name!r}: {near_matches(name, there)}")
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """Our own datasets list them. Elsewhere, as in the VOID release, the split's image list names the targets.
+        """Read the triplets from the triplet list of collected datasets, else from the split's image list.
 
-        The source frames are then those at the offsets in the sequence, whether a list names them or not. A target that
-        lacks one of them has no source frames.
+        An image list, as in the VOID release, names only the targets. Their source frames are then the frames of the
+        sequence at the offsets, whether these are listed or not. A target for which one of them does not exist has no
+        source frames.
         """
         found = self._divided(split, self._listed(self._listed_split(split), offsets))
         if not found:
@@ -75,14 +77,14 @@ class DatasetReader(Reader):
         return found
 
     def chosen_triplets(self, split: str) -> list[Triplet] | None:
-        """Those of our own datasets' second list; None elsewhere, and where that list is empty."""
+        """The second triplet list of collected datasets; None if the folder has no such list or it is empty."""
         listed = list_file(self.folder, self._listed_split(split), TRIPLET_LISTS["baseline"])
         if not listed.exists():
             return None
         return self._divided(split, self._listed_triplets(_lines(listed))) or None
 
     def neighbourhoods(self, split: str, reach: int) -> list[Neighbourhood]:
-        """The listed targets, with the frames of their sequence around them that have a usable pose, listed or not."""
+        """The listed targets with the frames around them that have a readable pose, whether these are listed or not."""
         targets = [target for target, _ in self.triplets(split, (-1,))]
         listed = set(targets)
         places: dict[FrameReference, tuple[list[FrameReference], int, set[FrameReference]]] = {}
@@ -110,7 +112,7 @@ class DatasetReader(Reader):
         return found
 
     def place(self, frame: FrameReference) -> str:
-        """In a collected dataset the floor of a scene, of which each episode and each viewpoint is a sequence."""
+        """The floor of a scene in a collected dataset, where each episode and each free viewpoint is a sequence."""
         return place_of_sequence(frame.sequence) if self._is_collected else super().place(frame)
 
     def image(self, frame: FrameReference) -> np.ndarray:
@@ -126,18 +128,18 @@ class DatasetReader(Reader):
         return read_depth(self._paths(frame).file("sparse_depth", frame.name), self.scale)
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
-        """H x W float32 metres, 0 = none; None for a sequence without a folder of them."""
+        """H x W float32 metres, 0 = none; None if the sequence has no folder `ground_truth/`."""
         file = self._optional(frame, "ground_truth")
         return None if file is None else read_depth(file, self.ground_truth_scale or self.scale)
 
     def pose(self, frame: FrameReference) -> np.ndarray | None:
-        """4 x 4 float64; None for a sequence without a folder of them."""
+        """4 x 4 float64; None if the sequence has no folder `absolute_pose/`."""
         file = self._optional(frame, "absolute_pose")
         return None if file is None else read_pose(file)
 
     @cached_property
     def _is_collected(self) -> bool:
-        """Recorded sequences such as seq-01 and seq-02 may show two scenes, whatever their names end with."""
+        """Whether deux collected the dataset: only then do the names of sequences contain the name of their scene."""
         return (self.folder / MANIFEST).is_file()
 
     def _optional(self, frame: FrameReference, kind: str) -> Path | None:
@@ -149,17 +151,17 @@ class DatasetReader(Reader):
         return SequencePaths(self.folder / "data" / frame.sequence)
 
     def _listed_split(self, split: str) -> str:
-        """The split whose lists hold the frames of this one."""
+        """The split in whose list files the frames of this split are."""
         return "train" if split == "validation" and self.validation else split
 
     def _divided(self, split: str, found: list[Triplet]) -> list[Triplet]:
-        """Of the listed frames those of this split."""
+        """The listed triplets that belong to this split, after `validation` has been split off the training split."""
         if self.validation and self._listed_split(split) == "train":
             return [one for one in found if (one.target.sequence in self.validation) == (split == "validation")]
         return found
 
     def _listed(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """The triplets of a split that the dataset has lists of."""
+        """The triplets of a split that has list files."""
         listed = list_file(self.folder, split, TRIPLET_LISTS["recent"])
         if listed.exists():
             return self._listed_triplets(_lines(listed))
@@ -172,19 +174,19 @@ class DatasetReader(Reader):
         )
 
     def _frame(self, line: str) -> FrameReference:
-        """Sequence and frame of an image's path; what comes before `data/` may differ from the dataset's folder now."""
-        parts = line.rsplit("/", 4)[-4:]  # a Path would take most of the time in which a dataset is opened
+        """Parse the path of an image; the folder before `data/` may differ from the dataset's present folder."""
+        parts = line.rsplit("/", 4)[-4:]  # pathlib would take most of the time that it takes to open a dataset
         if len(parts) < 4 or parts[0] != "data":
             raise DeuxError(
                 f"{self.folder} lists {line}, where a path like data/<sequence>/image/<frame>.png is expected."
             )
         if not all(map(is_file_name, (parts[1], parts[3]))):
-            raise DeuxError(f"{self.folder} lists {line}, which can be the name of no file.")
+            raise DeuxError(f"{self.folder} lists {line}, which is not a valid file name.")
         return FrameReference(parts[1], without_suffix(parts[3]))
 
     def _listed_triplets(self, lines: Sequence[str]) -> list[Triplet]:
-        """The triplets of a list of ours; most images stand in three lines, and their frames are made once."""
-        frame = cache(self._frame)
+        """Parse the lines of a triplet list."""
+        frame = cache(self._frame)  # most images are in three lines
         triplets = []
         for line in lines:
             target, *sources = map(frame, line.split("\t"))
@@ -194,8 +196,8 @@ class DatasetReader(Reader):
     def _neighbours(self, split: str, lines: Sequence[str], offsets: tuple[int, ...]) -> list[Triplet]:
         """The listed targets with the frames at the offsets.
 
-        A list vouches for its frames, so what is broken in them is an error where it is read. A frame that is in no
-        list may have been left out for its pose: it serves as a source frame only if that can be read.
+        A listed frame with a damaged pose is an error when it is read. A frame that is not listed may have been left
+        out because of its pose: it is used as a source frame only if the pose can be read.
         """
         targets = [self._frame(line) for line in lines]
         listed, there, sources = set(targets), set(), {}
@@ -208,26 +210,27 @@ class DatasetReader(Reader):
         used = {source for target in targets for source in sources.get(target, ())}
         broken = {frame: problem for frame in sorted(used - listed) if (problem := self._pose_problem(frame))}
         if broken:
-            _warn_once(
+            warn_once(
+                log,
                 f"{counted(len(broken), 'frame')} of {self.folder} that no {split} list names "
                 f"{plural('has', len(broken))} no usable pose and {plural('is', len(broken))} no source "
-                f"{plural('frame', len(broken))}: {next(iter(broken.values()))}"
+                f"{plural('frame', len(broken))}: {next(iter(broken.values()))}",
             )
         usable = {target: others for target, others in sources.items() if not broken.keys() & others}
         return [Triplet(target, usable.get(target, ())) for target in targets]
 
     def _check_images(self, split: str, missing: set[FrameReference]) -> None:
-        """Raise DeuxError if there are listed frames without an image."""
+        """Raise DeuxError if listed frames have no image."""
         if missing:
             first = min(missing)
             raise DeuxError(
-                f"{self._paths(first).file('image', first.name)} is missing, which "
-                f"{list_file(self.folder, split, 'image')} names"
+                f"{self._paths(first).file('image', first.name)}, which "
+                f"{list_file(self.folder, split, 'image')} lists, is missing"
                 f"{f', and so are {len(missing) - 1} more' if len(missing) > 1 else ''}."
             )
 
     def _pose_problem(self, frame: FrameReference) -> str | None:
-        """Why the frame's pose cannot be read; None if it can, or if its sequence has no poses."""
+        """The error message if the frame's pose cannot be read; None if it can or the sequence has no poses."""
         try:
             self.pose(frame)
         except DeuxError as error:
@@ -235,16 +238,10 @@ class DatasetReader(Reader):
         return None
 
 
-@lru_cache(maxsize=256)
-def _warn_once(message: str) -> None:
-    """Splits are listed several times in a run."""
-    log.warning(message)
-
-
 def _lines(path: Path) -> list[str]:
-    """The lines of a list that are not blank, whichever way they end."""
+    """The lines of a list file, without blank lines."""
     try:
         text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise DeuxError(f"{path} is no list of frames: it is not a text file.") from error
+        raise DeuxError(f"{path} is not a list of frames: it is not a text file.") from error
     return [line.strip() for line in text.splitlines() if line.strip()]

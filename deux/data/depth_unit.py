@@ -1,8 +1,8 @@
-"""Whether depth was read in the right unit: what its values say about the number of stored values per metre.
+"""Checks of the depth unit: whether the values of depth maps fit the configured number of stored values per metre.
 
-A 16-bit depth map does not say its unit. VOID and KITTI store metres x 256, most cameras millimetres and the TUM
-benchmark metres x 5000. Read in the wrong unit a scene stays within the range of depths that a model predicts, so that
-nothing fails: errors are then wrong by the ratio of the units.
+A 16-bit depth map does not record its unit. VOID and KITTI store metres x 256, most cameras millimetres and the TUM
+benchmark metres x 5000. With the wrong unit the depth often stays within the depth range of a model, so that nothing
+fails and all errors are wrong by the ratio of the units.
 """
 
 from collections.abc import Mapping
@@ -11,20 +11,20 @@ from types import MappingProxyType
 import numpy as np
 
 COMMON_SCALES: Mapping[float, str] = MappingProxyType({256.0: "metres x 256", 1000.0: "millimetres", 5000.0: "TUM's"})
-"""The usual numbers of stored values per metre, and how they are called."""
+"""The common numbers of stored values per metre, and their names in messages."""
 
 NEAREST_SCENE = 0.25
-"""Metres: a median depth below it is that of no scene of which a robot or a hand-held camera takes depth."""
+"""Smallest plausible median depth in metres, for a robot or a hand-held camera."""
 
 FARTHEST_SCENE = 0.5
-"""Part of a model's largest depth: in the scenes that it is made for the median depth lies below it."""
+"""Largest plausible median depth, as a fraction of the model's largest depth."""
 
 LARGEST_RATIO = 1.25
-"""Ratio of ground truth and sparse points of the same pixels, or its inverse, that noise does not explain."""
+"""Largest ratio of ground truth to sparse depth at the same pixels, or its inverse, that noise can explain."""
 
 
 def likely_scale(depth: np.ndarray, scale: float, max_depth: float) -> float | None:
-    """Another usual scale that fits the values better, judged by their median.
+    """Find the common scale that makes the median depth plausible, if the given one does not.
 
     Args:
         depth: metres as read with `scale`, of any shape, 0 = none.
@@ -32,7 +32,7 @@ def likely_scale(depth: np.ndarray, scale: float, max_depth: float) -> float | N
         max_depth: largest depth in metres that the model predicts.
 
     Returns:
-        Stored values per metre; None where the values are plausible as they are, or no usual scale makes them so.
+        Stored values per metre; None if the depth is plausible with `scale` or with no common scale.
     """
     points = depth[depth > 0]
     if not points.size:
@@ -45,13 +45,13 @@ def likely_scale(depth: np.ndarray, scale: float, max_depth: float) -> float | N
 
 
 def unit_warning(depth: np.ndarray, scale: float, max_depth: float, what: str, option: str) -> str | None:
-    """The sentence for depth whose values make another unit likely; None where there is nothing to say.
+    """The warning for depth that is probably in another unit; None if its values are plausible.
 
     Args:
-        depth: as of `likely_scale`.
-        scale: as of `likely_scale`.
-        max_depth: as of `likely_scale`.
-        what: what the depth is called, such as its file.
+        depth: see `likely_scale`.
+        scale: see `likely_scale`.
+        max_depth: see `likely_scale`.
+        what: the name of the depth in the message, such as its file.
         option: the option that sets the scale, such as "data.scale".
     """
     other = likely_scale(depth, scale, max_depth)
@@ -67,9 +67,10 @@ def unit_warning(depth: np.ndarray, scale: float, max_depth: float, what: str, o
 
 
 def points_scale(reader: object) -> tuple[float, str] | None:
-    """Stored values per metre of a reader's points, and the option that sets them; None where it has no such option.
+    """Stored values per metre of a reader's sparse depth, and the option that sets them; None without such an option.
 
-    Readers of points with a unit of their own have an option `sparse_scale`, which takes the place of `scale`.
+    Readers whose sparse depth may have a different unit have the option `sparse_scale`, which takes precedence over
+    `scale`.
     """
     for option in ("sparse_scale", "scale"):
         if (scale := getattr(reader, option, None)) is not None:
@@ -78,24 +79,24 @@ def points_scale(reader: object) -> tuple[float, str] | None:
 
 
 def ratio_remedy(reader: object) -> str:
-    """Which option of a reader brings its ground truth and its points into one unit; "" where it has none."""
+    """The sentence on the reader's option that sets the unit of the ground truth or the points; "" without one."""
     options = {"ground_truth_scale": "the ground truth", "sparse_scale": "the sparse points"}
     return next((scale_sentence(f"data.{name}", of) for name, of in options.items() if hasattr(reader, name)), "")
 
 
 def scale_sentence(option: str, of: str = "the ground truth") -> str:
-    """The sentence, after a blank, on what an option sets."""
+    """The sentence on what an option sets, with a leading space."""
     return f" {option} sets the stored values per metre of {of}."
 
 
 def ratio_warning(truth: np.ndarray, sparse_depth: np.ndarray, what: str, remedy: str) -> str | None:
-    """The sentence for ground truth that is in another unit than the sparse points; None where they agree.
+    """The warning for ground truth in another unit than the sparse depth; None if they agree.
 
     Args:
         truth: metres, 0 = none.
         sparse_depth: metres, 0 = none, of the same shape.
-        what: what the ground truth is called, such as its file.
-        remedy: a sentence after a blank that says what sets its scale; "" for none.
+        what: the name of the ground truth in the message, such as its file.
+        remedy: a sentence with a leading space on what sets the scale; "" for none.
     """
     both = (truth > 0) & (sparse_depth > 0)
     if not both.any():

@@ -1,9 +1,9 @@
-"""Batches made on a device from frames that lie there; equal to what `deux.data.triplets` makes on the CPU.
+"""Batches assembled on the device from cached frames, equal to those that `deux.data.triplets` makes on the CPU.
 
-All images of a batch are cut out of the cache in one operation, and so are all depth maps of a kind; what that takes,
-intrinsics and poses among it, goes to the device in one copy. The draws of crops and augmentation are the CPU's, each
-sample with its own seed. Only an augmentation of other transforms than flips, `RandomScale` and `DropPoints` is applied
-to one sample after the other. The host waits for the device nowhere, unless such a transform does.
+All images of a batch are cropped from the cache in one operation, and so are all depth maps of a kind. Indices,
+intrinsics and poses are copied to the device together. Crops and augmentations are drawn on the CPU, with one seed for
+each sample. An augmentation that consists only of flips, `RandomScale` and `DropPoints` is applied to the whole batch;
+others are applied to one sample after the other. Only these may make the host wait for the device.
 """
 
 import copy
@@ -24,13 +24,13 @@ from deux.errors import DeuxError, image_size
 
 
 class StoredSample(NamedTuple):
-    """A sample before its augmentation.
+    """A sample before augmentation.
 
     Args:
-        images: where the images lie, the target's first.
-        maps: where "sparse_depth" and, where it is read, "ground_truth" lie.
-        window: what is cut out of them; augmentations that are drawn change it.
-        seed: of the augmentation.
+        images: the cached images, the target's first.
+        maps: the cached "sparse_depth" and, if it is read, "ground_truth".
+        window: the crop; augmentations change it.
+        seed: random seed of the augmentation.
     """
 
     images: Sequence[StoredFrame]
@@ -40,7 +40,7 @@ class StoredSample(NamedTuple):
 
 
 class LoadedBatch(Batch):
-    """A batch that the loader can place in page-locked memory, from where it is copied to a GPU faster."""
+    """A batch that the data loader can pin in page-locked memory, from which copies to a GPU are faster."""
 
     def pin_memory(self) -> "LoadedBatch":
         """Pin every tensor in place."""
@@ -51,10 +51,10 @@ class LoadedBatch(Batch):
         return self
 
     def to(self, device: torch.device) -> "LoadedBatch":
-        """The batch on a device, itself if it is there; the host does not wait for a copy from pinned memory.
+        """Copy the batch to a device; the host does not wait for a copy from pinned memory.
 
-        Lightning calls it. For other classes Lightning copies the object field by field, which costs the host as much
-        as several operations on the card.
+        Lightning calls this method. Without it Lightning would copy the object field by field, which takes as long as
+        several operations on the GPU.
         """
         if self.image.device == device:
             return self
@@ -71,12 +71,12 @@ class LoadedBatch(Batch):
 
 
 def device_batch(samples: Sequence[StoredSample], augmentation: Sequence[Augmentation], device: torch.device) -> Batch:
-    """One batch of float32 tensors on the device.
+    """Assemble one batch of float32 tensors on the device.
 
     Args:
-        samples: of the batch; their windows are changed.
-        augmentation: is applied if there is any.
-        device: where the frames lie.
+        samples: the samples; their windows are changed in place.
+        augmentation: the transforms, in order.
+        device: the device of the cache.
 
     Raises:
         DeuxError: as `check_alike`, and as `augment_tensors`.
@@ -107,13 +107,13 @@ def check_alike(samples: Iterable[tuple[tuple[int, ...], int, bool]]) -> None:
     """Raise DeuxError unless samples fit in one batch.
 
     Args:
-        samples: of each, its size (height, width), the number of its source frames, and whether it has poses.
+        samples: size (height, width), number of source frames, and whether there are poses, of each sample.
     """
     sizes, counts, poses = (set(values) for values in zip(*samples, strict=True))
     if len(sizes) > 1:
-        told = ", ".join(map(image_size, sorted(sizes)))
+        listed = ", ".join(map(image_size, sorted(sizes)))
         raise DeuxError(
-            f"Frames of different sizes, {told} pixels (width x height), do not fit in one batch: give a crop, "
+            f"Frames of different sizes, {listed} pixels (width x height), do not fit in one batch: set a crop, "
             "training.crop=[height,width]."
         )
     if len(counts) > 1:
@@ -121,14 +121,14 @@ def check_alike(samples: Iterable[tuple[tuple[int, ...], int, bool]]) -> None:
     if len(poses) > 1:
         raise DeuxError(
             "Some frames of one batch have poses and others have none: train on datasets that all have poses, or on "
-            "those without."
+            "datasets that all have none."
         )
 
 
 def _augmented_batch(
     samples: Sequence[StoredSample], augmentation: Sequence[Augmentation], device: torch.device
 ) -> Batch:
-    """A batch of samples that are augmented one by one; only after that they have to be of one size."""
+    """A batch of samples that are augmented one by one, and of the same size only afterwards."""
     augmented = []
     alike = len({_kind(sample) for sample in samples}) == 1
     for together in [samples] if alike else [[sample] for sample in samples]:
@@ -167,7 +167,7 @@ def _augmented_batch(
 
 
 def _cameras(intrinsics: Sequence[np.ndarray], motions: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """What a batch needs beside its pixels, in float32: the cameras, the poses if there are any, and 255."""
+    """Float32 inputs of a batch other than pixels: intrinsics, poses if there are any, and the constant 255."""
     arrays = {"intrinsics": np.stack(intrinsics), "white": np.array(255.0)}
     if motions:
         arrays["source_from_target"] = np.stack(motions)
@@ -182,16 +182,16 @@ def _send(arrays: Mapping[str, np.ndarray], device: torch.device) -> dict[str, T
 
 
 def _cut(samples: Sequence[StoredSample], device: torch.device, arrays: Mapping[str, np.ndarray]) -> dict[str, Tensor]:
-    """The pixels of N samples that are alike.
+    """Crop the images and depth maps of N samples that `check_alike` accepts.
 
     Args:
-        samples: of one size, with S source frames each.
-        device: where the frames lie.
-        arrays: are sent as well.
+        samples: samples of one size h x w with S source frames each.
+        device: the device of the cache.
+        arrays: further arrays to copy to the device.
 
     Returns:
-        "images", the N targets and then the N S sources, as they are stored, each 3 x h x w; "sparse_depth" and
-        "ground_truth", N x 1 x h x w metres; "hidden", indices of all N h w pixels whose points are hidden; and the
+        "images", the N targets and then the N S sources, in the cache's type, each 3 x h x w; "sparse_depth" and
+        "ground_truth", N x 1 x h x w metres; "hidden", indices of the hidden points among the N h w pixels; and the
         arrays.
     """
     windows, shipment = [sample.window for sample in samples], Shipment()
@@ -214,13 +214,13 @@ def _cut(samples: Sequence[StoredSample], device: torch.device, arrays: Mapping[
 def _plan(
     frames: Sequence[StoredFrame], rows: np.ndarray, columns: np.ndarray, shipment: Shipment
 ) -> Callable[[Sequence[Tensor]], Tensor]:
-    """What cuts a window out of each of M arrays once the shipment has arrived: M x C x h x w.
+    """A function that crops M arrays on the device, given the tensors of the shipment: M x C x h x w.
 
     Args:
-        frames: the M arrays; those that lie in one tensor are cut together.
+        frames: the M arrays; those in the same tensor are cropped together.
         rows: M x h.
         columns: M x w.
-        shipment: takes the indices.
+        shipment: the shipment to which the indices are added.
     """
     groups: dict[int, list[int]] = {}
     for number, frame in enumerate(frames):
@@ -241,7 +241,7 @@ def _plan(
 
     def cut_all(sent: Sequence[Tensor]) -> Tensor:
         parts = [cut(sent) for cut in cuts]
-        if len({part.dtype for part in parts}) > 1:  # depth that 16 bits hold, and depth that they do not
+        if len({part.dtype for part in parts}) > 1:  # depth maps that are stored as uint16 and as float32
             parts = [metres_on_device(part) for part in parts]
         kind = parts[0].dtype
         return torch.cat([part.view(indexable(kind)) for part in parts])[sent[order]].view(kind)
@@ -251,7 +251,7 @@ def _plan(
 
 @dataclass(frozen=True)
 class _Cut:
-    """One operation on one stack, with the numbers of its indices in the shipment."""
+    """A crop from one stack, with the positions of its indices in the shipment."""
 
     stack: FrameStack
     planes: int
@@ -277,6 +277,6 @@ def _batch(image: Tensor, sources: Tensor, parts: Mapping[str, Tensor]) -> Loade
 
 
 def _kind(sample: StoredSample) -> tuple[tuple[int, ...], int, bool]:
-    """What `check_alike` compares."""
+    """Size, number of source frames, and whether there are poses; see `check_alike`."""
     window = sample.window
     return (len(window.rows), len(window.columns)), len(sample.images) - 1, window.motions is not None

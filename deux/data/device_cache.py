@@ -1,4 +1,4 @@
-"""The cache of frames on the device that trains: images as uint8 and depth as uint16, all of one size in one tensor."""
+"""The frame cache on the training device: images as uint8 and depth as uint16, with one tensor for each size."""
 
 import math
 import os
@@ -15,16 +15,16 @@ from deux.io.images import DEPTH_SCALE
 
 
 def indexable(dtype: torch.dtype) -> torch.dtype:
-    """The type as which a tensor is indexed: torch before 2.10 and cards index no uint16; int16 has the same bits."""
+    """The dtype to index a tensor with: int16 for uint16, which torch before 2.10 and GPUs cannot index."""
     return torch.int16 if dtype == torch.uint16 else dtype
 
 
 class FrameStack:
-    """Arrays of one type and size in one tensor, so that one operation cuts parts out of many of them.
+    """Arrays of one dtype and size in one tensor, so that one operation can crop many of them.
 
     Args:
-        like: one of the arrays, C x H x W or H x W, as `compact` gives it.
-        device: where the tensor lies.
+        like: one of the arrays, C x H x W or H x W, as returned by `compact`.
+        device: the device of the tensor.
     """
 
     def __init__(self, like: np.ndarray, device: torch.device) -> None:
@@ -40,50 +40,50 @@ class FrameStack:
 
     @property
     def channels(self) -> int:
-        """Planes of one array: 3 of an image, 1 of a depth map."""
+        """Number of channels of one array: 3 for images, 1 for depth maps."""
         return math.prod(self._shape[:-2])
 
     @property
     def rows(self) -> int:
-        """Number of arrays that there is room for."""
+        """Capacity: the number of arrays."""
         return len(self.planes) // self.channels
 
     def grow(self, rows: int) -> None:
-        """Make room for so many further arrays; those that are there are copied."""
+        """Increase the capacity by a number of arrays; this copies the existing arrays."""
         self.free += range(self.rows, self.rows + rows)
         planes = self.planes.new_empty((len(self.planes) + rows * self.channels, *self.size))
         planes[: len(self.planes)].copy_(self.planes)
         self.planes = planes
 
     def put(self, row: int, array: np.ndarray) -> None:
-        """Copy an array to its row; the host does not wait for it."""
+        """Copy an array to a row; the host does not wait for the copy."""
         tensor = torch.from_numpy(array).view(self.planes.dtype).view(self.channels, *self.size)
         self.planes[row * self.channels : (row + 1) * self.channels].copy_(to_device(tensor, self.planes.device))
 
     def get(self, row: int) -> Tensor:
-        """The array of a row, not to be written to."""
+        """The array of a row; it must not be modified."""
         return self.planes[row * self.channels : (row + 1) * self.channels].view(self._type).view(self._shape)
 
     def cut(self, planes: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-        """A window of each of M arrays: M x C x h x w.
+        """Crop M arrays: M x C x h x w.
 
         Args:
-            planes: M x C x 1 x 1 int64, the numbers of their planes.
-            rows: M x 1 x h x 1 int64, of the windows, rising or falling by one.
-            columns: M x 1 x 1 x w int64, as well.
+            planes: M x C x 1 x 1 int64, indices of the arrays' channels in `self.planes`.
+            rows: M x 1 x h x 1 int64, consecutive rows of each window, increasing or decreasing.
+            columns: M x 1 x 1 x w int64, consecutive columns of each window, increasing or decreasing.
         """
         cut = cut_on_cpu if self.planes.device.type == "cpu" else cut_on_device
-        found = cut(self.planes, planes, rows, columns)
-        return found if found.dtype == self._type else found.view(self._type)
+        windows = cut(self.planes, planes, rows, columns)
+        return windows if windows.dtype == self._type else windows.view(self._type)
 
 
 class StoredFrame(NamedTuple):
-    """Where an array lies.
+    """The location of an array in the cache.
 
     Args:
-        stack: the tensor.
-        row: the array's place in it.
-        points: of a sparse depth map, its points; else None.
+        stack: the stack that holds it.
+        row: its row in the stack.
+        points: the points of a sparse depth map; None for other arrays.
     """
 
     stack: FrameStack
@@ -97,11 +97,11 @@ class StoredFrame(NamedTuple):
 
 
 class HostPoints(NamedTuple):
-    """The points of a sparse depth map, on the host, which does not have to ask the device for them.
+    """The points of a sparse depth map on the host, which need not be copied from the device.
 
     Args:
-        pixels: increasing indices of the map's H W pixels.
-        depth: of each, float32 metres.
+        pixels: N int32, increasing indices of the map's H W pixels.
+        depth: N float32, metres.
     """
 
     pixels: np.ndarray
@@ -115,11 +115,11 @@ class HostPoints(NamedTuple):
 
 
 class DeviceCache(FrameCache):
-    """Keeps every array on a device, for as long as its readers are in use.
+    """Caches arrays on a device, for as long as their readers are in use.
 
     Args:
-        device: where the tensors lie.
-        capacity: bound in bytes; what does not fit is read and copied each time.
+        device: the device.
+        capacity: capacity in bytes; arrays that do not fit are read and copied each time.
     """
 
     def __init__(self, device: torch.device, capacity: int) -> None:
@@ -130,7 +130,7 @@ class DeviceCache(FrameCache):
 
     @property
     def size(self) -> int:
-        """Bytes that are taken."""
+        """Allocated bytes."""
         return sum(stack.planes.nbytes for stack in self._stacks.values())
 
     def read(self, key: FrameKey) -> np.ndarray | Tensor | None:
@@ -139,22 +139,22 @@ class DeviceCache(FrameCache):
         return None if found is None else found.stack.get(found.row)
 
     def load(self, keys: Sequence[FrameKey]) -> list[StoredFrame | None]:
-        """Where each array lies, read in threads if it is not there yet, so that files are decoded on all cores.
+        """Locate arrays in the cache; missing ones are read in parallel threads and added.
 
         Returns:
-            None for ground truth that a dataset does not have.
+            The location of each array; None for ground truth that a dataset does not have.
         """
         stored: dict[FrameKey, StoredFrame | None] = {key: self._stored.get(key) for key in keys}
         missing = [key for key, found in stored.items() if found is None]
         if missing:
             with ThreadPoolExecutor(min(len(missing), os.cpu_count() or 1)) as threads:
                 arrays = list(threads.map(read_frame_array, missing))
-            for key, array in zip(missing, arrays, strict=True):  # in this thread, whose device is the right one
+            for key, array in zip(missing, arrays, strict=True):  # in this thread, which has the right current device
                 stored[key] = None if array is None else self._store(key, array)
         return [stored[key] for key in keys]
 
     def reserve(self, keys: Collection[FrameKey], size: int) -> None:
-        """Forget all other arrays."""
+        """Drop all other arrays from the cache."""
         self._wanted = set(keys)
         for key in [key for key in self._stored if key not in self._wanted]:
             stack, row, _ = self._stored.pop(key)
@@ -162,18 +162,18 @@ class DeviceCache(FrameCache):
         self._stacks = {name: stack for name, stack in self._stacks.items() if len(stack.free) < stack.rows}
 
     def holds(self, key: FrameKey) -> bool:
-        """Whether the array is there."""
+        """Whether the array is in the cache."""
         return key in self._stored
 
     def _store(self, key: FrameKey, array: np.ndarray) -> StoredFrame:
-        """Copy an array to the device, and keep it if there is room."""
+        """Copy an array to the device, into the cache if there is room."""
         points = HostPoints.of(array) if key.kind == "sparse_depth" else None
         array = np.ascontiguousarray(compact(array))
         name = array.dtype, array.shape
         stack = self._stacks.get(name) or FrameStack(array, self.device)
         if not stack.free and (rows := self._new_rows(key, stack, array.nbytes)):
             stack.grow(rows)
-        if not stack.free:  # beside what is kept: a tensor of its own
+        if not stack.free:  # the cache is full: use a separate tensor
             alone = FrameStack(array, self.device)
             alone.grow(1)
             alone.put(0, array)
@@ -184,7 +184,7 @@ class DeviceCache(FrameCache):
         return stored
 
     def _new_rows(self, key: FrameKey, stack: FrameStack, size: int) -> int:
-        """By how many arrays of `size` bytes a stack is to grow: once for all of the same reader and kind."""
+        """Number of rows by which to grow a stack of arrays of `size` bytes: enough for all of the reader and kind."""
         room = max(0, self.capacity - self.size) // max(1, size)
         if room == 0:
             return 0
@@ -193,18 +193,18 @@ class DeviceCache(FrameCache):
 
 
 class Shipment:
-    """Arrays of int64 and float32 that go to a device in one copy."""
+    """Arrays of int64 and float32 that are copied to a device together."""
 
     def __init__(self) -> None:
         self._arrays: list[np.ndarray] = []
 
     def add(self, array: np.ndarray) -> int:
-        """The number under which an array will be found in what `send` returns."""
+        """Add an array; returns its position in the list that `send` returns."""
         self._arrays.append(array)
         return len(self._arrays) - 1
 
     def send(self, device: torch.device) -> list[Tensor]:
-        """The arrays as tensors, views of one; the host does not wait for them."""
+        """Copy the arrays to a device; the host does not wait for the copy. The tensors are views of one buffer."""
         words = [-(-array.nbytes // 8) for array in self._arrays]
         begins = np.cumsum([0, *words]).tolist()
         packed = np.zeros(begins[-1], np.int64)
@@ -221,39 +221,40 @@ class Shipment:
 
 
 def cut_on_device(frames: Tensor, planes: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """Windows of planes in one operation, as `FrameStack.cut` describes them."""
+    """Crop windows in one indexing operation; see `FrameStack.cut`."""
     return frames[planes, rows, columns]
 
 
 def cut_on_cpu(frames: Tensor, planes: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-    """The same on the CPU, where slices are copied ten times faster than single pixels."""
-    source, found = frames.numpy(), []
+    """Crop windows by slices, which on the CPU is ten times faster than indexing; see `FrameStack.cut`."""
+    source, windows = frames.numpy(), []
     indices = planes[:, :, 0, 0].numpy(), rows[:, 0, :, 0].numpy(), columns[:, 0, 0].numpy()
     for plane, row, column in zip(*indices, strict=True):
         (top, bottom), (left, right) = sorted((row[0], row[-1])), sorted((column[0], column[-1]))
         window = source[plane[0] : plane[-1] + 1, top : bottom + 1, left : right + 1]
-        found.append(window[:, :: 1 if row[0] == top else -1, :: 1 if column[0] == left else -1])
-    return torch.from_numpy(np.stack(found))
+        windows.append(window[:, :: 1 if row[0] == top else -1, :: 1 if column[0] == left else -1])
+    return torch.from_numpy(np.stack(windows))
 
 
 def to_device(tensor: Tensor, device: torch.device) -> Tensor:
-    """A tensor of the host on the device; the host does not wait for the copy."""
+    """Copy a host tensor to a device; the host does not wait for the copy."""
     if device.type != "cuda":
         return tensor.to(device)
     return tensor.pin_memory().to(device, non_blocking=True)
 
 
 def metres_on_device(stored: Tensor) -> Tensor:
-    """As `deux.data.frame_cache.metres`, on the tensor's device, and equal to it in every bit."""
+    """Convert cached depth to float32 metres on its device, bit by bit equal to `deux.data.frame_cache.metres`."""
     depth = stored.to(torch.float32, copy=True)
     return depth.mul_(1.0 / DEPTH_SCALE) if stored.dtype == torch.uint16 else depth
 
 
 def colors(images: Tensor, white: Tensor) -> Tensor:
-    """Images in float32: bytes divided by 255, other values as they are.
+    """Convert images to float32: uint8 is divided by 255, floats stay as they are.
 
     Args:
-        images: of any shape.
-        white: 255, a tensor on their device: torch multiplies by the inverse of a number there, which may lose a bit.
+        images: images of any shape.
+        white: the tensor 255 on their device. Torch would multiply by the inverse of a Python number, which may differ
+            in the last bit.
     """
     return images / white if images.dtype == torch.uint8 else images

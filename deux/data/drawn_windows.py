@@ -1,9 +1,8 @@
-"""Which pixels of its frames a training sample is made of, drawn on the host before any pixel is touched.
+"""Crop, flips, scale and hidden points of a training sample, drawn on the host before pixels are processed.
 
-Crops and mirror images are rows and columns in some order, points that are hidden are pixels that are known
-beforehand, and another scale is one factor. A batch of such samples is cut out of frames on a card in one operation
-(`deux.data.device_batches`). Other augmentations are applied to each sample (`deux.data.transforms.augment_tensors`);
-both give the same samples.
+Crops and flips are sequences of rows and columns, hidden points are lists of pixels, and the scale is one factor. A
+batch of such samples is cropped from frames on a GPU in one operation (`deux.data.device_batches`). Other
+augmentations are applied to each sample (`deux.data.transforms.augment_tensors`); both give the same samples.
 """
 
 from collections.abc import Sequence
@@ -25,11 +24,11 @@ class Window:
     """The pixels of one sample, and its camera.
 
     Args:
-        rows: h, the frame's rows from top to bottom of the sample.
-        columns: w, from left to right.
-        intrinsics: 3 x 3 float64, of the sample.
-        motions: S x 4 x 4 float64, or None.
-        hidden: indices of the h w pixels whose sparse points the network is not shown.
+        rows: h, rows of the frame from top to bottom of the sample.
+        columns: w, columns of the frame from left to right of the sample.
+        intrinsics: 3 x 3 float64, the sample's camera matrix.
+        motions: S x 4 x 4 float64, source from target; None without poses.
+        hidden: indices, among the h w pixels, of the sparse points that are removed from the network's input.
         scale: factor by which the sample's depth is multiplied.
     """
 
@@ -41,7 +40,7 @@ class Window:
     scale: float = 1.0
 
     def mirror(self, axis: int) -> None:
-        """Turn the sample over: axis 0 is x, left to right, and axis 1 is y."""
+        """Flip the sample along an axis: 0 is x (left to right), 1 is y (top to bottom)."""
         height, width = len(self.rows), len(self.columns)
         row, column = np.divmod(self.hidden, width)
         if axis == 0:
@@ -60,7 +59,7 @@ class Window:
             self.motions = scaled_motions(self.motions, factor)
 
     def shown(self, sparse_depth: StoredFrame) -> np.ndarray:
-        """The sample's sparse points that are not hidden, as increasing indices of the h w pixels."""
+        """The sparse points that are not hidden, as increasing indices of the h w pixels."""
         assert sparse_depth.points is not None
         row, column = np.divmod(sparse_depth.points.pixels.astype(np.int64), sparse_depth.shape[1])
         row, column = _places(self.rows, row), _places(self.columns, column)
@@ -69,7 +68,7 @@ class Window:
         return np.setdiff1d(there, self.hidden, assume_unique=True) if len(self.hidden) else there
 
     def shown_depth(self, sparse_depth: StoredFrame) -> np.ndarray:
-        """Depth in metres of the points that `shown` finds, in the same order."""
+        """Depth in metres of the points that `shown` returns, in the same order."""
         shown = self.shown(sparse_depth)
         assert sparse_depth.points is not None
         row, column = np.divmod(shown, len(self.columns))
@@ -79,7 +78,7 @@ class Window:
 
 
 def is_drawn(augmentation: Sequence[Augmentation]) -> bool:
-    """Whether an augmentation consists of flips, scales and dropped points alone, for which `draw` suffices."""
+    """Whether an augmentation consists only of flips, `RandomScale` and `DropPoints`, which `draw` supports."""
     known = (v2.RandomHorizontalFlip, v2.RandomVerticalFlip, RandomScale, DropPoints)
     return all(type(transform) in known for transform in augmentation)
 
@@ -87,13 +86,13 @@ def is_drawn(augmentation: Sequence[Augmentation]) -> bool:
 def draw(
     window: Window, augmentation: Sequence[Augmentation], generator: torch.Generator, sparse_depth: StoredFrame
 ) -> None:
-    """Change a window as the augmentation changes a sample, with the same draws.
+    """Apply an augmentation to a window, with the same random numbers as the transforms themselves.
 
     Args:
-        window: of the crop, without augmentation.
-        augmentation: for which `is_drawn` holds.
-        generator: seeded for this sample.
-        sparse_depth: of the target.
+        window: the crop, changed in place.
+        augmentation: transforms that `is_drawn` accepts.
+        generator: the random generator, seeded for this sample.
+        sparse_depth: the target's sparse depth.
     """
     for transform in augmentation:
         if isinstance(transform, DropPoints):
@@ -109,6 +108,6 @@ def draw(
 
 
 def _places(order: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Where each value stands among consecutive numbers that rise or fall; -1 if it is not one of them."""
+    """The position of each value in increasing or decreasing consecutive numbers; -1 if it is not among them."""
     place = values - order[0] if order[-1] >= order[0] else order[0] - values
     return np.where((place >= 0) & (place < len(order)), place, -1)

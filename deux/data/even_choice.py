@@ -1,4 +1,4 @@
-"""A few frames of many, for what would take too long on all of them."""
+"""Evenly spaced items of a sequence, for checks that would take too long on all frames."""
 
 from collections.abc import Sequence
 from typing import TypeVar
@@ -9,7 +9,7 @@ T = TypeVar("T")
 
 
 def evenly_chosen(items: Sequence[T], most: int) -> list[T]:
-    """At most `most` of the items, evenly over all, the first and the last among them; in their order.
+    """At most `most` evenly spaced items in their order, including the first and the last.
 
     Example:
         >>> evenly_chosen("abcdefg", 3), evenly_chosen("ab", 3)

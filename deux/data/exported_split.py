@@ -1,4 +1,4 @@
-"""What is exported to foreign code: the frames of each split, under names that are theirs alone, file by file."""
+"""The frames of each exported split, with unique names, and the writer of their files."""
 
 import logging
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from deux.io.images import write_depth, write_image
 from deux.io.layout import SourceChoice
 
 SOURCES = 2
-"""Source frames of a triplet, as the code of the published models takes them."""
+"""Source frames of a triplet, as the published training code expects."""
 
 log = logging.getLogger(__name__)
 
@@ -30,12 +30,12 @@ class ExportedSplit:
 
     Args:
         name: "train", "validation" or "test".
-        reader: of the folder that holds them.
+        reader: the reader of the frames' folder.
         triplets: the targets with their source frames.
-        suffix: what makes the names of its sequences differ from those of the other splits.
+        suffix: is appended to the names of its sequences, which must differ from those of the other splits.
 
     Raises:
-        DeuxError: the files of a frame would lie outside the export.
+        DeuxError: the files of a frame would lie outside of the exported folder.
     """
 
     name: str
@@ -60,19 +60,19 @@ class ExportedSplit:
 
 
 def complete_lists(split: ExportedSplit, lines: Mapping[str, list[str]]) -> dict[str, list[str]]:
-    """The lines of those list files that name a file of every target: scripts pair the lists line by line.
+    """Keep the list files that have a line for every target, because scripts read the lists in parallel.
 
-    A list that lacks some targets is left out with a warning; one that lacks them all, without.
+    A list file that lacks only some targets is left out with a warning.
 
     Args:
-        split: whose targets are listed.
-        lines: of each list file, by what it lists.
+        split: the split whose targets are listed.
+        lines: the lines of each list file, by the kind of file that it lists.
     """
     count = len(split.triplets)
     for kind, named in lines.items():
         if 0 < len(named) < count:
             log.warning(
-                "%s_%s.txt is left out: %d of the %d targets have no %s, and the lists are read line by line",
+                "%s_%s.txt is not written: %d of the %d targets have no %s, and the lists are read line by line",
                 *(split.name, kind, count - len(named), count, kind),
             )
     return {kind: named for kind, named in lines.items() if len(named) == count}
@@ -81,15 +81,15 @@ def complete_lists(split: ExportedSplit, lines: Mapping[str, list[str]]) -> dict
 def read_splits(
     readers: dict[str, Reader], offsets: tuple[int, ...], choice: SourceChoice = "recent"
 ) -> list[ExportedSplit]:
-    """List the frames of each split; of training and validation splits those that have two source frames.
+    """List the targets of each split; in training and validation splits only those with two source frames.
 
     Args:
-        readers: of each split that is exported, by its name.
-        offsets: the recent source frames, where a folder does not list them itself.
+        readers: the reader of each exported split, by the split's name.
+        offsets: the recent source frames, as offsets from the target; unused if a folder lists them.
         choice: how the source frames of training and validation splits are chosen.
 
     Raises:
-        DeuxError: a split has no frames, or none that can be trained on.
+        DeuxError: a split has no frames, or no targets with two source frames.
     """
     splits: list[ExportedSplit] = []
     taken: set[str] = set()
@@ -102,19 +102,19 @@ def read_splits(
                 f"{list(offsets)}: what is exported for training needs them (training.offsets)."
             )
         own = {triplet.target.sequence for triplet in triplets}
-        # One sequence in two splits would let the published set-up code take test frames for training frames.
+        # If two splits shared a sequence, the published set-up code would train on test frames.
         splits.append(ExportedSplit(name, readers[name], triplets, f"-{name}" if own & taken else ""))
         taken |= {splits[-1].sequence(triplet.target) for triplet in triplets}
     return splits
 
 
 class TargetArrays(NamedTuple):
-    """What is exported of a target, all of one size.
+    """The exported arrays of a target, all of one size.
 
     Args:
-        images: H x W x 3 uint8, the target's first, then those of its source frames.
+        images: H x W x 3 uint8, the target's image, then those of its source frames.
         sparse_depth: H x W float32 metres, 0 = none.
-        ground_truth: H x W float32 metres, 0 = none; None where there is none.
+        ground_truth: H x W float32 metres, 0 = none; None if there is none.
     """
 
     images: list[np.ndarray]
@@ -123,28 +123,27 @@ class TargetArrays(NamedTuple):
 
 
 def read_target(reader: Reader, triplet: Triplet) -> TargetArrays:
-    """Read what is exported of a target.
+    """Read the exported arrays of a target.
 
     Raises:
-        DeuxError: a file is damaged, or something is of another size than the target's image, for which code that
-            reads the export is not made.
+        DeuxError: a file is damaged, or an array has another size than the target's image.
     """
     target, sources = triplet
     images = [reader.image(frame) for frame in (target, *sources)]
-    found = TargetArrays(images, reader.sparse_depth(target), reader.ground_truth(target))
+    arrays = TargetArrays(images, reader.sparse_depth(target), reader.ground_truth(target))
     named = [(f"source frame {frame.name}", image) for frame, image in zip(sources, images[1:], strict=True)]
-    named += [("sparse depth", found.sparse_depth)]
-    named += [] if found.ground_truth is None else [("ground truth", found.ground_truth)]
+    named += [("sparse depth", arrays.sparse_depth)]
+    named += [] if arrays.ground_truth is None else [("ground truth", arrays.ground_truth)]
     check_one_size(reader, target, images[0].shape[:2], ((name, array.shape[:2]) for name, array in named))
-    return found
+    return arrays
 
 
 class FrameExport:
-    """Writes what a reader says of frames as the files of the VOID release, in one folder.
+    """Writes the frames of a reader in the file formats of the VOID release.
 
     Args:
-        folder: holds a folder for each kind of file; made where it is missing.
-        reader: where the frames are from.
+        folder: contains a folder for each kind of file; created if missing.
+        reader: the reader of the frames.
     """
 
     def __init__(self, folder: Path, reader: Reader) -> None:
@@ -152,21 +151,21 @@ class FrameExport:
         self.reader = reader
 
     def write_image(self, image: np.ndarray, name: str) -> None:
-        """H x W x 3 uint8 as PNG."""
+        """Write an image, H x W x 3 uint8, as PNG."""
         write_image(self._file("image", f"{name}.png"), image)
 
     def write_sparse(self, sparse_depth: np.ndarray, name: str) -> None:
-        """H x W metres as 16-bit PNG, metres x 256, and the map of where they are, 256 x validity."""
+        """Write H x W metres as 16-bit PNG (metres x 256), and the validity map as 16-bit PNG (256 = valid)."""
         write_depth(self._file("sparse_depth", f"{name}.png"), sparse_depth)
         write_depth(self._file("validity_map", f"{name}.png"), (sparse_depth > 0).astype(np.float32))
 
     def write_ground_truth(self, truth: np.ndarray | None, name: str) -> None:
-        """H x W metres as 16-bit PNG; nothing where there is none."""
+        """Write H x W metres as 16-bit PNG; None writes nothing."""
         if truth is not None:
             write_depth(self._file("ground_truth", f"{name}.png"), truth)
 
     def write_pose(self, frame: FrameReference, name: str) -> bool:
-        """The pose as 3 x 4 numbers, camera-to-world; whether there is any."""
+        """Write the camera-to-world pose as 3 x 4 numbers; returns whether the frame has a pose."""
         pose = self.reader.pose(frame)
         if pose is not None:
             write_matrix(self._file("absolute_pose", f"{name}.txt"), pose[:3])

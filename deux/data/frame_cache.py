@@ -1,6 +1,6 @@
-"""What is read of frames, and the cache of it in memory that the loader's processes share.
+"""Reading of a frame's arrays, and the frame cache in memory that a data loader's processes share.
 
-Depth is kept as it is stored in files, in 16 bits of metres x 256 (`deux.io.images`), wherever that loses nothing.
+Depth is cached as in files, as uint16 in metres x 256 (`deux.io.images`), if that is lossless.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from deux.errors import kind_of
 from deux.io.images import DEPTH_SCALE, quantise_depth
 
 Kind = Literal["image", "sparse_depth", "ground_truth"]
-"""What pixels are read of a frame."""
+"""The arrays of a frame, named after the methods of `Reader`."""
 
 _TYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
-"""Types of cached arrays: images, depth as it is stored, and other depth."""
+"""Dtypes of cached arrays: images, depth in metres x 256, and depth in metres."""
 
 _ALIGNMENT = 64
 
@@ -32,7 +32,7 @@ class FrameKey(NamedTuple):
     """One array of a frame.
 
     Args:
-        reader: of the frame's dataset; readers that are equal share what is cached.
+        reader: the reader of the frame; equal readers share cached arrays.
         kind: which array.
         frame: the frame.
     """
@@ -46,10 +46,10 @@ def read_frame_array(key: FrameKey) -> np.ndarray | None:
     """Read one array of a frame with its reader.
 
     Returns:
-        An image as 3 x H x W uint8, depth as H x W float32 metres; None for ground truth that is not there.
+        An image as 3 x H x W uint8, depth as H x W float32 metres; None for ground truth that does not exist.
 
     Raises:
-        DeuxError: as the reader's methods; or what the reader gives is of another shape or type.
+        DeuxError: as the reader's methods, or the array has the wrong shape or dtype.
     """
     found: object = getattr(key.reader, key.kind)(key.frame)
     if found is None and key.kind == "ground_truth":
@@ -66,7 +66,7 @@ def read_frame_array(key: FrameKey) -> np.ndarray | None:
 
 
 def compact(array: np.ndarray) -> np.ndarray:
-    """Depth as uint16 multiples of 1/256 m if that gives back every bit of it; everything else as it is."""
+    """Convert float32 depth to uint16 in metres x 256 if that is lossless; other arrays stay as they are."""
     if array.dtype != np.float32:
         return array
     stored = quantise_depth(array)
@@ -74,7 +74,7 @@ def compact(array: np.ndarray) -> np.ndarray:
 
 
 def metres(stored: np.ndarray) -> np.ndarray:
-    """A new array of float32 metres from what `compact` made of it."""
+    """Convert the result of `compact` to a new array of float32 metres."""
     depth = stored.astype(np.float32)
     if stored.dtype == np.uint16:
         depth *= np.float32(1.0 / DEPTH_SCALE)
@@ -82,39 +82,39 @@ def metres(stored: np.ndarray) -> np.ndarray:
 
 
 class FrameCache:
-    """Keeps nothing: every array is read when it is asked for. The other caches derive from this one."""
+    """A cache that stores nothing: every array is read when it is requested. The base class of the other caches."""
 
     def read(self, key: FrameKey) -> np.ndarray | Tensor | None:
-        """The array as `read_frame_array` or `compact` gives it; it is shared and must not be changed."""
+        """The array, as returned by `read_frame_array` or `compact`; it is shared and must not be modified."""
         return read_frame_array(key)
 
     def reserve(self, keys: Collection[FrameKey], size: int) -> None:
-        """Prepare for these arrays and forget all others.
+        """Reserve space for these arrays and drop all others.
 
         Args:
             keys: all arrays that will be read from now on.
-            size: about as many bytes as the arrays that are not there yet will take.
+            size: estimated bytes of those that are not cached yet.
         """
 
     def holds(self, key: FrameKey) -> bool:
-        """Whether the array, once read, is or will be kept."""
+        """Whether the array is cached, or will be when it has been read."""
         return False
 
     @property
     def size(self) -> int:
-        """Bytes that are kept by now."""
+        """Bytes of the cached arrays."""
         return 0
 
 
 class MemoryCache(FrameCache):
-    """Keeps arrays in memory that this process shares with those that it forks: each is decoded once by any of them.
+    """Caches arrays in memory that is shared with forked processes: each array is decoded once, by any of them.
 
-    The memory is anonymous, so that `/dev/shm`, which containers keep small, does not bound it, and taken from the
-    system as it is filled. A process that is started in another way than by a fork gets a cache without a place, which
-    reads everything anew. Frames are read in random order, so what does not fit is not kept in place of anything else.
+    The memory is an anonymous mapping, which is not limited by the small `/dev/shm` of containers and is allocated as
+    it is filled. In a process that is not forked but spawned, the cache is empty and reads every array. Frames are read
+    in random order, so arrays that do not fit never replace others.
 
     Args:
-        capacity: bound in bytes.
+        capacity: capacity in bytes.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -125,7 +125,7 @@ class MemoryCache(FrameCache):
         return MemoryCache, (0,)
 
     def read(self, key: FrameKey) -> np.ndarray | Tensor | None:
-        """The array as it was kept, or what is read now."""
+        """The cached array; it is read and cached first if necessary."""
         place = self._places.get(key)
         if place is None:
             return read_frame_array(key)
@@ -138,7 +138,7 @@ class MemoryCache(FrameCache):
         return array
 
     def reserve(self, keys: Collection[FrameKey], size: int) -> None:
-        """Make places for the arrays that have none; the processes that read them are to be forked after this."""
+        """Reserve space for new arrays, to be called before worker processes are forked."""
         self._places = {key: self._places[key] for key in keys if key in self._places}
         taken = sum(segment.size for segment in self._segments)
         size = min(size + _ALIGNMENT * len(keys), self.capacity - taken)
@@ -148,12 +148,12 @@ class MemoryCache(FrameCache):
             self._places.update((key, (segment, row)) for row, key in enumerate(new))
 
     def holds(self, key: FrameKey) -> bool:
-        """Whether there is a place for the array; it may turn out too small."""
+        """Whether a place is reserved for the array; its segment may turn out too small."""
         return key in self._places
 
     @property
     def size(self) -> int:
-        """Bytes that are kept by now, by all processes."""
+        """Bytes of the arrays that all processes have cached."""
         return sum(segment.used for segment in self._segments)
 
     @property
@@ -162,11 +162,11 @@ class MemoryCache(FrameCache):
 
 
 class _Segment:
-    """Arrays one after the other in shared memory, and a table that says where.
+    """A shared memory mapping of consecutive arrays, with a table of their positions.
 
     Args:
         rows: number of arrays.
-        size: bytes of all arrays together.
+        size: capacity in bytes.
     """
 
     def __init__(self, rows: int, size: int) -> None:
@@ -174,15 +174,15 @@ class _Segment:
         self._lock = multiprocessing.get_context("fork").Lock()
         self._data = np.frombuffer(mmap.mmap(-1, size), np.uint8)
         table = np.frombuffer(mmap.mmap(-1, 8 * (1 + 5 * rows)), np.int64)
-        self._end, self._table = table[:1], table[1:].reshape(rows, 5)  # end, type + 1, and up to three sides
+        self._end, self._table = table[:1], table[1:].reshape(rows, 5)  # end, dtype + 1 (0: empty), three sides
 
     @property
     def used(self) -> int:
-        """Bytes of the arrays that are there."""
+        """Bytes in use."""
         return int(self._end[0])
 
     def get(self, row: int) -> np.ndarray | None:
-        """The array of a row, not to be written to; None if it has not been put there."""
+        """The read-only array of a row; None if the row is empty."""
         with self._lock:
             end, number, *sides = self._table[row].tolist()
         if number == 0:
@@ -194,7 +194,7 @@ class _Segment:
         return array
 
     def put(self, row: int, array: np.ndarray) -> None:
-        """Keep an array if there is room for it."""
+        """Store an array if it fits."""
         with self._lock:
             begin = -(-self.used // _ALIGNMENT) * _ALIGNMENT
             end = begin + array.nbytes
@@ -207,11 +207,11 @@ class _Segment:
 
 
 def stored_bytes(keys: Iterable[FrameKey], known: dict[tuple[Reader, Kind], int]) -> int:
-    """About how many bytes these arrays take in a cache, judged by the first of each reader and kind.
+    """Estimate the bytes that arrays take in a cache, from the first array of each reader and kind.
 
     Args:
         keys: the arrays.
-        known: bytes of one array of each reader and kind; what is not known yet is read and added.
+        known: bytes of one array of each reader and kind; missing entries are measured and added.
     """
     total = 0
     for key in keys:

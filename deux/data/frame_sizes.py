@@ -1,4 +1,4 @@
-"""The check that what belongs to a frame is of one size, for training, prediction and export alike."""
+"""The check that all arrays of a frame have the same size."""
 
 from collections.abc import Iterable
 
@@ -10,17 +10,17 @@ Size = tuple[int, ...]
 
 
 def check_one_size(reader: Reader, frame: FrameReference, image: Size, others: Iterable[tuple[str, Size]]) -> None:
-    """Raise DeuxError if something has another size than a frame's image.
+    """Raise DeuxError if an array has another size than the frame's image.
 
     Args:
-        reader: of the frame.
+        reader: the reader of the frame.
         frame: the frame.
         image: the size of its image.
-        others: what else there is, such as "sparse depth", and its size.
+        others: name, such as "sparse depth", and size of each other array.
     """
     for name, size in others:
         if size != image:
             raise DeuxError(
                 f"frame {frame.name} of {frame.sequence} in {reader.folder} has an image of {image_size(image)} "
-                f"pixels and {name} of {image_size(size)}: they must be of one size."
+                f"pixels and {name} of {image_size(size)}: they must have the same size."
             )

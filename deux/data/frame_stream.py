@@ -1,4 +1,4 @@
-"""Recorded frames one after the other, whole, read ahead of whoever works on them."""
+"""Recorded frames in sequence, read ahead in a thread."""
 
 from collections import OrderedDict, deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,24 +9,24 @@ import numpy as np
 
 from deux.contracts import FrameReference, Reader
 from deux.data.frame_sizes import check_one_size
-from deux.geometry.poses import projecting_alike, source_from_target
+from deux.geometry.poses import absorb_intrinsics, source_from_target
 from deux.geometry.source_frames import SourceRule
 
 _AHEAD = 8
-"""Frames that are read while earlier ones are worked on."""
+"""Number of frames that are read ahead."""
 
-_KEPT = 4 * SourceRule().reach
-"""Images that are kept, since each is a source frame of its neighbours."""
+_CACHED_IMAGES = 4 * SourceRule().reach
+"""Number of cached images: each may be a source frame of its neighbours."""
 
 
 @dataclass(frozen=True)
 class SourceImage:
-    """A source frame of a frame.
+    """A source frame of a recorded frame.
 
     Args:
         image: H x W x 3 uint8, of the frame's size.
-        source_from_target: 4 x 4, carries points of the frame's camera into the source camera, for the frame's camera
-            matrix to project them.
+        source_from_target: 4 x 4, transforms points of the frame's camera to the source camera, to be projected with
+            the frame's intrinsics.
     """
 
     image: np.ndarray
@@ -35,7 +35,7 @@ class SourceImage:
 
 @dataclass(frozen=True)
 class RecordedFrame:
-    """A frame as it was recorded.
+    """A recorded frame.
 
     Args:
         image: H x W x 3 uint8.
@@ -43,7 +43,7 @@ class RecordedFrame:
         intrinsics: 3 x 3.
         ground_truth: H x W float32 metres, 0 = none; None if there is none.
         pose: 4 x 4 camera-to-world; None if there is none.
-        sources: the frames that it is compared with; none where nothing compares.
+        sources: its source frames; empty if they are not requested.
     """
 
     image: np.ndarray
@@ -55,12 +55,12 @@ class RecordedFrame:
 
 
 class FrameStream:
-    """Reads frames of a folder on a thread of its own, in the order that is asked for.
+    """Reads frames of a folder in a background thread, in the given order.
 
     Args:
-        reader: of the folder.
-        sources: the source frames of each frame that has some, all with poses; None where nothing compares.
-        depths: whether sparse points and ground truth are read; without, frames come with no point and no truth.
+        reader: the reader of the folder.
+        sources: the source frames of each frame, all with poses; None to read no source frames.
+        depths: whether sparse depth and ground truth are read; otherwise the sparse depth is 0 and the truth None.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class FrameStream:
         self._images: OrderedDict[FrameReference, np.ndarray] = OrderedDict()
 
     def __call__(self, frames: Sequence[FrameReference]) -> Iterator[tuple[FrameReference, RecordedFrame]]:
-        """The frames, each with its name.
+        """Iterate over the frames, each with its reference.
 
         Raises:
             DeuxError: a file is missing or damaged, or a depth map is of another size than its image.
@@ -95,7 +95,11 @@ class FrameStream:
                 pool.shutdown(cancel_futures=True)
 
     def read(self, frame: FrameReference) -> RecordedFrame:
-        """One frame; raises as the stream."""
+        """Read one frame.
+
+        Raises:
+            DeuxError: as `__call__`.
+        """
         image = self._image(frame)
         sparse_depth, truth = np.zeros(image.shape[:2], np.float32), None
         if self._depths:
@@ -113,15 +117,15 @@ class FrameStream:
         pose = self._reader.pose(frame)
         if pose is None:
             return None
-        motion = projecting_alike(source_from_target(target, pose), intrinsics, self._reader.intrinsics(frame))
+        motion = absorb_intrinsics(source_from_target(target, pose), intrinsics, self._reader.intrinsics(frame))
         return SourceImage(self._image(frame), motion)
 
     def _image(self, frame: FrameReference) -> np.ndarray:
-        """An image that is read once where it is a source frame soon after."""
+        """Read an image; if source frames are read, recent images are cached."""
         if not self._sources:
             return self._reader.image(frame)
         if frame not in self._images:
             self._images[frame] = self._reader.image(frame)
-            if len(self._images) > _KEPT:
+            if len(self._images) > _CACHED_IMAGES:
                 self._images.popitem(last=False)
         return self._images[frame]

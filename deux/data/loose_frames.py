@@ -1,4 +1,4 @@
-"""Frames that no reader knows: a folder of images or a video, a folder of sparse points, and one camera matrix."""
+"""The reader of frames in no dataset layout: a folder of images or a video, sparse depth maps and a camera matrix."""
 
 import logging
 from dataclasses import dataclass
@@ -20,22 +20,22 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class LooseFrames(Reader):
-    """One sequence of a folder of images, or of a video, that has sparse points in a folder of its own and no poses.
+    """Reads a folder of images or a video as one sequence without poses, with sparse depth in a separate folder.
 
-    Points belong to the image of the same name, or number. In a video they belong to the frames in their order if there
-    are as many files as frames; otherwise by the last number in a file's name, counted from 0, if no two files have the
-    same. A frame without points is left out.
+    Depth maps are matched with images by name or number. Those of a video are matched in order if there are as many
+    files as frames; otherwise the last number in the file's name, which must be unique, is the frame's index from 0.
+    Frames without sparse depth are left out.
 
     Args:
         folder: the folder of images, or the video file.
-        sparse: the folder of sparse points, 16-bit PNG files or .npy files of metres.
+        sparse: the folder of sparse depth maps: 16-bit PNG files, or .npy files in metres.
         camera: a file with the camera matrix of all images.
         scale: stored values per metre of the PNG files.
-        truth: a folder of true depth, as `sparse`; None for none.
+        truth: the folder of ground truth, in the same formats as `sparse`; None for none.
         truth_scale: stored values per metre of its PNG files; None for `scale`.
 
     Raises:
-        DeuxError: a folder or file is missing, or no image has points.
+        DeuxError: a folder or file is missing, or no image has a sparse depth map.
     """
 
     folder: Path
@@ -48,24 +48,24 @@ class LooseFrames(Reader):
     def __post_init__(self) -> None:
         for folder in (self.sparse, self.truth):
             if folder is not None and not folder.is_dir():
-                raise DeuxError(f"{folder} is no folder: the depth maps of many frames lie in one.")
+                raise DeuxError(f"{folder} is not a folder: give the folder with one depth map for each frame.")
         if not self._is_video and not self._images:
-            raise DeuxError(f"{self.folder} holds no image: {', '.join(IMAGE_SUFFIXES)} files are expected.")
+            raise DeuxError(f"{self.folder} contains no images: {', '.join(IMAGE_SUFFIXES)} files are expected.")
         if not self._points:
             what = "frames of the video" if self._is_video else "images"
             raise DeuxError(
-                f"{self.sparse} has no points of the {what} {self.folder}: a .png or .npy file for each is expected, "
-                "with its name or number."
+                f"{self.sparse} has no sparse depth of the {what} {self.folder}: a .png or .npy file with the name or "
+                "number of each is expected."
             )
 
     def frames(self) -> list[FrameReference]:
-        """The images that have points."""
+        """The images that have sparse depth."""
         return [FrameReference(self.folder.stem, name) for name in self._points]
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """All frames are the split "test", without source frames."""
+        """All frames are in the split "test", without source frames."""
         if split != "test":
-            raise MissingSplit(f"{self.folder} has no {split} split: all its frames are for test.")
+            raise MissingSplit(f"{self.folder} has no {split} split: all its frames are in the test split.")
         return [Triplet(frame, ()) for frame in self.frames()]
 
     def image(self, frame: FrameReference) -> np.ndarray:
@@ -73,7 +73,7 @@ class LooseFrames(Reader):
         return self._video.read(int(frame.name)) if self._is_video else read_any_image(self._images[frame.name])
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """3 x 3 float64, the same of all frames."""
+        """3 x 3 float64, the same for all frames."""
         return read_any_intrinsics(self.camera)
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
@@ -81,7 +81,7 @@ class LooseFrames(Reader):
         return read_any_depth(self._points[frame.name], self.scale)
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
-        """H x W float32 metres, 0 = none; None for a frame without."""
+        """H x W float32 metres, 0 = none; None for a frame without ground truth."""
         file = self._truths.get(frame.name)
         return None if file is None else read_any_depth(file, self.truth_scale or self.scale)
 
@@ -96,9 +96,7 @@ class LooseFrames(Reader):
     @cached_property
     def _images(self) -> dict[str, Path]:
         if not self.folder.is_dir():
-            raise DeuxError(
-                f"{self.folder} is no folder of images and no video ({', '.join(VIDEO_SUFFIXES)}) to predict from."
-            )
+            raise DeuxError(f"{self.folder} is neither a folder of images nor a video ({', '.join(VIDEO_SUFFIXES)}).")
         return list_files(self.folder, IMAGE_SUFFIXES)
 
     @cached_property
@@ -113,19 +111,19 @@ class LooseFrames(Reader):
         return {} if self.truth is None else self._files(self.truth)
 
     def _files(self, folder: Path) -> dict[str, Path]:
-        """The folder's files by the names of the frames that they belong to, in the order of time."""
+        """The folder's depth maps by the names of their frames, in the order of time."""
         files = list_files(folder, DEPTH_SUFFIXES)
         if not self._is_video:
             return matching(self._images, files)
         if len(files) == len(self._video):
             return {frame_name(number): path for number, path in enumerate(files.values())}
         numbered = {_last_number(name): path for name, path in files.items()}
-        if len(numbered) < len(files):  # their numbers do not tell them apart
+        if len(numbered) < len(files):  # the numbers are not unique
             return {}
         return matching(map(frame_name, range(len(self._video))), numbered)
 
 
 def _last_number(name: str) -> str:
-    """The last number in a file's name, as frames are called; the name itself where there is none."""
+    """The last number in a file's name, formatted as a frame's name; the file's name if it has no number."""
     digits = "".join(character if character.isdecimal() else " " for character in name).split()
     return frame_name(int(digits[-1])) if digits else name

@@ -1,15 +1,15 @@
-"""The parts of a training sample to torchvision's transforms v2, and how crops, flips and changes of size act on them.
+"""The parts of a training sample as TVTensors, with the kernels that torchvision's transforms v2 apply to them.
 
     "images"              tv_tensors.Image    (1 + S) x 3 x H x W, frame t first
-    "sparse_depth"        DepthMap            H x W metres, what the losses compare with
-    "input_sparse_depth"  InputSparseDepth    H x W metres, what the network is shown
-    "ground_truth"        DepthMap            H x W metres; only where it was read
+    "sparse_depth"        DepthMap            H x W metres, the reference of the losses
+    "input_sparse_depth"  InputSparseDepth    H x W metres, the input of the network
+    "ground_truth"        DepthMap            H x W metres; only if it is read
     "intrinsics"          Intrinsics          3 x 3
-    "source_from_target"  SourcePoses         S x 4 x 4; only where the frames have poses
+    "source_from_target"  SourcePoses         S x 4 x 4; only if the frames have poses
 
-Crops, paddings, flips and changes of size change the images, the depth maps, the intrinsics and the poses together, so
-that a point of the scene still lies on its pixel in every frame. Transforms after which the camera is no pinhole camera
-with the matrix (fx s cx, 0 fy cy, 0 0 1) are refused.
+Crops, padding, flips and resizing change images, depth maps, intrinsics and poses consistently: every point of the
+scene is still projected to its pixel in all frames. Transforms after which the camera is not a pinhole camera with the
+matrix (fx s cx, 0 fy cy, 0 0 1) raise an error.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -29,16 +29,16 @@ from deux.errors import DeuxError
 class DepthMap(Mask):
     """H x W float32 metres along the optical axis, 0 = none.
 
-    A mask to torchvision: moved as the images are, untouched by what changes colours, never interpolated.
+    A subclass of torchvision's `Mask`: transformed like the images, but never interpolated or changed in value.
     """
 
 
 class InputSparseDepth(DepthMap):
-    """The sparse depth that the network is shown; the losses read another one.
+    """The sparse depth that is the network's input; the losses compare with another one.
 
-    `points` is the number of its points and `span` the depth in metres of the nearest and the farthest, where they are
-    known without looking at it, which would make the host wait for a card. Flips keep them; after other changes of the
-    geometry they are None.
+    `points` is the number of points and `span` the depth in metres of the nearest and the farthest. They are set if
+    known beforehand, since computing them would make the host wait for a GPU. Flips preserve them; after other
+    geometric transforms they are None.
     """
 
     points: int | None = None
@@ -53,29 +53,29 @@ class InputSparseDepth(DepthMap):
 
 
 def depth_span(depth: np.ndarray | Tensor) -> tuple[float, float] | None:
-    """The least and the greatest of N depths in metres; None of none."""
+    """The least and the greatest of N depths in metres; None if N is 0."""
     return (float(depth.min()), float(depth.max())) if len(depth) else None
 
 
 class Intrinsics(TVTensor):
-    """A camera's 3 x 3 matrix, for pixel centres at integers.
+    """A camera matrix, for pixel centres at integers.
 
     Args:
         matrix: 3 x 3.
-        canvas_size: height and width of the images that it belongs to.
+        canvas_size: height and width of the camera's images.
     """
 
     canvas_size: tuple[int, int]
 
     def __new__(cls, matrix: Tensor, canvas_size: tuple[int, int]) -> "Intrinsics":
-        """The matrix itself, not a copy."""
+        """View a matrix as intrinsics, without a copy."""
         intrinsics = matrix.as_subclass(cls)
         intrinsics.canvas_size = canvas_size
         return intrinsics
 
 
 class SourcePoses(TVTensor):
-    """S x 4 x 4, each carries points of the target camera into a source camera."""
+    """S x 4 x 4, each transforms points of the target camera to a source camera."""
 
 
 PART_TYPES: Mapping[str, type[TVTensor]] = {
@@ -85,11 +85,11 @@ PART_TYPES: Mapping[str, type[TVTensor]] = {
     "intrinsics": Intrinsics,
     "source_from_target": SourcePoses,
 }
-"""Of each part that a sample begins with; "input_sparse_depth" comes from "sparse_depth"."""
+"""The type of each part before augmentation; "input_sparse_depth" is copied from "sparse_depth"."""
 
 
 def with_points(depth: Tensor, points: int | None, span: tuple[float, float] | None = None) -> InputSparseDepth:
-    """A depth map as the network's input; what is known of its points as of `InputSparseDepth`."""
+    """View a depth map as `InputSparseDepth` with its number of points and span."""
     shown: InputSparseDepth = depth.as_subclass(InputSparseDepth)
     shown.points, shown.span = points, span
     return shown
@@ -97,25 +97,25 @@ def with_points(depth: Tensor, points: int | None, span: tuple[float, float] | N
 
 @functional.register_kernel(functional.horizontal_flip, InputSparseDepth)
 def horizontal_flip_input_points(depth: InputSparseDepth) -> InputSparseDepth:
-    """Mirror left to right; what is known of the points stays known."""
+    """Flip left to right; `points` and `span` are preserved."""
     return with_points(depth.as_subclass(Tensor).flip(-1), depth.points, depth.span)
 
 
 @functional.register_kernel(functional.vertical_flip, InputSparseDepth)
 def vertical_flip_input_points(depth: InputSparseDepth) -> InputSparseDepth:
-    """Mirror top to bottom; what is known of the points stays known."""
+    """Flip top to bottom; `points` and `span` are preserved."""
     return with_points(depth.as_subclass(Tensor).flip(-2), depth.points, depth.span)
 
 
 @functional.register_kernel(functional.crop, Intrinsics)
 def crop_intrinsics(intrinsics: Intrinsics, top: int, left: int, height: int, width: int) -> Intrinsics:
-    """Move the principal point with the window's corner, which may lie outside of the image."""
+    """Shift the principal point by the corner of the crop, which may lie outside of the image."""
     return _shifted(intrinsics, (height, width), -left, -top)
 
 
 @functional.register_kernel(functional.center_crop, Intrinsics)
 def center_crop_intrinsics(intrinsics: Intrinsics, output_size: int | Sequence[int]) -> Intrinsics:
-    """Move the principal point with the window in the middle, which may be larger than the image."""
+    """Shift the principal point by the corner of the centre crop, which may be larger than the image."""
     sides = [output_size] * 2 if isinstance(output_size, int) else [*output_size] * (2 // len(output_size))
     new = sides[0], sides[1]
     top, left = (
@@ -129,15 +129,15 @@ def center_crop_intrinsics(intrinsics: Intrinsics, output_size: int | Sequence[i
 def pad_intrinsics(
     intrinsics: Intrinsics, padding: int | Sequence[int], fill: Any = None, padding_mode: str = "constant"
 ) -> Intrinsics:
-    """Move the principal point by what is added on the left and above.
+    """Shift the principal point by the padding on the left and at the top.
 
     Raises:
-        DeuxError: the padding repeats or mirrors pixels, which no camera sees there.
+        DeuxError: the padding repeats or reflects pixels.
     """
     if padding_mode != "constant":
         raise DeuxError(
-            f"The augmentation pads the frames by repeating their pixels (padding_mode={padding_mode!r}), which no "
-            "camera sees there: only 'constant' is possible."
+            f"The augmentation pads the frames by repeating their pixels (padding_mode={padding_mode!r}), which does "
+            "not match a camera: only 'constant' is possible."
         )
     sides = [padding] * 4 if isinstance(padding, int) else [*padding] * (4 // len(padding))
     left, top, right, bottom = sides
@@ -149,8 +149,8 @@ def pad_intrinsics(
 def resize_intrinsics(
     intrinsics: Intrinsics, size: Sequence[int] | None, max_size: int | None = None, **options: Any
 ) -> Intrinsics:
-    """Scale the focal lengths; the image's corners, half a pixel outside of the outermost centres, stay its corners."""
-    # A tensor without memory: torchvision computes the size alone.
+    """Scale the camera matrix such that the outer edges of the image stay its edges (half a pixel from the centres)."""
+    # On the meta device torchvision computes only the size.
     resized = functional.resize(torch.empty(1, *intrinsics.canvas_size, device="meta"), size, max_size=max_size)
     height, width = resized.shape[-2:]
     x, y = width / intrinsics.canvas_size[1], height / intrinsics.canvas_size[0]
@@ -167,7 +167,7 @@ def resized_crop_intrinsics(
 
 
 def mirrored_matrix(matrix: np.ndarray, canvas_size: tuple[int, int], axis: int) -> np.ndarray:
-    """The intrinsics of a mirror image, in the mirrored world in which the axis points the other way.
+    """The intrinsics of a flipped image, in a world whose axis is flipped too.
 
     Along x (axis 0) cx becomes W - 1 - cx, along y (axis 1) cy becomes H - 1 - cy; the skew changes its sign.
 
@@ -182,7 +182,7 @@ def mirrored_matrix(matrix: np.ndarray, canvas_size: tuple[int, int], axis: int)
 
 
 def mirrored_motions(motions: np.ndarray, axis: int) -> np.ndarray:
-    """The motions of the mirrored world: T becomes M T M, where M is the identity with -1 on the axis.
+    """Relative poses in a world with a flipped axis: T becomes M T M, where M is the identity with -1 on the axis.
 
     Args:
         motions: S x 4 x 4.
@@ -214,7 +214,7 @@ for _axis, _flip in enumerate((functional.horizontal_flip, functional.vertical_f
 def pad_depth(
     depth: DepthMap, padding: int | Sequence[int], fill: Any = None, padding_mode: str = "constant"
 ) -> DepthMap:
-    """Nothing is known in what is added, whatever the images are filled with there."""
+    """Pad with 0 (no depth), whatever the images are padded with."""
     sides = [padding] if isinstance(padding, int) else [*padding]
     return wrap(
         functional.pad(depth.as_subclass(Tensor)[None], sides, fill=0, padding_mode=padding_mode)[0], like=depth
@@ -223,7 +223,7 @@ def pad_depth(
 
 @functional.register_kernel(functional.resize, DepthMap)
 def resize_depth(depth: DepthMap, size: Sequence[int] | None, max_size: int | None = None, **options: Any) -> DepthMap:
-    """The nearest pixel's depth, of pixel centres; torchvision's masks are off by half a pixel."""
+    """Resize by exact nearest neighbours; torchvision's kernel for masks is off by half a pixel."""
     exact = InterpolationMode.NEAREST_EXACT
     return wrap(functional.resize(depth.as_subclass(Tensor)[None], size, exact, max_size)[0], like=depth)
 
@@ -237,13 +237,13 @@ def resized_crop_depth(
 
 
 def _refuse(operation: Callable[..., Any]) -> None:
-    """Refuse a functional of torchvision under which a pinhole camera does not stay one."""
+    """Register a kernel that raises an error for a transform that a pinhole camera cannot follow."""
 
     @functional.register_kernel(operation, Intrinsics)
     def refuse(intrinsics: Intrinsics, *arguments: Any, **options: Any) -> NoReturn:
         raise DeuxError(
             f"The augmentation uses torchvision's {operation.__name__}, after which no pinhole camera fits the frames: "
-            "crops, paddings, flips, changes of size and of colours are possible."
+            "only crops, padding, flips, resizing and changes of colours are possible."
         )
 
 
@@ -252,18 +252,18 @@ for _operation in (functional.affine, functional.elastic, functional.perspective
 
 
 def _shifted(intrinsics: Intrinsics, canvas_size: tuple[int, int], left: int, top: int) -> Intrinsics:
-    """The camera after every pixel has moved by (left, top)."""
+    """The camera after a translation of the pixels by (left, top)."""
     return _moved(intrinsics, ((1.0, 0.0, left), (0.0, 1.0, top), (0.0, 0.0, 1.0)), canvas_size)
 
 
 def _moved(intrinsics: Intrinsics, pixels: Sequence[Sequence[float]], canvas_size: tuple[int, int]) -> Intrinsics:
-    """The camera whose pixels are A times those of K: A K.
+    """The camera matrix A K after an affine transform A of the pixels.
 
     Args:
         intrinsics: K.
-        pixels: A, 3 x 3, carries homogeneous pixels to where they are now.
-        canvas_size: height and width of the images now.
+        pixels: A, 3 x 3, transforms homogeneous pixels.
+        canvas_size: height and width of the images afterwards.
     """
-    # In numpy, for which nine numbers are less work.
+    # NumPy is faster than torch for matrices this small.
     matrix = np.array(pixels) @ intrinsics.as_subclass(Tensor).numpy()
     return Intrinsics(torch.from_numpy(matrix), canvas_size)

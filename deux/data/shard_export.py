@@ -1,4 +1,4 @@
-"""Datasets as tar shards in WebDataset's form, which stream into a loader in the order in which they lie on disk.
+"""Export of datasets as tar shards in the WebDataset format, which a data loader streams in the order on disk.
 
     <folder>/<split>-NNNNNN.tar, a sample of which is
         <sequence>/<frame>.image.png
@@ -6,7 +6,7 @@
         <sequence>/<frame>.sparse_depth.png, .ground_truth.png     16 bits, metres x 256, 0 = none
         <sequence>/<frame>.camera.json                             intrinsics; poses of the target and of its sources
 
-Samples of the training split lie in random order, so that a stream needs no large buffer to be well mixed.
+Samples of the training split are shuffled, so that a stream needs no large shuffle buffer.
 """
 
 import io
@@ -25,15 +25,15 @@ from deux.io.images import encode_depth, encode_image
 
 
 def write_shards(folder: Path, splits: Sequence[ExportedSplit], samples: int = 1000) -> Iterator[None]:
-    """Write all targets; goes on whenever one is written.
+    """Write the shards of all splits, as a generator that yields after each target.
 
     Args:
-        folder: takes the shards.
-        splits: to export; the names of their sequences are disjoint.
-        samples: of a shard.
+        folder: the folder of the shards.
+        splits: the splits; the names of their sequences are disjoint.
+        samples: number of samples in a shard.
 
     Raises:
-        DeuxError: a frame cannot be read, something of it has another size, or a shard cannot be written.
+        DeuxError: a frame cannot be read, its arrays differ in size, or a shard cannot be written.
     """
     make_folder(folder)
     for split in splits:
@@ -50,7 +50,7 @@ def write_shards(folder: Path, splits: Sequence[ExportedSplit], samples: int = 1
                             shard, f"{split.sequence(triplet.target)}/{_key(triplet.target)}", split.reader, triplet
                         )
                         yield
-            except OSError as error:  # of writing alone: what readers cannot read they say in errors of their own
+            except OSError as error:  # a write error: readers raise DeuxError
                 raise DeuxError(write_failure(path, error)) from error
 
 
@@ -60,7 +60,7 @@ def shard_name(split: str, number: int) -> str:
 
 
 def _key(frame: FrameReference) -> str:
-    # What follows the first dot of a member's name is the kind of the file.
+    # WebDataset takes what follows the first dot of a file's name as the kind of file.
     return frame.name.replace(".", "_")
 
 

@@ -1,4 +1,4 @@
-"""The order of the samples of a training, and the seeds of what is random in them."""
+"""The sampler of training samples: their order, and a random seed for each."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -8,17 +8,17 @@ from torch.utils.data import Sampler
 
 
 class ShuffledDraws(Sampler[tuple[int, int]]):
-    """Every index once an epoch in random order, each with the seed of its own crop and augmentation.
+    """Samples every index once per epoch in random order, with a seed for the item's crop and augmentation.
 
-    Order and seeds depend on the seed and the epoch alone, so they are the same for any number of workers. Processes
-    that train together share the items out; all get equally many, so a few are left out where they do not go round.
+    Order and seeds depend only on the seed and the epoch, and not on the number of workers. Distributed training
+    processes share the items; all get the same number, so that up to `world_size` - 1 items of an epoch are left out.
 
     Args:
         size: number of items.
-        seed: seed of all epochs.
-        epoch: number of the first epoch; Lightning sets those that follow.
-        rank: number of this process among those that train together.
-        world_size: number of processes that train together.
+        seed: random seed of all epochs.
+        epoch: index of the first epoch; Lightning sets those that follow.
+        rank: index of this training process.
+        world_size: number of training processes.
     """
 
     def __init__(self, size: int, seed: int, epoch: int = 0, rank: int = 0, world_size: int = 1) -> None:
@@ -36,19 +36,19 @@ class ShuffledDraws(Sampler[tuple[int, int]]):
         return islice(zip(order[mine].tolist(), seeds[mine].tolist(), strict=True), self.skipped, None)
 
     def set_epoch(self, epoch: int) -> None:
-        """Draw the given epoch's order and seeds from the next iteration on."""
+        """Use the order and seeds of the given epoch from the next iteration on."""
         self._epoch = epoch
 
     @property
     def epoch(self) -> int:
-        """The epoch that is drawn."""
+        """The current epoch."""
         return self._epoch
 
     @property
     def skipped(self) -> int:
-        """Number of items that are left out at the beginning of this epoch."""
+        """Number of items that are skipped at the beginning of the current epoch."""
         return self._skipped.get(self._epoch, 0)
 
     def skip(self, epoch: int, items: int) -> None:
-        """Leave out the first items of one epoch, which a training has seen before it was killed."""
+        """Skip the first items of one epoch, to resume a training within it."""
         self._skipped = {epoch: items}

@@ -1,8 +1,8 @@
-"""Applies torchvision's transforms v2 to training samples: images, depth maps, camera and poses change together.
+"""Application of torchvision's transforms v2 to training samples, and the transform `DropPoints`.
 
-A sample is a dictionary of the parts of `deux.data.sample_parts`. Any transform of `torchvision.transforms.v2` applies
-to it: photometric ones change the images, all frames alike; those that change the geometry change all parts. Random
-ones draw from torch's default generator, which is seeded for each sample.
+A sample is a dictionary of the parts in `deux.data.sample_parts`. Photometric transforms change all its images in the
+same way; geometric transforms change images, depth maps, intrinsics and poses consistently. Random transforms draw from
+torch's default generator, which is seeded for each sample.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from deux.errors import DeuxError, check_range
 
 
 def augment(sample: Mapping[str, np.ndarray], augmentation: Sequence[Augmentation], seed: int) -> dict[str, np.ndarray]:
-    """Apply a model's augmentation to the arrays of a sample, as `augment_tensors` does to tensors."""
+    """Apply an augmentation to the arrays of a sample; see `augment_tensors`."""
     tensors = {name: torch.from_numpy(array) for name, array in sample.items()}
     return {name: tensor.numpy() for name, tensor in augment_tensors(tensors, augmentation, seed).items()}
 
@@ -32,21 +32,21 @@ def augment_tensors(
     points: int | None = None,
     span: tuple[float, float] | None = None,
 ) -> dict[str, Tensor]:
-    """Apply a model's augmentation to a sample.
+    """Apply an augmentation to a sample.
 
     Args:
-        sample: the tensors of a sample by name, without "input_sparse_depth"; the transforms may change them.
+        sample: the tensors of a sample by name, without "input_sparse_depth"; the transforms may modify them.
             Intrinsics and poses are on the CPU, the others on one device.
         augmentation: the transforms, in order.
-        seed: of all that the transforms draw from torch's default generator on the CPU.
+        seed: seed of torch's default generator on the CPU, from which the transforms draw.
         points: number of points in the sparse depth, see `InputSparseDepth`.
-        span: depth in metres of the nearest and the farthest of them.
+        span: depth in metres of the nearest and the farthest point.
 
     Returns:
-        The tensors of the sample, "input_sparse_depth" among them.
+        The tensors of the sample, including "input_sparse_depth".
 
     Raises:
-        DeuxError: a transform makes no sense for a camera, or has changed the size of one part without the others.
+        DeuxError: a transform is not possible for a camera, or has changed the size of only some parts.
     """
     tensors: dict[str, Tensor] = {name: tensor.as_subclass(PART_TYPES[name]) for name, tensor in sample.items()}
     tensors["input_sparse_depth"] = with_points(sample["sparse_depth"].clone(), points, span)
@@ -65,11 +65,11 @@ def augment_tensors(
 
 
 class DropPoints(v2.Transform):
-    """Hide a random part of the sparse points from the network; the losses keep all of them.
+    """Remove a random part of the sparse points from the network's input, but not from the losses.
 
     Args:
-        fraction: least and most of the points that are hidden, drawn evenly for each sample.
-        p: probability that any are hidden.
+        fraction: least and greatest fraction of points to remove, drawn uniformly for each sample.
+        p: probability that the transform is applied.
 
     Raises:
         DeuxError: a fraction or the probability is not in [0, 1].
@@ -82,22 +82,22 @@ class DropPoints(v2.Transform):
         self.fraction, self.p = fraction, p
 
     def draw_fraction(self, generator: torch.Generator | None = None) -> float:
-        """The fraction that a sample loses; by default drawn from torch's default generator."""
+        """Draw the fraction of points to remove; by default from torch's default generator."""
         drop, position = torch.rand(2, generator=generator).tolist()
         least, most = self.fraction
         return float(least + (most - least) * position) if drop < self.p else 0.0
 
     @staticmethod
     def draw_points(count: int, fraction: float, generator: torch.Generator | None = None) -> Tensor:
-        """Which of so many points are hidden, numbered row by row from 0; not sorted."""
+        """Draw which of `count` points to remove: unsorted indices of the points in row-major order."""
         return torch.randperm(count, generator=generator)[: round(fraction * count)]
 
     def make_params(self, flat_inputs: list[Any]) -> dict[str, float]:
-        """Draw the fraction that this sample loses."""
+        """Draw the fraction of points to remove."""
         return {"fraction": self.draw_fraction()}
 
     def transform(self, inpt: Any, params: dict[str, float]) -> Any:
-        """Remove the points from an `InputSparseDepth`; everything else is left as it is."""
+        """Remove points from an `InputSparseDepth`; other parts are returned as they are."""
         if not isinstance(inpt, InputSparseDepth) or params["fraction"] == 0.0:
             return inpt
         depth = inpt.as_subclass(Tensor)
@@ -110,33 +110,33 @@ class DropPoints(v2.Transform):
 
 
 def _remove_points(depth: Tensor, hidden: Tensor) -> Tensor:
-    """The depth map without some of its points, which are numbered row by row."""
-    kept = depth.numpy().copy()
-    kept.flat[np.flatnonzero(kept)[hidden.numpy()]] = 0.0
-    return torch.from_numpy(kept)
+    """Set some points of a depth map to 0, given their indices among the points in row-major order."""
+    remaining = depth.numpy().copy()
+    remaining.flat[np.flatnonzero(remaining)[hidden.numpy()]] = 0.0
+    return torch.from_numpy(remaining)
 
 
 def remove_points_on_device(depth: Tensor, hidden: Tensor) -> Tensor:
-    """The depth map without some of its points; the host does not wait for the device.
+    """Set some points of a depth map to 0; the host does not wait for the device.
 
     Args:
         depth: H x W on a device, 0 = none.
-        hidden: the points to remove, on the CPU, numbered row by row from 0; at least one of them.
+        hidden: indices of the points to remove among the points in row-major order, on the CPU; at least one.
     """
     is_point = depth.flatten() != 0
-    number = is_point.cumsum(0)  # of each point, from 1; pixels before the first point have 0
+    number = is_point.cumsum(0)  # index of each point + 1; 0 at pixels before the first point
     removed = torch.zeros(depth.numel() + 1, dtype=torch.bool, device=depth.device)
     removed.index_fill_(0, to_device(hidden + 1, depth.device), True)
     return depth.masked_fill((is_point & removed[number]).view_as(depth), 0.0)
 
 
 def _check_sizes(sample: Mapping[str, Tensor], canvas_size: tuple[int, int] | None) -> None:
-    """Raise DeuxError if images and depth maps are not of the intrinsics' size."""
+    """Raise DeuxError if the size of images or depth maps differs from that of the intrinsics."""
     for name, tensor in sample.items():
         size = tuple(tensor.shape[-2:])
         if name not in ("intrinsics", "source_from_target") and size != canvas_size:
             raise DeuxError(
                 f"The augmentation left {name} of {size} pixels with intrinsics of {canvas_size} pixels "
-                "(height, width): its transforms must treat all parts of a sample alike, as those of "
+                "(height, width): its transforms must change all parts of a sample consistently, as those of "
                 "torchvision.transforms.v2 do."
             )

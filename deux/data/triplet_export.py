@@ -1,4 +1,4 @@
-"""Datasets as the training scripts of the KBNet family read them, after their set-up.
+"""Export of datasets in the format that the training scripts of the KBNet family read after their set-up.
 
     <folder>/
         data/<sequence>/
@@ -9,8 +9,8 @@
                                                      K-NNNNNN-1.npy and K-NNNNNN-2.npy of the sources
         {train,test}_{image,sparse_depth,validity_map,ground_truth,intrinsics}.txt
 
-The lines of the list files are absolute paths, which the scripts open wherever they are started. A target without
-source frames stands three times in its image, as the published set-up has it in its test set.
+The list files contain absolute paths. The image of a target without source frames contains the target three times, as
+in the test set of the published set-up.
 """
 
 import io
@@ -30,15 +30,15 @@ INTRINSICS = "K.npy"
 
 
 def write_triplets(folder: Path, splits: Sequence[ExportedSplit], final: Path) -> Iterator[None]:
-    """Write all targets; goes on whenever one is written.
+    """Write all splits, as a generator that yields after each target.
 
     Args:
-        folder: takes the dataset.
-        splits: to export; the names of their sequences are disjoint.
-        final: where the folder will lie once it is whole: what the list files say.
+        folder: the folder of the dataset.
+        splits: the splits; the names of their sequences are disjoint.
+        final: the folder to which the finished dataset will be moved, for the list files.
 
     Raises:
-        DeuxError: a frame has the name that another one's source frame has in this format.
+        DeuxError: a frame's name clashes with the name that this format gives to a source frame.
     """
     for split in splits:
         lines: dict[str, list[str]] = {kind: [] for kind in (*LISTED, "intrinsics")}
@@ -59,12 +59,12 @@ def write_triplets(folder: Path, splits: Sequence[ExportedSplit], final: Path) -
 
 
 def source_name(target: str, number: int) -> str:
-    """The name of a target's first (1) or second (2) source frame."""
+    """The exported name of a target's first (1) or second (2) source frame."""
     return f"{target}-{number}"
 
 
 def own_intrinsics(frame: str) -> str:
-    """The file of a frame's intrinsics in a sequence that has several cameras."""
+    """The file name of a frame's intrinsics in a sequence with several cameras."""
     return f"K-{frame}.npy"
 
 
@@ -81,7 +81,7 @@ def _write_triplet(files: FrameExport, triplet: Triplet) -> None:
 
 
 def _source_frames(triplet: Triplet) -> tuple[FrameReference, ...]:
-    """The frames beside the target in its image: the target itself where it has no two source frames."""
+    """The two frames beside the target in its image: the target itself if it does not have two source frames."""
     return triplet.sources if len(triplet.sources) == SOURCES else (triplet.target,) * SOURCES
 
 
@@ -91,14 +91,14 @@ def _check_names(sequence: str, triplets: Sequence[Triplet]) -> None:
         for number in range(1, SOURCES + 1):
             if source_name(name, number) in targets:
                 raise DeuxError(
-                    f'the sequence {sequence} has a frame "{source_name(name, number)}", which is what '
-                    f'export_dataset.format=triplets calls a source frame of "{name}": take another format, or rename '
-                    "the frame."
+                    f'the sequence {sequence} has a frame "{source_name(name, number)}", the name that '
+                    f'export_dataset.format=triplets gives to a source frame of "{name}": choose another format, or '
+                    "rename the frame."
                 )
 
 
 def _write_intrinsics(files: FrameExport, triplets: Sequence[Triplet]) -> list[str]:
-    """Write the cameras of a sequence, one file where they are the same; the name of each target's file."""
+    """Write the intrinsics of a sequence, one file if all are equal; returns the file name for each target."""
     targets = [triplet.target.name for triplet in triplets]
     matrices: dict[str, np.ndarray] = {}
     for triplet in triplets:

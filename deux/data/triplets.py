@@ -1,4 +1,4 @@
-"""The torch dataset of triplets and how its samples become batches."""
+"""The torch dataset of triplets, and the collation of its samples to batches."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
-from deux.data.augmentation import of_batch
+from deux.data.augmentation import fix_batch_size
 from deux.data.chosen_sources import list_triplets, warn_of_cameras
 from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, device_batch
 from deux.data.device_cache import DeviceCache
@@ -19,29 +19,29 @@ from deux.data.frame_cache import FrameCache, FrameKey, metres
 from deux.data.frame_sizes import check_one_size
 from deux.data.transforms import augment
 from deux.errors import DeuxError, counted, image_size
-from deux.geometry.poses import projecting_alike, source_from_target
+from deux.geometry.poses import absorb_intrinsics, source_from_target
 from deux.inference.prediction import prepare_sample
 from deux.io.layout import SourceChoice
 
 SourceFrames = Literal["needed", "unread"]
-"""Whether samples hold source frames; where these are needed, targets that have none are left out."""
+"""Whether samples contain source frames; if they are needed, targets without source frames are left out."""
 
 Prepare = Callable[[np.ndarray], dict[str, np.ndarray]]
-"""A model's `prepare`: its further inputs, from H x W sparse depth."""
+"""The type of `DepthModel.prepare`: computes a model's further inputs from H x W sparse depth."""
 
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """How frames become samples.
+    """How samples are made from frames.
 
     Args:
-        crop: height and width that are cut out; None takes the whole frame.
-        training: whether the crop lies at random and the augmentation is applied; otherwise the crop is in the middle.
-        ground_truth: whether ground truth is read; without it its files are not touched.
+        crop: height and width of the crop; None for no crop.
+        training: whether to use random crops and the augmentation; otherwise centre crops without augmentation.
+        ground_truth: whether ground truth is read.
         sources: whether source frames are read.
-        poses: whether their poses relative to the target are read.
-        augmentation: the model's augmentation.
-        prepare: the model's further inputs, from the points that the network is shown.
+        poses: whether the poses of the source frames relative to the target are read.
+        augmentation: the transforms, in order.
+        prepare: computes the model's further inputs from the input sparse depth.
     """
 
     crop: tuple[int, int] | None = None
@@ -54,11 +54,11 @@ class SampleSettings:
 
 
 class Frames(NamedTuple):
-    """What a sample is cut out of: whole arrays as the cache holds them, not to be changed.
+    """The whole arrays from which a sample is cropped, in the types of the cache; they must not be modified.
 
     Args:
         images: 3 x H x W uint8 each, the target first.
-        maps: H x W each, "sparse_depth" and, where it is read, "ground_truth".
+        maps: H x W each, "sparse_depth" and, if it is read, "ground_truth".
     """
 
     images: list[Any]
@@ -66,23 +66,23 @@ class Frames(NamedTuple):
 
 
 class TripletDataset(Dataset[Batch]):
-    """The triplets of a split of one or several datasets; each item is a `Batch` without the first dimension.
+    """The triplets of a split of one or several datasets; each item is a `Batch` without the batch dimension.
 
-    Items are asked for as (index, seed), the seed of whatever is random in the item (`deux.data.shuffled_draws`); a
-    bare index stands for seed 0. Several items at once, as a loader asks for them, come as one batch on the cache's
-    device where that is a `DeviceCache`.
+    An item is requested by (index, seed), where the seed determines its crop and augmentation
+    (`deux.data.shuffled_draws`), or by the index alone for the seed 0. With a `DeviceCache`, a data loader's request
+    for several items returns one batch on the cache's device.
 
     Args:
-        readers: of the datasets. Those that are equal share the cache.
+        readers: the readers of the datasets. Equal readers share cached arrays.
         split: "train", "validation" or "test".
-        settings: how frames become samples.
-        cache: keeps images and depth; by default everything is read anew.
-        offsets: the recent source frames, where a dataset does not list them.
+        settings: how samples are made from frames.
+        cache: the cache of images and depth maps; by default nothing is cached.
+        offsets: the recent source frames, as offsets from the target; unused if a dataset lists them.
         choice: how source frames are chosen.
 
     Raises:
-        DeuxError: a dataset has no such split, or source frames are needed and no target has any. Items raise it
-            where a file cannot be read, and where a dataset has no ground truth though this is asked for.
+        DeuxError: a dataset has no such split, or source frames are needed and no target has any. Requesting an item
+            raises it if a file cannot be read, or if ground truth is needed and does not exist.
     """
 
     def __init__(
@@ -95,17 +95,17 @@ class TripletDataset(Dataset[Batch]):
         choice: SourceChoice = "recent",
     ) -> None:
         self.settings = settings
-        choice = choice if settings.sources == "needed" else "recent"  # nothing is chosen that is not read
+        choice = choice if settings.sources == "needed" else "recent"  # no need to choose frames that are not read
         listed = [(reader, triplet) for reader in readers for triplet in list_triplets(reader, split, choice, offsets)]
         self.triplets = [(reader, one) for reader, one in listed if one.sources or settings.sources != "needed"]
         if listed and not self.triplets:
-            lacking = "fewer than two frames with poses lie around it (training.sources=baseline)."
+            reason = "fewer than two frames around each have poses (training.sources=baseline)."
             if choice == "recent":
                 places = " and ".join(f"{offset:+d}" for offset in offsets)
-                lacking = f"what lies {places} frames from it (training.offsets) is not there."
+                reason = f"the frames at the offsets {places} (training.offsets) do not exist."
             raise DeuxError(
                 f"None of the {counted(len(listed), f'{split} frame')} of {listed[0][0].folder} has source frames: "
-                f"{lacking}"
+                f"{reason}"
             )
         if settings.sources == "needed" and not settings.poses:
             for reader in readers:
@@ -121,7 +121,7 @@ class TripletDataset(Dataset[Batch]):
         return self._item(item, self._augmentation(_index_and_seed(item)[1]))
 
     def __getitems__(self, items: Sequence[int | tuple[int, int]]) -> list[Batch] | Batch:
-        """The items one by one; with a cache on a device, as one batch that is made there."""
+        """A list of items; with a `DeviceCache`, one batch on its device."""
         augmentation = self._augmentation(_index_and_seed(items[0])[1])
         if not isinstance(self.cache, DeviceCache):
             return [self._item(item, augmentation) for item in items]
@@ -136,32 +136,32 @@ class TripletDataset(Dataset[Batch]):
         return device_batch(samples, augmentation, self.cache.device)
 
     def with_sources(self, index: int) -> Batch:
-        """The item of that index with the source frames and poses that there are, also where samples hold none."""
+        """An item with its source frames and poses, even if samples do not contain them."""
         return _batch(self._host_sample(*self.triplets[index], seed=0, poses=True), self.settings.prepare)
 
     @property
     def keys(self) -> list[FrameKey]:
-        """All arrays that the items are made of, each once, in the order of the triplets."""
+        """All arrays that the items are made of, without duplicates, in the order of the triplets."""
         keys = (key for index in range(len(self)) for key in self._keys(*self._triplet(index)))
         return list(dict.fromkeys(keys))
 
     def _item(self, item: int | tuple[int, int], augmentation: Sequence[Augmentation]) -> Batch:
-        """One item, made on the CPU."""
+        """Make one item on the CPU."""
         index, seed = _index_and_seed(item)
         sample = self._host_sample(*self._triplet(index), seed, self.settings.poses)
         return _batch(augment(sample, augmentation, seed) if augmentation else sample, self.settings.prepare)
 
     def _augmentation(self, seed: int) -> Sequence[Augmentation]:
-        """That of a batch whose first item has this seed."""
-        return of_batch(self.settings.augmentation, seed) if self.settings.training else ()
+        """The augmentation of a batch whose first item has this seed."""
+        return fix_batch_size(self.settings.augmentation, seed) if self.settings.training else ()
 
     def _triplet(self, index: int) -> tuple[Reader, Triplet]:
-        """A triplet with the source frames that samples hold."""
+        """A triplet, without its source frames if samples do not contain them."""
         reader, triplet = self.triplets[index]
         return reader, triplet if self.settings.sources == "needed" else Triplet(triplet.target, ())
 
     def _keys(self, reader: Reader, triplet: Triplet) -> Iterator[FrameKey]:
-        """The arrays of a triplet: the images, the target's first, the sparse depth and the ground truth."""
+        """The arrays of a triplet: images (the target's first), sparse depth and ground truth."""
         for frame in (triplet.target, *triplet.sources):
             yield FrameKey(reader, "image", frame)
         yield FrameKey(reader, "sparse_depth", triplet.target)
@@ -169,7 +169,7 @@ class TripletDataset(Dataset[Batch]):
             yield FrameKey(reader, "ground_truth", triplet.target)
 
     def _host_sample(self, reader: Reader, triplet: Triplet, seed: int, poses: bool) -> dict[str, np.ndarray]:
-        """A sample without augmentation as arrays of its own; see `deux.data.sample_parts`."""
+        """A cropped sample before augmentation, as new arrays; see `deux.data.sample_parts`."""
         keys = self._keys(reader, triplet)
         images, maps = _frames(reader, triplet, [(key, _array(self.cache.read(key))) for key in keys])
         window = self._window(images[0].shape[-2:], reader, triplet, seed, poses)
@@ -182,32 +182,32 @@ class TripletDataset(Dataset[Batch]):
         return sample
 
     def _camera(self, reader: Reader, frame: FrameReference) -> np.ndarray:
-        """3 x 3, of the whole frame; not to be changed."""
+        """The camera matrix of the whole frame, 3 x 3; it must not be modified."""
         key = reader, frame
         if key not in self._intrinsics:
             self._intrinsics[key] = reader.intrinsics(frame)
         return self._intrinsics[key]
 
     def _relative_poses(self, reader: Reader, triplet: Triplet) -> np.ndarray | None:
-        """S x 4 x 4 as of `Batch`, not to be changed; None where a frame has no pose."""
+        """`Batch.source_from_target`, S x 4 x 4, which must not be modified; None if a frame has no pose."""
         key = reader, triplet
         if key not in self._motions:
             motions = _motions(reader, triplet)
             if motions is not None:
                 target, *sources = (self._camera(reader, frame) for frame in (triplet.target, *triplet.sources))
                 pairs = zip(motions, sources, strict=True)
-                motions = np.stack([projecting_alike(motion, target, source) for motion, source in pairs])
+                motions = np.stack([absorb_intrinsics(motion, target, source) for motion, source in pairs])
             self._motions[key] = motions
         return self._motions[key]
 
     def _window(self, size: tuple[int, int], reader: Reader, triplet: Triplet, seed: int, poses: bool) -> Window:
-        """The part of a triplet's frames that is cut out, and its camera."""
+        """The crop of a triplet's frames, and its camera."""
         height, width = self.settings.crop or size
         room = size[0] - height, size[1] - width
         if min(room) < 0:
             raise DeuxError(
-                f"{_named(reader, triplet)} has {image_size(size)} pixels (width x height), in which a crop of "
-                f"{image_size((height, width))} does not fit."
+                f"Frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder} has {image_size(size)} "
+                f"pixels (width x height), too few for a crop of {image_size((height, width))}: reduce training.crop."
             )
         if self.settings.training and self.settings.crop is not None:
             rng = np.random.default_rng(seed)
@@ -221,10 +221,10 @@ class TripletDataset(Dataset[Batch]):
 
 
 def collate(samples: Sequence[Batch] | Batch) -> Batch:
-    """Stack samples to a batch; what is a batch already stays it.
+    """Stack samples to a batch; a batch is returned as it is.
 
     Raises:
-        DeuxError: the samples differ in size, in the number of their source frames, or some have poses and some none.
+        DeuxError: the samples differ in size or number of source frames, or only some have poses.
     """
     if isinstance(samples, Batch):
         return samples
@@ -250,7 +250,7 @@ def collate(samples: Sequence[Batch] | Batch) -> Batch:
 
 
 def _motions(reader: Reader, triplet: Triplet) -> np.ndarray | None:
-    """S x 4 x 4, carries points of the target camera into each source camera; None where a frame has no pose."""
+    """S x 4 x 4, transforms points of the target camera to each source camera; None if a frame has no pose."""
     if not triplet.sources:
         return None
     poses = [reader.pose(frame) for frame in (triplet.target, *triplet.sources)]
@@ -264,15 +264,15 @@ def _index_and_seed(item: int | tuple[int, int]) -> tuple[int, int]:
 
 
 def _frames(reader: Reader, triplet: Triplet, arrays: Iterable[tuple[FrameKey, Any]]) -> Frames:
-    """A triplet's arrays, all of one size.
+    """Group a triplet's arrays, and check that they have the same size.
 
     Args:
-        reader: of the triplet.
+        reader: the reader of the triplet.
         triplet: a target and its source frames.
-        arrays: as `TripletDataset._keys` names them; anything that has a shape, or None.
+        arrays: the arrays of `TripletDataset._keys`; objects with a shape, or None.
 
     Raises:
-        DeuxError: there is no ground truth, or something is of another size than the target's image.
+        DeuxError: there is no ground truth, or an array has another size than the target's image.
     """
     frames = Frames([], {})
     for key, array in arrays:
@@ -285,7 +285,7 @@ def _frames(reader: Reader, triplet: Triplet, arrays: Iterable[tuple[FrameKey, A
             frames.images.append(array)
         else:
             frames.maps[key.kind] = array
-    # Frames that are read without their source frames have one image.
+    # Without source frames there is one image only.
     sources = zip(triplet.sources, frames.images[1:], strict=False)
     named = [(f"source frame {frame.name}", array) for frame, array in sources]
     named += [(kind.replace("_", " "), array) for kind, array in frames.maps.items()]
@@ -298,13 +298,9 @@ def _array(read: np.ndarray | Tensor | None) -> np.ndarray | None:
     return read.cpu().numpy() if isinstance(read, Tensor) else read
 
 
-def _named(reader: Reader, triplet: Triplet) -> str:
-    return f"Frame {triplet.target.name} of {triplet.target.sequence} in {reader.folder}"
-
-
 def _batch(sample: Mapping[str, np.ndarray], prepare: Prepare | None) -> Batch:
-    """A sample as float32 tensors, the colours in [0, 1]."""
-    # Numpy rather than torch: on a busy machine torch's threads wait for each other over arrays as small as these.
+    """Convert a sample to float32 tensors, with colours in [0, 1]."""
+    # NumPy rather than torch: for small arrays on a busy machine torch's threads wait for each other.
     images, motions, truth = sample["images"], sample.get("source_from_target"), sample.get("ground_truth")
     if images.dtype == np.uint8:
         images = images / np.float32(255.0)

@@ -1,18 +1,18 @@
-"""Datasets as the VOID release, ready for the set-up script and the loaders of the KBNet family.
+"""Export of datasets in the layout of the VOID release, for the set-up script and data loaders of the KBNet family.
 
     <folder>/
         void_150/ void_500/ void_1500/          the same frames with a tenth, a third and all of their sparse points
             data/<sequence>/
                 image/ sparse_depth/ validity_map/ ground_truth/   NNNNNN.png
-                absolute_pose/                                     NNNNNN.txt, where there are poses
+                absolute_pose/                                     NNNNNN.txt, if there are poses
                 K.txt
             {train,test}_{image,sparse_depth,validity_map,ground_truth,absolute_pose,intrinsics}.txt
 
-The published set-up script goes through a training sequence file by file: it leaves out the first and the last 30, and
-takes as source frames the files ten places before and after each target. Frames of a robot that far apart share little,
-so by default files are arranged such that those ten places away are the target's own source frames: thirty files hold
-ten triplets, first the ten frames that come before the targets, then the targets, then the ten others. A frame that
-stands in several places is one file with several names (hard links). In a test sequence each file is a target.
+The published set-up script leaves out the first and the last 30 files of a training sequence, and uses the files ten
+before and ten after each target as its source frames. Frames of a robot that far apart overlap little, so by default
+the files are arranged such that these are the target's actual source frames: of thirty files, the first ten are the
+first source frames of ten triplets, the next ten the targets and the last ten the second source frames. Frames that
+occur several times are hard links. In a test sequence each file is a target.
 """
 
 import os
@@ -32,10 +32,10 @@ from deux.io.calibration import write_matrix
 from deux.io.layout import PUBLISHED_KINDS, SUFFIXES, frame_name, list_file, natural_order
 
 Arrangement = Literal["triplets", "time"]
-"""Whether the source frames lie ten files from their target, or all files are in the order of time."""
+"""The order of files in training sequences: source frames ten files from their target, or the order of time."""
 
 DENSITIES = {"void_150": 0.1, "void_500": 1 / 3, "void_1500": 1.0}
-"""The release's folders, named after the points of its frames, and the part of our own points that each takes."""
+"""The folders of the release, named after their number of points, and the fraction of our points in each."""
 
 FULL = "void_1500"
 SOURCE_DISTANCE = 10
@@ -46,15 +46,15 @@ MARGIN = 30
 
 
 def write_void(folder: Path, splits: Sequence[ExportedSplit], arrangement: Arrangement = "triplets") -> Iterator[None]:
-    """Write the folders of all three densities; goes on whenever a target is written.
+    """Write the folders of all three densities, as a generator that yields after each target.
 
     Args:
-        folder: takes `void_150`, `void_500` and `void_1500`.
-        splits: to export; the names of their sequences are disjoint.
-        arrangement: of the files of training and validation sequences.
+        folder: the folder of `void_150`, `void_500` and `void_1500`.
+        splits: the splits; the names of their sequences are disjoint.
+        arrangement: the order of files in training and validation sequences.
 
     Raises:
-        DeuxError: a sequence has more than one camera, for which the release has no place, or images of several sizes.
+        DeuxError: a sequence has several cameras, which the layout does not support, or images of several sizes.
     """
     for split in splits:
         _check_cameras(split)
@@ -73,11 +73,11 @@ def write_void(folder: Path, splits: Sequence[ExportedSplit], arrangement: Arran
 
 
 def arrange(triplets: Sequence[Triplet], arrangement: Arrangement) -> list[FrameReference]:
-    """The frames of one training sequence in the order of their files."""
+    """The frames of a training sequence in the order of their files."""
     if arrangement == "time":
         frames = {frame for target, sources in triplets for frame in (target, *sources)}
         return sorted(frames, key=lambda frame: natural_order(frame.name))
-    # The first target is the first that is not left out, and so is the last.
+    # The script leaves out the files before the first and after the last target.
     before = MARGIN - SOURCE_DISTANCE
     arranged = [triplets[0].target] * before
     for first in range(0, len(triplets), SOURCE_DISTANCE):
@@ -90,7 +90,7 @@ def arrange(triplets: Sequence[Triplet], arrangement: Arrangement) -> list[Frame
 
 
 def used_by_setup(splits: Sequence[ExportedSplit], arrangement: Arrangement) -> tuple[int, int]:
-    """How many of the training targets the published set-up script uses, and how many there are."""
+    """Number of training targets that the published set-up script uses, and number of all training targets."""
     used = total = 0
     for split in splits:
         for triplets in split.sequences().values() if split.name == "train" else ():
@@ -104,7 +104,7 @@ def used_by_setup(splits: Sequence[ExportedSplit], arrangement: Arrangement) -> 
 def _target_places(
     arranged: Sequence[FrameReference], triplets: Sequence[Triplet], split: str, arrangement: Arrangement
 ) -> list[int]:
-    """The place in `arranged` at which each target of the list files stands."""
+    """The index in `arranged` of each target in the list files."""
     if split == "test":
         return list(range(len(triplets)))
     if arrangement == "time":
@@ -117,7 +117,7 @@ def _target_places(
 def _write_sequence(
     folder: Path, sequence: str, reader: Reader, arranged: Sequence[FrameReference], targets: Sequence[int]
 ) -> Iterator[None]:
-    """Write the files of one sequence; goes on whenever a target is written."""
+    """Write the files of one sequence, as a generator that yields after each target."""
     files = {density: FrameExport(folder / density / "data" / sequence, reader) for density in DENSITIES}
     first: dict[FrameReference, str] = {}
     listed = set(targets)
@@ -137,10 +137,10 @@ def _write_sequence(
 
 
 def _write_frame(files: dict[str, FrameExport], frame: FrameReference, name: str, first: tuple[str, Size]) -> None:
-    """Write what a frame has, once; the densities share all but the sparse points.
+    """Write the files of a frame; all densities share the files except those of the sparse points.
 
     Raises:
-        DeuxError: its image has another size than that of the sequence's first frame.
+        DeuxError: the image has another size than the sequence's first image.
     """
     full = files[FULL]
     (image,), sparse, truth = read_target(full.reader, Triplet(frame, ()))
@@ -152,13 +152,13 @@ def _write_frame(files: dict[str, FrameExport], frame: FrameReference, name: str
         if written is not full:
             for kind in PUBLISHED_KINDS:
                 _link(full.folder / kind, written.folder / kind, name, name, SUFFIXES[kind])
-    # The smaller sets are part of the larger ones, as fewer tracked points would be.
+    # The points of lower densities are a subset of those of higher densities, as if fewer points were tracked.
     order = np.random.default_rng(0).permutation(np.flatnonzero(sparse))
     for density, written in files.items():
-        kept = np.zeros_like(sparse)
+        thinned = np.zeros_like(sparse)
         chosen = order[: max(1, round(DENSITIES[density] * len(order)))]
-        kept.flat[chosen] = sparse.flat[chosen]
-        written.write_sparse(kept, name)
+        thinned.flat[chosen] = sparse.flat[chosen]
+        written.write_sparse(thinned, name)
 
 
 def _link_all(folder: Path, known: str, name: str) -> None:
@@ -167,7 +167,7 @@ def _link_all(folder: Path, known: str, name: str) -> None:
 
 
 def _link(source: Path, target: Path, known: str, name: str, suffix: str) -> None:
-    """Give a file another name, where there is such a file; a copy where the disk knows no hard links."""
+    """Make a hard link to a file if it exists; a copy if the file system does not support hard links."""
     file, other = source / f"{known}{suffix}", target / f"{name}{suffix}"
     if not file.is_file():
         return
@@ -179,7 +179,7 @@ def _link(source: Path, target: Path, known: str, name: str, suffix: str) -> Non
 
 
 def _lines(density: Path, sequence: str, kind: str, places: Sequence[int]) -> list[str]:
-    """The lines of a list file, after the name of the density's folder, for the targets that have such a file."""
+    """The lines of a list file relative to the density's folder, for targets that have a file of this kind."""
     if kind == "intrinsics":
         return [f"data/{sequence}/K.txt"] * len(places)
     lines = [f"data/{sequence}/{kind}/{frame_name(place)}{SUFFIXES[kind]}" for place in places]
@@ -187,14 +187,14 @@ def _lines(density: Path, sequence: str, kind: str, places: Sequence[int]) -> li
 
 
 def _check_cameras(split: ExportedSplit) -> None:
-    """Raise DeuxError if the frames of one sequence have different intrinsics: it has one K.txt."""
+    """Raise DeuxError if the frames of one sequence have different intrinsics: the layout has one K.txt for each."""
     for sequence, triplets in split.sequences().items():
         first = split.reader.intrinsics(triplets[0].target)
         for target, sources in triplets:
             for frame in (target, *sources):
                 if not np.array_equal(split.reader.intrinsics(frame), first):
                     raise DeuxError(
-                        f"export_dataset.format=void has one camera for each sequence, but {sequence} of "
-                        f"{split.reader.folder} has another at {frame.name} than at {triplets[0].target.name}: "
-                        "export_dataset.format=triplets or webdataset has one for each target."
+                        f"export_dataset.format=void supports one camera for each sequence, but in {sequence} of "
+                        f"{split.reader.folder} the camera of {frame.name} differs from that of "
+                        f"{triplets[0].target.name}: use export_dataset.format=triplets or webdataset."
                     )

@@ -17,9 +17,8 @@ from torch import Tensor, nn
 from deux import __version__
 from deux.contracts import DepthModel
 from deux.deployment.shipped_models import file_or_shipped, shipped_files
-from deux.errors import DeuxError, counted, shown, sizes
+from deux.errors import DeuxError, counted, error_text, shown, sizes
 from deux.inference.weightless import without_weights
-from deux.io.arrays import said
 from deux.io.atomic import write_atomically
 from deux.io.json_files import checked_record, decode_json
 from deux.memory_budget import check_memory
@@ -254,7 +253,7 @@ def _damaged(file: Path, error: Exception) -> DeuxError:
             "with deux.load_published(name, path) or with model=<name> on the command line; instead of a training's "
             f"checkpoint, give its run folder, which has a {MODEL_FILE} at the end of the training."
         )
-    return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {said(error)}.")
+    return DeuxError(f"{file} cannot be read as safetensors, it is damaged or something else: {error_text(error)}.")
 
 
 def _make(config: ModelConfig, file: Path) -> DepthModel:
@@ -264,7 +263,9 @@ def _make(config: ModelConfig, file: Path) -> DepthModel:
         model: DepthModel = registry().create("depth_models", config.name, settings)
         return model
     except Exception as error:  # the options are untrusted, and constructors may raise anything
-        raise DeuxError(f"{file} has a {shown(config.name)} that cannot be created here: {said(error)}.") from error
+        raise DeuxError(
+            f"{file} has a {shown(config.name)} that cannot be created here: {error_text(error)}."
+        ) from error
 
 
 def _kind(tensor: Tensor) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from deux.data.depth_unit import COMMON_SCALES
-from deux.geometry.poses import inverse, projecting_alike, source_from_target
+from deux.geometry.poses import absorb_intrinsics, inverse, source_from_target
 from deux.geometry.reprojection import reproject
 
 MOST = 0.5
@@ -89,7 +89,7 @@ def warp(pair: FramePair, pose: np.ndarray, source_pose: np.ndarray, stretch: fl
         source_pose: camera-to-world pose of the neighbour, 4 x 4.
         stretch: factor by which depth is multiplied.
     """
-    motion = projecting_alike(source_from_target(pose, source_pose), pair.intrinsics, pair.source_intrinsics)
+    motion = absorb_intrinsics(source_from_target(pose, source_pose), pair.intrinsics, pair.source_intrinsics)
     images, visible = reproject(
         torch.from_numpy(pair.source).permute(2, 0, 1)[None, None].float(),
         torch.from_numpy(np.ascontiguousarray(pair.depth, np.float32) * np.float32(stretch))[None, None],

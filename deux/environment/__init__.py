@@ -1,4 +1,4 @@
-"""Exploration as a Gymnasium environment: `gymnasium.make("deux.environment:deux/Exploration-v0")`."""
+"""Gymnasium environment for exploration: `gymnasium.make("deux.environment:deux/Exploration-v0")`."""
 
 import gymnasium
 

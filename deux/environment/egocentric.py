@@ -1,4 +1,4 @@
-"""Egocentric crops of an occupancy map: squares around the robot, turned so that its heading is up."""
+"""Egocentric crops of an occupancy map, centred on the robot and rotated so that its heading is up."""
 
 from dataclasses import dataclass
 
@@ -10,24 +10,24 @@ from deux.geometry.grid import GridFrame
 from deux.mapping.occupancy import FREE, OCCUPIED, UNKNOWN
 
 CHANNELS = ("free", "occupied", "unknown", "visited")
-"""The channels of a crop. Each pixel holds the share of its area, 0 to 255."""
+"""Channels of a crop. The value of a pixel is the fraction of its area, 0 to 255."""
 
 SAMPLES = 3
-"""Points along a pixel's edge at which the map is looked up."""
+"""Number of map samples along the edge of a pixel."""
 
 
 @dataclass(frozen=True)
 class Crops:
-    """The size of the two crops.
+    """Sizes of the near and the far crop.
 
     Args:
-        near: edge of the near crop in metres; exploring_exploration's is 4.
-        far: edge of the far crop in metres; the published 20 is more than a flat.
-        pixels: edge of each crop in pixels, a multiple of 8. The default makes a pixel of the near crop a cell of the
-            map, and is not too small for stable-baselines3's own network, which takes pictures of 36 pixels or more.
+        near: edge of the near crop in metres; exploring_exploration uses 4.
+        far: edge of the far crop in metres; exploring_exploration uses 20, which is more than most apartments.
+        pixels: edge of each crop in pixels, a multiple of 8. With the default, a pixel of the near crop is a map cell
+            and the crops are large enough for the network of stable-baselines3, which needs 36 pixels or more.
 
     Raises:
-        DeuxError: a value is out of its range.
+        DeuxError: a value is out of range.
     """
 
     near: float = 4.0
@@ -38,29 +38,31 @@ class Crops:
         check_range("crops.near", self.near, 0.0, ends=False)
         check_range("crops.far", self.far, 0.0, ends=False)
         if self.pixels < 8 or self.pixels % 8:
-            raise DeuxError(f"crops.pixels is {self.pixels}: it must be a multiple of 8, as the network halves it.")
+            raise DeuxError(
+                f"crops.pixels is {self.pixels}: it must be a multiple of 8, since the network downsamples by 8."
+            )
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Channels x rows x columns."""
+        """Shape of a crop, channels x rows x columns."""
         return len(CHANNELS), self.pixels, self.pixels
 
 
 def egocentric_crop(
     occupancy: np.ndarray, visited: np.ndarray, frame: GridFrame, pose: np.ndarray, edge: float, pixels: int
 ) -> np.ndarray:
-    """Cut a square out of a map, with the robot in its middle and its heading up.
+    """Crop a square from a map, centred on the robot and with its heading up.
 
     Args:
-        occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free. Outside the map everything is unknown.
-        visited: rows x columns bool, where the robot has been.
-        frame: where both lie.
+        occupancy: rows x columns int8: 0 unknown, 1 occupied, 2 free. The outside of the map is unknown.
+        visited: rows x columns bool, the cells where the robot has been.
+        frame: grid of both arrays.
         pose: 4 x 4 camera-to-world.
         edge: edge of the square in metres.
         pixels: edge of the square in pixels.
 
     Returns:
-        4 x pixels x pixels uint8: for each of `CHANNELS` the share of the pixel's area that it covers, times 255.
+        4 x pixels x pixels uint8, the fraction of the pixel's area for each of `CHANNELS`, times 255.
     """
     forward = pose[[0, 2], 2] / np.hypot(pose[0, 2], pose[2, 2])
     lattice = (frame.origin_x, frame.origin_z, frame.resolution)

@@ -1,4 +1,4 @@
-"""The simulator as a Gymnasium environment, for policies that learn to explore."""
+"""Gymnasium environment of the simulator, for reinforcement learning of exploration policies."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -39,32 +39,32 @@ Extra = Literal["depth", "rgb"]
 class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     """Gymnasium environment in which a robot explores scenes; `deux/Exploration-v0`.
 
-    Actions are `MOVES`: 0 forward, 1 left, 2 right. Observations are a dictionary: "near" and "far", crops of the map
-    that the robot made so far, its heading up (`deux.environment.egocentric`); "body", its last move and whether
-    something was in the way; and if they are asked for "depth", 1 x H x W uint8 (0 none, 255 the camera's greatest
-    depth), and "rgb", 3 x H x W uint8. Only what is asked for is rendered. `info` holds "area_seen" (square metres of
-    the map that are known), "collided" and "scene". An episode is truncated after its steps and never terminated.
+    The actions are `MOVES`: 0 forward, 1 left, 2 right. Observations are dictionaries: "near" and "far" are egocentric
+    crops of the robot's map (`deux.environment.egocentric`), "body" is the last move and whether it collided, and the
+    optional extras are "depth", 1 x H x W uint8 (0 none, 255 the camera's maximum depth), and "rgb", 3 x H x W uint8.
+    Only the selected extras are rendered. `info` contains "area_seen" (known area of the map in square metres),
+    "collided" and "scene". Episodes are truncated after their steps and never terminated.
 
-    Maps and pictures are uint8 in [0, 255], channels first, which stable-baselines3 takes for images. Its own network
-    for dictionaries ("MultiInputPolicy") works with the defaults and every extra. It wants 36 pixels or more along each
-    edge: smaller crops or cameras need a features extractor of one's own, such as that of `task=train_explorer`.
+    Maps and images are uint8 in [0, 255], channels first, which stable-baselines3 treats as images. Its policy for
+    dictionaries ("MultiInputPolicy") works with the defaults and all extras, but needs 36 pixels or more along each
+    edge: smaller crops or cameras need a custom features extractor, such as that of `task=train_explorer`.
 
     Args:
-        scenes: where the episodes take place, drawn at random; or a number of training scenes of the default source.
-            `reset(options={"scene": i})` chooses one.
-        reward: a registered reward by name, or one made beforehand.
-        reward_options: options of the reward that is named.
-        extras: what the observation holds besides maps and body.
-        steps: actions in an episode.
-        camera: the robot's; 64 x 64 pixels are enough for a map with cells of 0.1 m.
-        robot: its body and motion.
-        crops: the size of the crops.
-        pool: scenes that are loaded already, to share with other environments of the process; it has the camera and
-            the robot, which are then not given.
-        render_mode: "rgb_array" makes `render` return what the robot's camera sees.
+        scenes: scenes of the episodes, sampled at random; or a number of training scenes of the default source.
+            `reset(options={"scene": i})` selects one.
+        reward: name of a registered reward, or a reward object.
+        reward_options: options of a reward given by name.
+        extras: additional observations.
+        steps: number of actions in an episode.
+        camera: camera of the robot; 64 x 64 pixels are enough for a map with cells of 0.1 m.
+        robot: body and motion of the robot.
+        crops: sizes of the map crops.
+        pool: cache of loaded scenes, shared with other environments of the process; it also defines the camera and the
+            robot, which must then be None.
+        render_mode: with "rgb_array", `render` returns the image of the robot's camera.
 
     Raises:
-        DeuxError: an argument is something else than it is meant to be, or the reward needs what is not given to it.
+        DeuxError: an argument is invalid, or the reward needs data that the environment does not have.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
@@ -84,20 +84,20 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     ) -> None:
         scenes = _references(scenes)
         if unknown := {extras} if isinstance(extras, str) else set(extras) - {"depth", "rgb"}:
-            raise DeuxError(f"extras has {sorted(unknown)[0]!r} in it: it is a list that can hold depth and rgb.")
+            raise DeuxError(f"extras contains {sorted(unknown)[0]!r}: it must be a list of depth and rgb.")
         check_range("steps", steps, 1)
         _check_robot(camera, robot, pool)
         self.render_mode = render_mode
-        self.reward = _made_reward(reward, reward_options)
+        self.reward = _create_reward(reward, reward_options)
         self._labels = Need.LABELS in self.reward.needs
         self._scenes = scenes
         self._extras = frozenset(extras)
         self._steps = steps
         self._crops = crops or Crops()
-        drawn = "rgb" in self._extras or render_mode is not None
-        self._pool = pool or ScenePool(_default_simulation(camera or Camera(64, 64), robot or Robot()), drawn)
-        if drawn and not self._pool.colors:
-            raise DeuxError("the pool's scenes are without colours: they need ScenePool(..., colors=True).")
+        colors = "rgb" in self._extras or render_mode is not None
+        self._pool = pool or ScenePool(_default_simulation(camera or Camera(64, 64), robot or Robot()), colors)
+        if colors and not self._pool.colors:
+            raise DeuxError("the scenes of the pool have no colours: create it with ScenePool(..., colors=True).")
         self._camera, self._robot = self._pool.simulation.camera, self._pool.simulation.robot
         self._channels: Channels = (COLOR if "rgb" in self._extras else DEPTH) | (
             {Channel.LABELS} if self._labels else frozenset()
@@ -108,14 +108,14 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode at a random place of some scene, on one of the floors that the simulator offers.
+        """Begin an episode at a random position of a random scene and floor.
 
         Args:
-            seed: of this and the following episodes.
-            options: "scene", the number of the scene; "steps", the length of this episode.
+            seed: random seed of this and the following episodes.
+            options: "scene", the index of the scene; "steps", the length of this episode.
 
         Raises:
-            DeuxError: there is no such option or scene, or it has not what the reward needs.
+            DeuxError: an option or the scene does not exist, or the scene lacks data that the reward needs.
         """
         super().reset(seed=seed)
         options = options or {}
@@ -141,10 +141,10 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return observation, self._info(collided=False)
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Carry out one of `MOVES`.
+        """Execute one of `MOVES`.
 
         Raises:
-            DeuxError: there is no such action, or the reward is no finite number.
+            DeuxError: the action does not exist, or the reward is not a finite number.
         """
         if not self.action_space.contains(action):
             moves = ", ".join(f"{number} for {move.name}" for number, move in enumerate(MOVES))
@@ -157,31 +157,31 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return observation, reward, False, self._step >= self._length, self._info(collided)
 
     def reward_state(self) -> dict[str, np.ndarray]:
-        """What the reward learned so far (`Reward.state`)."""
+        """Learned state of the reward, see `Reward.state`."""
         return self.reward.state()
 
     def load_reward_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Let the reward go on from an earlier `reward_state`."""
+        """Restore the reward from an earlier `reward_state`."""
         self.reward.load_state(state)
 
     def render(self) -> np.ndarray | None:
-        """What the robot's camera sees, H x W x 3 uint8, if the render mode is "rgb_array"."""
+        """Image of the robot's camera, H x W x 3 uint8, if the render mode is "rgb_array"."""
         return self.simulator.observe().rgb if self.render_mode == "rgb_array" else None
 
     def _look(self, collided: bool) -> tuple[dict[str, np.ndarray], float]:
-        """Map what is seen and return the observation with its reward."""
+        """Observe, update the map, and return the observation with its reward."""
         frame = self.simulator.observe(self._channels)
         experience = self.memory.experience(frame, collided)
         view = dict(experience.view)
-        reward = self._judged(experience)
+        reward = self._reward_of(experience)
         if "depth" in self._extras:
             view["depth"] = (frame.depth * (255.0 / self._camera.max_depth)).astype(np.uint8)[None]
         if "rgb" in self._extras:
             view["rgb"] = np.ascontiguousarray(np.moveaxis(frame.rgb, 2, 0))
         return view, reward
 
-    def _judged(self, experience: Experience) -> float:
-        """What the reward says, which a policy learns from unseen: what is no number would spoil it for good."""
+    def _reward_of(self, experience: Experience) -> float:
+        """Compute the reward and check that it is finite, since NaN would destroy the policy's weights."""
         value: Any = self.reward(experience)
         if getattr(value, "shape", ()) == () and not isinstance(value, str) and hasattr(value, "__float__"):
             number = float(value)
@@ -198,21 +198,21 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def _space(self) -> spaces.Space[dict[str, np.ndarray]]:
         camera = self._camera
         crop = spaces.Box(0, 255, self._crops.shape, np.uint8)
-        found: dict[str, spaces.Space[Any]] = {"near": crop, "far": crop}
-        found["body"] = spaces.Box(0.0, 1.0, (len(MOVES) + 1,), np.float32)
+        parts: dict[str, spaces.Space[Any]] = {"near": crop, "far": crop}
+        parts["body"] = spaces.Box(0.0, 1.0, (len(MOVES) + 1,), np.float32)
         if "depth" in self._extras:
-            found["depth"] = spaces.Box(0, 255, (1, camera.height, camera.width), np.uint8)
+            parts["depth"] = spaces.Box(0, 255, (1, camera.height, camera.width), np.uint8)
         if "rgb" in self._extras:
-            found["rgb"] = spaces.Box(0, 255, (3, camera.height, camera.width), np.uint8)
-        return spaces.Dict(found)  # type: ignore[return-value]
+            parts["rgb"] = spaces.Box(0, 255, (3, camera.height, camera.width), np.uint8)
+        return spaces.Dict(parts)  # type: ignore[return-value]
 
 
 def _references(scenes: Any) -> Sequence[SceneReference]:
-    """The scenes that an environment is given, or the default source's, if it is given their number."""
+    """The given scenes, or that many training scenes of the default source."""
     if hasattr(scenes, "__index__") and not isinstance(scenes, bool):
         scenes = _default_scenes(int(scenes))
-    known = isinstance(scenes, Sequence) and all(isinstance(scene, SceneReference | Scene) for scene in scenes)
-    if not known or isinstance(scenes, str):
+    valid = isinstance(scenes, Sequence) and all(isinstance(scene, SceneReference | Scene) for scene in scenes)
+    if not valid or isinstance(scenes, str):
         raise DeuxError(
             f"scenes is {shown(scenes)}: it must be a number of scenes, or a list of references to scenes, such as the "
             "splits().train of a source."
@@ -232,36 +232,36 @@ def _check_robot(camera: Any, robot: Any, pool: ScenePool | None) -> None:
             raise DeuxError(f"{name} is {shown(value)}: it must be a {cls.__module__}.{cls.__name__}.")
 
 
-def _made_reward(reward: Any, options: Mapping[str, Any] | None) -> Reward:
-    """The reward by name, or as it was made, whose needs the environment can meet."""
+def _create_reward(reward: Any, options: Mapping[str, Any] | None) -> Reward:
+    """Create a reward by name, or check a given one; both must only need data that the environment has."""
     if isinstance(reward, str):
-        made: Reward = registry().create("rewards", reward, options or {})
+        result: Reward = registry().create("rewards", reward, options or {})
     elif isinstance(reward, Reward):
-        made = reward
+        result = reward
         if options:
             raise DeuxError(
-                f"reward_options are of a reward that is named, and {type(reward).__name__} is made already: give them "
-                "to its constructor."
+                f"reward_options are only for rewards given by name, and {type(reward).__name__} is an object: pass "
+                "them to its constructor."
             )
     else:
         raise DeuxError(
-            f"reward is {shown(reward)}: it must be the name of a reward, or an object of a subclass of "
-            "deux.contracts.Reward, and not the class itself."
+            f"reward is {shown(reward)}: it must be the name of a reward or an instance of a subclass of "
+            "deux.contracts.Reward."
         )
-    for need in sorted(made.needs - {Need.SENSOR_DEPTH, Need.LABELS}):
+    for need in sorted(result.needs - {Need.SENSOR_DEPTH, Need.LABELS}):
         raise DeuxError(
-            f"the reward {type(made).__name__} needs {need}, which the environment does not give: a reward sees the "
-            "sensor's depth, and labels if it declares Need.LABELS."
+            f"the reward {type(result).__name__} needs {need}, which the environment does not have: rewards get the "
+            "sensor depth, and labels if they declare Need.LABELS."
         )
-    return made
+    return result
 
 
 def _default_scenes(count: int) -> Sequence[SceneReference]:
-    """Training scenes of the source that the configuration chooses by default."""
+    """Training scenes of the default source of the configuration."""
     source: SceneSource = registry().choose("scenes", compose([f"scenes.train={count}"]).scenes).create()
     return splits_of(source).train
 
 
 def _default_simulation(camera: Camera, robot: Robot) -> Simulation:
-    """Makes the simulators that the configuration chooses by default."""
+    """Factory of the default simulator of the configuration."""
     return Simulation(camera, robot, registry().choose("simulators", compose().simulator))

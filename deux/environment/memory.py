@@ -1,4 +1,4 @@
-"""Memory of a learned explorer: the map and the last action of an episode, alike in training and in collection."""
+"""Memory of a learned explorer: the map and the last action of an episode, used in training and in collection."""
 
 import numpy as np
 
@@ -8,19 +8,19 @@ from deux.geometry.camera import Camera
 from deux.mapping.occupancy import OccupancyMap
 
 MOVES = (Action.FORWARD, Action.LEFT, Action.RIGHT)
-"""The actions of a learned explorer; it never stops an episode."""
+"""Actions of learned explorers, which never stop an episode."""
 
 RESOLUTION = 0.1
 """Edge of a map cell in metres; as in exploring_exploration."""
 
 
 class ExplorationMemory:
-    """The occupancy map and the last action of one episode, and the observation that a policy gets of them.
+    """Occupancy map and last action of one episode, and the policy's observation of both.
 
     Args:
-        camera: the camera that the depth images come from.
-        robot: its body.
-        crops: what is cut out of the map.
+        camera: camera of the depth images.
+        robot: body of the robot.
+        crops: sizes of the map crops.
         resolution: edge of a map cell in metres.
     """
 
@@ -34,11 +34,11 @@ class ExplorationMemory:
         self._steps = 0
 
     def experience(self, frame: Frame, collided: bool) -> Experience:
-        """Add a frame and return what a reward is computed from.
+        """Add a frame and return the input of rewards.
 
         Args:
-            frame: what the robot sees, with labels if the reward needs them.
-            collided: whether the last action was cut short by an obstacle.
+            frame: the observed frame, with labels if the reward needs them.
+            collided: whether the last action was shortened by an obstacle.
         """
         self.see(frame.depth, frame.pose, collided)
         observation = Observation(
@@ -50,7 +50,7 @@ class ExplorationMemory:
 
     @property
     def area(self) -> float:
-        """Square metres of the map that are known, free or occupied."""
+        """Known area of the map, free or occupied, in square metres."""
         return float(np.count_nonzero(self.occupancy.cells)) * self.occupancy.resolution**2
 
     def see(self, depth: np.ndarray, pose: np.ndarray, collided: bool) -> None:
@@ -59,7 +59,7 @@ class ExplorationMemory:
         Args:
             depth: H x W metres, 0 = none.
             pose: 4 x 4 camera-to-world.
-            collided: whether the last action was cut short by an obstacle.
+            collided: whether the last action was shortened by an obstacle.
         """
         self.occupancy.update(depth, pose)
         if self._action is Action.FORWARD and self._pose is not None:
@@ -69,16 +69,16 @@ class ExplorationMemory:
         self._pose, self._collided = pose, collided
 
     def acted(self, action: Action) -> None:
-        """Record the action that follows the last frame, whoever chose it."""
+        """Record the action after the last frame, including those that the policy did not choose."""
         self._action = action
         self._steps += 1
 
     def view(self) -> dict[str, np.ndarray]:
-        """The policy's observation.
+        """The observation of the policy.
 
         Returns:
-            "near" and "far", the crops of the map, each 4 x pixels x pixels uint8; and "body", 4 float32: which of
-            `MOVES` was the last action, one-hot, and whether it was cut short.
+            "near" and "far", the crops of the map, each 4 x pixels x pixels uint8; and "body", 4 float32: the last
+            action, one-hot over `MOVES`, and whether it collided.
         """
         assert self._pose is not None
         known, crops = self.occupancy, self.crops

@@ -1,4 +1,4 @@
-"""Cache of the scenes that one process's environments have loaded, shared by all robots in them."""
+"""Cache of loaded scenes, shared by the environments of a process."""
 
 from collections import OrderedDict
 
@@ -7,12 +7,12 @@ from deux.simulator.simulation import Simulation
 
 
 class ScenePool:
-    """Makes simulators, loading each scene once; simulators of one scene share what is loaded.
+    """Factory of simulators that share loaded scenes.
 
     Args:
-        simulation: makes the first simulator of each scene.
-        colors: whether the robots see colours.
-        most: scenes that are kept; the one that was used longest ago makes room.
+        simulation: factory of the first simulator of each scene.
+        colors: whether colours are rendered.
+        most: maximum number of cached scenes; the least recently used one is removed.
     """
 
     def __init__(self, simulation: Simulation, colors: bool = True, most: int = 64) -> None:
@@ -22,10 +22,10 @@ class ScenePool:
         self._loaded: OrderedDict[SceneReference, Simulator] = OrderedDict()
 
     def simulator(self, scene: SceneReference) -> Simulator:
-        """A further robot in a scene; it stands nowhere before its `reset`.
+        """Create a simulator of a scene; call its `reset` before anything else.
 
         Raises:
-            DeuxError: the scene cannot be loaded, or there is no floor in it.
+            DeuxError: the scene cannot be loaded or has no floor.
         """
         if scene not in self._loaded:
             self._loaded[scene] = self.simulation.make(scene, self.colors)

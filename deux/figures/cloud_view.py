@@ -1,4 +1,4 @@
-"""A picture of a point cloud of rooms, seen from above at a slant with the ceilings cut away."""
+"""Rendering of an indoor point cloud, seen obliquely from above without ceilings."""
 
 import cv2
 import numpy as np
@@ -6,26 +6,26 @@ import numpy as np
 from deux.geometry.point_cloud import PointCloud
 
 ELEVATION = 55.0
-"""Degrees above the horizon from which the cloud is seen."""
+"""Elevation of the camera in degrees."""
 
 CUT = 1.9
-"""Metres above the floor from which on points are left out; the floor is the 2nd percentile of the heights."""
+"""Height above the floor, the 2nd percentile of the heights, at which points are cut off, in metres."""
 
 _LONGER_SIDE = 1000
-"""Pixels of the picture, drawn at twice as many and scaled down."""
+"""Longer side of the image in pixels; it is rendered at twice the size and downsampled."""
 
 _BACKGROUND = 255
 
 
 def draw_cloud(cloud: PointCloud, up: np.ndarray) -> np.ndarray:
-    """Draw a cloud in parallel projection, its longest horizontal direction from left to right.
+    """Draw a point cloud in parallel projection, with its longest horizontal direction from left to right.
 
     Args:
-        cloud: at least one point.
-        up: 3, the direction against gravity, of any length.
+        cloud: the point cloud, with at least one point.
+        up: direction against gravity, 3 values of any norm.
 
     Returns:
-        H x W x 3 uint8 on white.
+        H x W x 3 uint8 on a white background.
     """
     up = up / np.linalg.norm(up)
     heights = cloud.points @ up
@@ -36,12 +36,12 @@ def draw_cloud(cloud: PointCloud, up: np.ndarray) -> np.ndarray:
     sine, cosine = np.sin(np.radians(ELEVATION)), np.cos(np.radians(ELEVATION))
     across, upwards = points @ right, points @ (sine * away + cosine * up)
     nearness = points @ (sine * up - cosine * away)
-    # Far ends that a few wrong points make would leave the rest small.
+    # Percentiles, since a few outliers would make the rest small.
     left, rightmost = np.percentile(across, (0.2, 99.8))
     bottom, top = np.percentile(upwards, (0.2, 99.8))
     scale = 2 * _LONGER_SIDE / max(rightmost - left, top - bottom, 0.1)
     shape = (int((top - bottom) * scale) + 2, int((rightmost - left) * scale) + 2)
-    order = np.argsort(nearness, kind="stable")  # what is nearer is drawn over what is farther
+    order = np.argsort(nearness, kind="stable")  # painter's algorithm
     columns = np.rint((across[order] - left) * scale).astype(np.int64)
     rows = np.rint((top - upwards[order]) * scale).astype(np.int64)
     picture = np.full((*shape, 3), _BACKGROUND, np.uint8)
@@ -54,15 +54,15 @@ def draw_cloud(cloud: PointCloud, up: np.ndarray) -> np.ndarray:
 
 
 def _longest_direction(points: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """The horizontal unit vector along which the points spread the most."""
+    """Horizontal unit vector of the largest variance of the points."""
     level = points - points.mean(axis=0)
     level -= np.outer(level @ up, up)
-    # Also defined where the points spread nowhere: any vector of the plane will do.
+    # Also defined without any variance: any vector of the plane is valid.
     _, vectors = np.linalg.eigh(level.T @ level - 1e12 * np.outer(up, up))
     return vectors[:, -1]
 
 
 def _spacing(count: int, across: np.ndarray, upwards: np.ndarray) -> float:
-    """Metres between neighbouring points if they were spread evenly over the picture, at most 3 cm."""
+    """Distance of neighbouring points if they were evenly distributed over the image, at most 0.03 m."""
     area = max(np.ptp(across) * np.ptp(upwards), 1e-6)
     return min(0.03, float(np.sqrt(area / count)))

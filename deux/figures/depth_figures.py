@@ -1,4 +1,4 @@
-"""Figures of predicted depth: one depth map, or several frames with their errors and uncertainty."""
+"""Figures of predicted depth: a single depth map, or several frames with errors and uncertainty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ from deux.inference.prediction import device_of
 _COLUMNS = ("image", "sparse depth", "prediction", "ground truth", "error", "uncertainty")
 
 _LONGER_SIDE = 7.0
-"""Of the picture of one depth map without its scale, in inches."""
+"""Longer side of a single depth map without its colour bar, in inches."""
 
 _MOST_ELONGATED = 4.0
-"""Ratio of the sides from which on a depth map stands in an area that is wider or higher than itself."""
+"""Maximum aspect ratio of the area of a depth map."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class DepthSample:
         sparse_depth: H x W metres, 0 = none.
         predicted_depth: H x W metres.
         ground_truth: H x W metres, 0 = none.
-        residual: H x W photometric error in [0, 1], NaN where no source frame sees the pixel.
+        residual: H x W photometric error in [0, 1], NaN where no source frame is valid.
     """
 
     rgb: np.ndarray
@@ -45,10 +45,7 @@ class DepthSample:
 
 @torch.no_grad()
 def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
-    """Predict every frame of a batch that carries ground truth, and rebuild it from its source frames.
-
-    Without poses of the frames there is no residual: it is NaN everywhere.
-    """
+    """Predict the depth of a batch with ground truth, and its photometric residuals, which are NaN without poses."""
     from lightning.fabric.utilities import move_data_to_device  # slow, and `draw_depth` needs none of it
 
     batch = move_data_to_device(batch, device_of(model))
@@ -71,7 +68,7 @@ def depth_samples(model: DepthModel, batch: Batch) -> list[DepthSample]:
 
 
 class Scales(NamedTuple):
-    """Where the colours of each kind of panel end; all begin at 0.
+    """Upper limits of the colour scales; all begin at 0.
 
     Args:
         depth: metres.
@@ -85,7 +82,7 @@ class Scales(NamedTuple):
 
 
 def depth_scales(samples: Sequence[DepthSample]) -> Scales:
-    """The scales that several samples share: high percentiles of what they show."""
+    """Common colour scales of several samples, from high percentiles of their values."""
     errors = [np.abs(known(sample.ground_truth) - sample.predicted_depth) for sample in samples]
     return Scales(
         depth=_percentile([sample.ground_truth for sample in samples], 98, least=1.0),
@@ -95,12 +92,12 @@ def depth_scales(samples: Sequence[DepthSample]) -> Scales:
 
 
 def known(depth: np.ndarray) -> np.ndarray:
-    """Depth with NaN instead of 0, so that "none" is drawn as the background."""
+    """Replace 0 in depth by NaN, so that "none" is drawn as background."""
     return np.where(depth > 0, depth, np.nan)
 
 
 def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
-    """Draw one row for each sample; depth, error and uncertainty share one colour scale each over all rows.
+    """Draw one row for each sample, with common colour scales for depth, error and uncertainty.
 
     Depth runs from 0 to the 98th percentile of the ground truth. The error is absolute, in metres; the uncertainty is
     the per-pixel photometric residual whose mean enters Eq. 8.
@@ -131,20 +128,18 @@ def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
 
 
 def draw_depth(depth: np.ndarray, confidence: np.ndarray | None = None) -> Figure:
-    """Draw a depth map with a scale in metres, and beside it how sure it is.
+    """Draw a depth map with a scale in metres, and optionally its confidence.
 
-    The colours run from the 1st to the 99th percentile, so that a few far pixels do not flatten all others.
+    The colours range from the 1st to the 99th percentile.
 
     Args:
         depth: H x W metres, 0 = none.
         confidence: H x W in [0, 1], 0 = none; None for no second map.
     """
-    known = np.where(depth > 0, depth, np.nan)
-    nearest, farthest = np.nanpercentile(known, (1, 99)) if (depth > 0).any() else (0.0, 1.0)
-    maps = [(known, DEPTH_COLORS, (nearest, farthest), "depth [m]", "both")]
+    nearest, farthest = np.percentile(depth[depth > 0], (1, 99)) if (depth > 0).any() else (0.0, 1.0)
+    maps = [(known(depth), DEPTH_COLORS, (nearest, farthest), "depth [m]", "both")]
     if confidence is not None:
-        sure = np.where(confidence > 0, confidence, np.nan)
-        maps.append((sure, UNCERTAINTY_COLORS, (0.0, 1.0), "confidence", "neither"))
+        maps.append((known(confidence), UNCERTAINTY_COLORS, (0.0, 1.0), "confidence", "neither"))
     height, width = depth.shape
     ratio = min(max(height / width, 1 / _MOST_ELONGATED), _MOST_ELONGATED)
     size = _LONGER_SIDE * np.array([1.0, ratio]) / max(1.0, ratio)
@@ -161,9 +156,9 @@ def draw_depth(depth: np.ndarray, confidence: np.ndarray | None = None) -> Figur
 
 
 def _draw_sparse(panel: Axes, sparse_depth: np.ndarray, deepest: float) -> None:
-    """Points as discs: at 1 % density single pixels would vanish in print."""
+    """Draw sparse points as discs, since single pixels would be too small in print."""
     rows, columns = np.nonzero(sparse_depth)
-    panel.imshow(np.full(sparse_depth.shape, np.nan))  # fixes limits and aspect as the neighbours have them
+    panel.imshow(np.full(sparse_depth.shape, np.nan))  # sets limits and aspect as in the other panels
     panel.scatter(
         columns,
         rows,

@@ -1,4 +1,4 @@
-"""Frames of a video of predicted depth: the image, its depth and its confidence side by side."""
+"""Frames of a depth video: image, depth and confidence side by side."""
 
 from functools import cache
 
@@ -9,7 +9,7 @@ import numpy as np
 from deux.figures.drawing import DEPTH_COLORS, UNCERTAINTY_COLORS
 
 LARGEST_PANEL = 360
-"""Rows of pixels of a panel at most; larger frames are scaled down."""
+"""Maximum height of a panel in pixels; larger frames are downsampled."""
 
 _NONE = 217
 """Grey level of pixels without a value, as in the figures."""
@@ -23,7 +23,7 @@ def draw_video_frame(
     Args:
         image: H x W x 3 uint8.
         depth: H x W metres, 0 = none.
-        depth_range: metres at the two ends of the colours, the same over the whole video.
+        depth_range: limits of the colour scale in metres, the same for the whole video.
         confidence: H x W in [0, 1], 0 = none; None for no third panel.
 
     Returns:
@@ -40,12 +40,12 @@ def draw_video_frame(
 
 
 def color_map(values: np.ndarray, ends: tuple[float, float], colors: str) -> np.ndarray:
-    """H x W values as colours, H x W x 3 uint8; grey where they are 0 or not finite.
+    """Apply a colour map to H x W values; returns H x W x 3 uint8, grey where values are not finite or not above 0.
 
     Args:
         values: H x W.
-        ends: the values at the two ends of the colours.
-        colors: name of matplotlib's colour map.
+        ends: limits of the colour scale.
+        colors: name of a matplotlib colour map.
     """
     low, high = ends
     known = np.isfinite(values) & (values > 0)
@@ -55,5 +55,5 @@ def color_map(values: np.ndarray, ends: tuple[float, float], colors: str) -> np.
 
 @cache
 def _table(colors: str) -> np.ndarray:
-    """256 x 3 uint8."""
+    """A colour map as a 256 x 3 uint8 table."""
     return np.rint(255.0 * matplotlib.colormaps[colors](np.arange(256))[:, :3]).astype(np.uint8)

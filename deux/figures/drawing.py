@@ -1,4 +1,4 @@
-"""What all figures share: colours, sizes, and writing them whole or not at all."""
+"""Common parts of all figures: colour maps, creation and saving."""
 
 import io
 from collections.abc import Iterable
@@ -18,25 +18,25 @@ UNCERTAINTY_COLORS = "viridis"
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """A figure of width x height inches that belongs to no global state, so that it is freed when dropped."""
+    """Create a figure of width x height inches that is not registered in pyplot, so that it is freed automatically."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def hide_ticks(axes: Axes) -> None:
-    """Leave only the picture: pixel coordinates tell a reader nothing."""
+    """Remove the ticks, since pixel coordinates are not informative."""
     axes.set_xticks([])
     axes.set_yticks([])
 
 
 def legend_entries(panels: Iterable[Axes]) -> dict[str, Artist]:
-    """What the legend of several panels shows, by label, each label once: not every panel has every line."""
+    """Legend handles of several panels by label, without duplicates."""
     return {label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
 
 
 def save_figure(figure: Figure, path: Path, dpi: int = 130) -> Path:
-    """Write a PNG, whole or not at all."""
+    """Write a PNG file atomically."""
     content = io.BytesIO()
     figure.savefig(content, dpi=dpi, format="png")
     make_folder(path.parent)

@@ -1,4 +1,4 @@
-"""Recordings of an exploration that the Rerun viewer plays: what the robot saw, knew and headed for at each step."""
+"""Recordings of an exploration episode for the Rerun viewer: images, maps and targets of each step."""
 
 import math
 from collections.abc import Sequence
@@ -27,11 +27,11 @@ _PATH, _FRONTIER, _TARGET = (255, 255, 255), (255, 200, 60), (230, 60, 60)
 """Colours on the map."""
 
 _MARGIN = 5
-"""Unknown cells around the floor plan."""
+"""Margin around the floor plan in cells."""
 
 
 class _Moment(NamedTuple):
-    """What is drawn on the floor plan of one step: the map, and the robot's world x, z and heading."""
+    """Map and robot pose (world x, z and heading) of one step."""
 
     explored: ExplorerMap
     x: float
@@ -40,21 +40,21 @@ class _Moment(NamedTuple):
 
 
 class ExplorationRecording:
-    """A recording of one episode. A context manager; the maps, which grow, are written when it is left.
+    """Recording of one episode. A context manager that writes the maps at its end, since they grow.
 
-        image, depth        what the camera saw, and the depth that the map is built from
-        map                 the floor plan: black unknown, grey occupied, green free
-        map/path, /robot    where it was and where it looks
-        map/frontiers       free cells beside the unknown
-        map/target          where it is heading
-        field               the explorer's uncertainty, on the same plan; of explorers that keep one
-        uncertainty         of each frame as one number (Eq. 8); of explorers that are shown it
+        image, depth        camera image, and the depth from which the map is built
+        map                 floor plan: black unknown, grey occupied, green free
+        map/path, /robot    trajectory and current pose
+        map/frontiers       free cells next to unknown ones
+        map/target          target of the explorer
+        field               uncertainty field of the explorer on the same plan, if it has one
+        uncertainty         uncertainty of each frame (Eq. 8), if the explorer uses it
 
-    An explorer that keeps no map is shown on one of the true depth.
+    For explorers without a map, a map is built from the ground truth depth.
 
     Args:
         path: the .rrd file.
-        name: of the episode.
+        name: name of the episode.
     """
 
     def __init__(self, path: Path, name: str) -> None:
@@ -74,7 +74,7 @@ class ExplorationRecording:
         self._file.__exit__(kind, *details)
 
     def add(self, step: Step) -> None:
-        """The next step, before the explorer is asked for another one."""
+        """Record a step, before the explorer chooses the next action."""
         rerun, stream = self._rerun, self._file.stream
         stream.set_time(FRAME_TIMELINE, sequence=step.number)
         stream.log("image", rerun.Image(step.frame.rgb).compress(jpeg_quality=85))
@@ -99,7 +99,7 @@ class ExplorationRecording:
         return ExplorerMap(self._true_map.frame, self._true_map.cells.copy())
 
     def _log_maps(self) -> None:
-        """All floor plans on one canvas; a pixel is a cell."""
+        """Log all floor plans on one canvas with one pixel per cell."""
         rerun, stream = self._rerun, self._file.stream
         canvas = _canvas(self._moments)
         values = [moment.explored.uncertainty for moment in self._moments]
@@ -125,7 +125,7 @@ class ExplorationRecording:
 
 
 def _canvas(moments: Sequence[_Moment]) -> GridFrame:
-    """The smallest grid that holds all that is ever known, and `_MARGIN` around it; maps grow by whole cells."""
+    """The smallest grid that contains all known cells of all steps with a margin of `_MARGIN` cells."""
     cell = moments[0].explored.frame.resolution
     ends = []
     for explored, x, z, _ in moments:
@@ -134,7 +134,7 @@ def _canvas(moments: Sequence[_Moment]) -> GridFrame:
         ends += [known.min(axis=0), known.max(axis=0) + cell] if len(known) else [np.array([x, z])]
     low, high = np.min(ends, axis=0), np.max(ends, axis=0)
     first = moments[0].explored.frame
-    # On the cells of the maps, whose borders the canvas shares.
+    # Aligned with the cells of the maps, which grow by whole cells.
     left = first.origin_x + cell * (round((low[0] - first.origin_x) / cell) - _MARGIN)
     top = first.origin_z + cell * (round((low[1] - first.origin_z) / cell) - _MARGIN)
     rows, columns = (round((high[axis] - low[axis]) / cell) + 2 * _MARGIN for axis in (1, 0))
@@ -142,23 +142,23 @@ def _canvas(moments: Sequence[_Moment]) -> GridFrame:
 
 
 def _on_canvas(values: np.ndarray, frame: GridFrame, canvas: GridFrame, empty: float) -> np.ndarray:
-    """A grid's values at their place on the canvas, `empty` elsewhere; what lies outside falls away."""
-    found = np.full(canvas.shape, empty, values.dtype)
+    """Copy the values of a grid to the canvas, with `empty` elsewhere; values outside of the canvas are ignored."""
+    result = np.full(canvas.shape, empty, values.dtype)
     row = round((frame.origin_z - canvas.origin_z) / canvas.resolution)
     column = round((frame.origin_x - canvas.origin_x) / canvas.resolution)
     top, left = max(0, row), max(0, column)
     bottom, right = min(canvas.rows, row + frame.rows), min(canvas.columns, column + frame.columns)
-    found[top:bottom, left:right] = values[top - row : bottom - row, left - column : right - column]
-    return found
+    result[top:bottom, left:right] = values[top - row : bottom - row, left - column : right - column]
+    return result
 
 
 def _pixel(canvas: GridFrame, x: float, z: float) -> tuple[float, float]:
-    """World metres as the viewer's pixels: to the right and down."""
+    """Pixel coordinates of a world position in metres."""
     return (x - canvas.origin_x) / canvas.resolution, (z - canvas.origin_z) / canvas.resolution
 
 
 def _layout() -> "Blueprint":
-    """The floor plan in the middle, the camera at the left, the uncertainty at the right."""
+    """Viewer layout: camera on the left, floor plan in the middle, uncertainty on the right."""
     from rerun import blueprint
 
     return blueprint.Blueprint(

@@ -1,4 +1,4 @@
-"""The figure of recorded frames as they are read: image, sparse points, true depth and the frame rebuilt with it."""
+"""Preview figure of recorded frames: image, sparse depth, ground truth and reconstruction."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,11 +15,11 @@ class PreviewFrame(NamedTuple):
     """One row of the preview.
 
     Args:
-        name: of the frame.
+        name: name of the frame.
         image: H x W x 3 uint8.
         sparse_depth: H x W metres, 0 = none.
-        ground_truth: H x W metres, 0 = none; None where there is none.
-        rebuilt: H x W x 3, 0-255, NaN where nothing is seen; None where there is none.
+        ground_truth: H x W metres, 0 = none; None for no ground truth.
+        rebuilt: reconstruction from a neighbouring frame, H x W x 3, 0-255, NaN where invalid; None for none.
     """
 
     name: str
@@ -30,7 +30,7 @@ class PreviewFrame(NamedTuple):
 
 
 def draw_preview(frames: Sequence[PreviewFrame]) -> Figure:
-    """Draw one row for each frame; depth has one scale over all rows, to the 98th percentile."""
+    """Draw one row for each frame, with a common depth scale up to the 98th percentile."""
     depths = [
         depth[depth > 0] for frame in frames for depth in (frame.sparse_depth, frame.ground_truth) if depth is not None
     ]
@@ -43,7 +43,7 @@ def draw_preview(frames: Sequence[PreviewFrame]) -> Figure:
         panels = [figure.add_subplot(grid[row, column]) for column in range(len(_COLUMNS))]
         for panel, title in zip(panels, _COLUMNS, strict=True):
             panel.set_facecolor("0.85")
-            panel.imshow(np.full((*frame.image.shape[:2], 4), 0.0))  # fixes limits and aspect
+            panel.imshow(np.full((*frame.image.shape[:2], 4), 0.0))  # sets limits and aspect
             hide_ticks(panel)
             panel.set_title(title if row == 0 else "", fontsize=10)
         panels[0].imshow(frame.image)

@@ -1,4 +1,4 @@
-"""Pictures of the model at work in TensorBoard, while it trains."""
+"""Lightning callback that logs predictions as images to TensorBoard."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,17 +18,17 @@ from deux.geometry.sliding_max import sliding_max
 from deux.training.module import DepthCompletion
 
 _BACKGROUND = 0.85
-"""Grey of what has no value."""
+"""Grey level of pixels without a value."""
 
 _POINT = 3
-"""Side in pixels of a sparse point, which as a single pixel could not be seen."""
+"""Size of a sparse point in pixels, since single pixels are hard to see."""
 
 
 class PanelLogger(Callback):
-    """Draws the first frames of each validation into the TensorBoard log, one row a frame; see `panel_grid`.
+    """Log the first frames of each validation to TensorBoard, one row for each frame; see `panel_grid`.
 
     Args:
-        frames: number of frames, at most one batch of them.
+        frames: number of frames, at most the batch size.
     """
 
     def __init__(self, frames: int = 3) -> None:
@@ -43,7 +43,7 @@ class PanelLogger(Callback):
         batch_idx: int,
         dataloader_idx: int = 0,
     ) -> None:
-        """Draw the first batch."""
+        """Log the first batch."""
         if batch_idx > 0 or batch.ground_truth is None or not isinstance(pl_module, DepthCompletion):
             return
         grid = panel_grid(depth_samples(pl_module.model, batch)[: self.frames])
@@ -55,10 +55,10 @@ class PanelLogger(Callback):
 def panel_grid(samples: Sequence[DepthSample]) -> Tensor:
     """One row for each sample: image, sparse depth, prediction, ground truth, absolute error, photometric residual.
 
-    The colours are those of `draw_depth_panels`; depth, error and residual have one scale each over all rows.
+    The colours are those of `draw_depth_panels`; depth, error and residual have common scales for all rows.
 
     Args:
-        samples: of one size, at least one.
+        samples: at least one sample, all of the same size.
 
     Returns:
         3 x height x width float32 in [0, 1].
@@ -80,7 +80,7 @@ def panel_grid(samples: Sequence[DepthSample]) -> Tensor:
 
 
 def _colored(values: np.ndarray, colors: str, most: float) -> Tensor:
-    """H x W values from 0 to `most` as 3 x H x W colours, grey where they are NaN."""
+    """Apply a colour map to H x W values from 0 to `most`; returns 3 x H x W, grey where values are NaN."""
     pixels = matplotlib.colormaps[colors](np.clip(values / most, 0.0, 1.0))[..., :3]
     pixels[np.isnan(values)] = _BACKGROUND
     return torch.from_numpy(pixels.astype(np.float32)).permute(2, 0, 1)

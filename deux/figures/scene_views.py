@@ -1,4 +1,4 @@
-"""What a scene looks like: its plan from above, cut open below the ceiling, beside two views from inside."""
+"""Figures of scenes: a plan from above without the ceiling, and two interior views."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from deux.simulator.starts import random_starts
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-CUT = 1.9  # metres above the floor: below lintels, above most furniture
-CLEAR = 1.2  # metres that a view's median depth must have: a picture of one cupboard shows nothing of a scene
+CUT = 1.9  # cutting height above the floor in metres: below lintels, above most furniture
+CLEAR = 1.2  # minimum median depth of a view in metres, which excludes close-ups of furniture
 _MARGIN = 0.3
 
 
 MOST_PIXELS = 4_000_000
-"""Of a plan: 2,500 square metres at the usual scale. A pixel takes 125 bytes while it is drawn."""
+"""Maximum size of a plan, 2,500 square metres at the default scale; rendering needs 125 bytes per pixel."""
 
 
 def plan_from_above(scene: Scene, cut: float = CUT, pixels_per_metre: float = 40.0) -> np.ndarray:
-    """Draw a scene's main floor as seen straight from above, without perspective and without what is above the cut.
+    """Render the main floor of a scene from above in parallel projection, without anything above the cut.
 
     Args:
         scene: the scene.
-        cut: height above the floor where it is cut open, metres.
-        pixels_per_metre: the scale, at most; a scene that would have more than `MOST_PIXELS` is drawn smaller.
+        cut: cutting height above the floor, metres.
+        pixels_per_metre: maximum scale; it is reduced for images of more than `MOST_PIXELS`.
 
     Returns:
-        rows x columns x 3 uint8, x to the right and z downward; dark where there is nothing, as inside the walls.
+        rows x columns x 3 uint8, x to the right and z downward; dark where there is no surface.
     """
     mesh = scene.mesh
     low, high = mesh.bounds[:, [0, 2]].astype(np.float64) + np.array([[-_MARGIN], [_MARGIN]])
@@ -48,7 +48,7 @@ def plan_from_above(scene: Scene, cut: float = CUT, pixels_per_metre: float = 40
     top = np.full(x.size, scene.floor_height - mesh.origin[1] + cut)
     rays = np.broadcast_to(np.array([0.0, -1.0, 0.0], np.float32), (x.size, 3))
     hits = RayCaster(mesh).cast(np.stack([x.ravel(), top, z.ravel()], axis=-1), rays)
-    # Parallel rays: one pixel is the same step at every depth, as at a depth of one metre.
+    # With parallel rays, the size of a pixel does not depend on the depth, which is set to one metre.
     right, down = np.array([pixel, 0.0, 0.0], np.float32), np.array([0.0, 0.0, pixel], np.float32)
     depth = np.ones(x.size, np.float32)
     colors = shade(hits.face, hits.barycentric, depth, np.ascontiguousarray(rays), right, down, prepare_surfaces(mesh))
@@ -57,12 +57,12 @@ def plan_from_above(scene: Scene, cut: float = CUT, pixels_per_metre: float = 40
 
 
 def plainest_and_richest(simulator: Simulator, candidates: int = 60, seed: int = 0) -> tuple[Frame, Frame]:
-    """The views with the least and the most texture of some from random places of the main floor.
+    """Find the views with the least and the most texture among random views of the main floor.
 
     Args:
-        simulator: the scene, with the camera of the views.
-        candidates: number of views that are compared, by `texture_contrast`.
-        seed: of the places.
+        simulator: simulator of the scene.
+        candidates: number of random views, which are compared by `texture_contrast`.
+        seed: random seed of the views.
     """
     space, eye = simulator.free_space(0), simulator.robot.camera_height
     places = random_starts(space, candidates, np.random.default_rng(seed))
@@ -82,12 +82,12 @@ def texture_contrast(image: np.ndarray) -> float:
 
 
 def draw_scene(scene: SceneReference, camera: Camera | None = None, robot: Robot | None = None) -> Figure:
-    """Draw a scene: its main floor from above, and its plainest and its richest view of some.
+    """Draw the main floor of a scene from above, and its views with the least and the most texture.
 
     Args:
-        scene: what is drawn.
-        camera: of the views; 384 x 384 pixels and 90 degrees if left out.
-        robot: whose eyes the views are seen with.
+        scene: the scene.
+        camera: camera of the views; 384 x 384 pixels and 90 degrees by default.
+        robot: robot that defines the camera height.
     """
     loaded = scene.load()
     views = plainest_and_richest(MeshSimulator(scene, camera or Camera(384, 384), robot or Robot()))

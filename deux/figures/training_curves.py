@@ -1,4 +1,4 @@
-"""Curves against training steps: a depth model's losses and errors, its rounds, and a learned explorer's reward."""
+"""Training curves of depth models, of rounds of active collection, and of learned explorers."""
 
 import math
 from collections.abc import Sequence
@@ -19,22 +19,22 @@ _ROUND_PANELS = {
     "uncertainty": "mean uncertainty",
     "mae": f"validation {METRICS['mae'].heading}",
 }
-"""The numbers of a round that are drawn, by their names, and the titles of their panels."""
+"""Plotted attributes of a round with the titles of their panels."""
 
 
 def read_log(folder: Path) -> dict[str, tuple[list[int], list[float]]]:
-    """Each logged quantity: the steps at which it was logged, and its values.
+    """Read the steps and values of each logged quantity.
 
     Args:
-        folder: holds `version_<n>/metrics.csv`, one for each start of the training. What a killed start logged
-            beyond the checkpoint from which the next one went on is left out.
+        folder: folder with `version_<n>/metrics.csv` for each start of the training. Entries that were logged after the
+            checkpoint from which the next start resumed are ignored.
     """
     logs = [path for path in folder.glob("version_*/metrics.csv") if path.parent.name[len("version_") :].isdecimal()]
     logs.sort(key=lambda path: int(path.parent.name[len("version_") :]))
     series: dict[str, dict[int, float]] = {}
     for log in logs:
         rows = read_table(log)
-        if not rows:  # of a start that was killed before its first line
+        if not rows:  # the process was killed before its first entry
             continue
         if "step" not in rows[0]:
             raise DeuxError(f"{log} is damaged: it has no column step.")
@@ -50,7 +50,7 @@ def read_log(folder: Path) -> dict[str, tuple[list[int], list[float]]]:
 
 
 def draw_training_curve(folder: Path) -> Figure:
-    """Draw the training loss with its terms, and the validation MAE, from the logs that `fit` leaves in a folder."""
+    """Draw the training loss with its terms, and the validation MAE, from the logs of a training."""
     series = read_log(folder)
     figure = new_figure(10.0, 3.6)
     terms, error = figure.subplots(1, 2)
@@ -68,8 +68,8 @@ def draw_rounds(rounds: Sequence[Round], logs: Path) -> Figure:
     """Draw the rounds of active collection: frames, area, uncertainty and validation error of each.
 
     Args:
-        rounds: the rounds so far.
-        logs: folder of the training's CSV logs; the validation error between the rounds is drawn from it.
+        rounds: the finished rounds.
+        logs: folder of the training's CSV logs, which contain the validation error between rounds.
     """
     figure = new_figure(13.0, 3.2)
     panels: dict[str, Axes] = dict(zip(_ROUND_PANELS, figure.subplots(1, len(_ROUND_PANELS)), strict=True))
@@ -87,13 +87,13 @@ def draw_rounds(rounds: Sequence[Round], logs: Path) -> Figure:
 
 
 def draw_learning_curve(steps: Sequence[int], reward: Sequence[float], area: Sequence[float], title: str) -> Figure:
-    """Draw a learned explorer's reward and the area that it sees.
+    """Draw the reward and the explored area of a learned explorer.
 
     Args:
         steps: training steps of all environments.
-        reward: sum of an episode's rewards, a mean over the latest episodes.
-        area: square metres of the map that an episode knew at its end, likewise.
-        title: of the reward's panel.
+        reward: sum of the rewards of an episode, averaged over the latest episodes.
+        area: known area of the map at the end of an episode in square metres, averaged likewise.
+        title: title of the reward panel.
     """
     figure = new_figure(9.0, 3.4)
     panels = figure.subplots(1, 2)

@@ -1,4 +1,4 @@
-"""The top-down figure: where the robot went, coloured by time, over what it explored."""
+"""Top-down figure of a trajectory, coloured by time, over the explored map."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,12 +17,12 @@ _MARGIN = 0.5
 
 
 def draw_trajectory(explored: ExplorerMap, poses: np.ndarray, title: str = "") -> Figure:
-    """Draw a trajectory over the explored map, and beside it the uncertainty field if the explorer keeps one.
+    """Draw a trajectory over the explored map, and next to it the uncertainty field if there is one.
 
     Args:
         explored: the map; its grids are drawn in metres, x to the right and z downward.
-        poses: N x 4 x 4 camera-to-world, in order of time.
-        title: drawn above the map.
+        poses: N x 4 x 4 camera-to-world, in temporal order.
+        title: title of the map.
     """
     with_field = explored.uncertainty is not None
     left, right, top, bottom = _drawn_part(explored, poses)
@@ -49,7 +49,7 @@ def draw_trajectory(explored: ExplorerMap, poses: np.ndarray, title: str = "") -
 
 
 def _drawn_part(explored: ExplorerMap, poses: np.ndarray) -> tuple[float, float, float, float]:
-    """The part of the world worth drawing: what is known and where the robot was (left, right, top, bottom)."""
+    """Bounds of the known cells and the trajectory (left, right, top, bottom)."""
     rows, columns = np.nonzero(explored.occupancy)
     frame = explored.frame
     xs = np.concatenate([frame.origin_x + columns * frame.resolution, poses[:, 0, 3]])
@@ -58,14 +58,14 @@ def _drawn_part(explored: ExplorerMap, poses: np.ndarray) -> tuple[float, float,
 
 
 def extent(frame: GridFrame) -> tuple[float, float, float, float]:
-    """Where a grid's picture lies in metres, as matplotlib's `imshow` wants it: left, right, bottom, top."""
+    """Extent of a grid in metres for matplotlib's `imshow`: left, right, bottom, top."""
     right = frame.origin_x + frame.columns * frame.resolution
     bottom = frame.origin_z + frame.rows * frame.resolution
     return frame.origin_x, right, bottom, frame.origin_z
 
 
 def draw_path(panel: Axes, points: np.ndarray) -> LineCollection:
-    """Draw a path, N x 2 world (x, z), coloured by its steps, with its start and its end."""
+    """Draw a path, N x 2 world (x, z), coloured by step, with markers at its start and end."""
     path = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap=TIME_COLORS, linewidths=2.0)
     path.set_array(np.arange(len(points) - 1))
     panel.add_collection(path, autolim=False)
@@ -75,7 +75,7 @@ def draw_path(panel: Axes, points: np.ndarray) -> LineCollection:
 
 
 def draw_scale_bar(panel: Axes) -> None:
-    """Draw a line of one metre into the lower left corner of a panel whose limits are set."""
+    """Draw a scale bar of one metre in the lower left corner of a panel, whose limits must be set."""
     left, right = panel.get_xlim()
     bottom, top = panel.get_ylim()
     x, z = left + 0.04 * (right - left), bottom + 0.05 * (top - bottom)

@@ -1,4 +1,4 @@
-"""The trajectories of several explorers over one floor plan, side by side, as in the paper's Figure 3."""
+"""Trajectories of several explorers on the same floor plan, side by side, as in Figure 3 of the paper."""
 
 import math
 from collections.abc import Sequence
@@ -16,13 +16,13 @@ PANEL_WIDTH = 3.6  # inches
 
 
 class Trajectory(NamedTuple):
-    """What one panel shows.
+    """Trajectory and final map of an episode, for one panel.
 
     Args:
-        title: drawn above it.
-        path: N x 2 world (x, z), in order of time.
-        frame: where `cells` lie.
-        cells: rows x columns int8, what the episode's map knows: 0 unknown, 1 occupied, 2 free.
+        title: title of the panel.
+        path: N x 2 world (x, z), in temporal order.
+        frame: grid of `cells`.
+        cells: rows x columns int8, final map: 0 unknown, 1 occupied, 2 free.
     """
 
     title: str
@@ -32,11 +32,11 @@ class Trajectory(NamedTuple):
 
 
 def draw_trajectory_grid(plan: FreeSpace, trajectories: Sequence[Trajectory]) -> Figure:
-    """Draw each trajectory in a panel of its own: what stands on the floor in grey, explored floor green, other black.
+    """Draw each trajectory in a separate panel, with obstacles in grey, explored floor in green and the rest in black.
 
     Args:
-        plan: the true floor.
-        trajectories: at least one.
+        plan: ground truth of the floor.
+        trajectories: at least one trajectory.
     """
     columns = min(3, len(trajectories))
     rows = math.ceil(len(trajectories) / columns)
@@ -60,7 +60,7 @@ def draw_trajectory_grid(plan: FreeSpace, trajectories: Sequence[Trajectory]) ->
 
 
 def explored_plan(plan: FreeSpace, trajectory: Trajectory) -> np.ndarray:
-    """The floor plan, rows x columns int8: occupied where something stands, free where the map knows the floor."""
+    """Floor plan, rows x columns int8: occupied at obstacles, free at explored cells, unknown elsewhere."""
     frame = plan.frame
     x = frame.origin_x + (np.arange(frame.columns) + 0.5) * frame.resolution
     z = frame.origin_z + (np.arange(frame.rows) + 0.5) * frame.resolution

@@ -1,4 +1,4 @@
-"""Recordings of predicted frames that the Rerun viewer plays: `rerun FILE.rrd` (pip install "deux[viewer]")."""
+"""Recordings of predicted frames for the Rerun viewer: `rerun FILE.rrd` (pip install "deux[viewer]")."""
 
 import os
 from contextlib import suppress
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deux.data.frame_stream import RecordedFrame
-from deux.errors import DeuxError
+from deux.errors import DeuxError, error_text
 from deux.figures.depth_video import color_map
 from deux.figures.drawing import DEPTH_COLORS
 from deux.geometry.point_cloud import PointCloud
@@ -21,27 +21,27 @@ if TYPE_CHECKING:
     from rerun.blueprint import Blueprint
 
 FRAME_TIMELINE = "frame"
-"""The viewer's time line: the number of a frame."""
+"""Name of the viewer's time line, the frame number."""
 
 _MOST_POINTS = 20_000
-"""Points of a frame's cloud in a recording at most; each frame adds its own."""
+"""Maximum number of points that each frame adds to the cloud."""
 
 _JPEG_QUALITY = 85
 
 
 def check_viewer(option: str) -> None:
-    """Raise DeuxError if the package that writes recordings is not installed; `option` is what asks for it."""
+    """Raise DeuxError if the package for recordings, which `option` requires, is not installed."""
     if find_spec("rerun") is None:
         raise DeuxError(f'{option}=rerun needs the package rerun-sdk: install it with pip install "deux[viewer]".')
 
 
 class ViewerFile:
-    """An .rrd file that appears when it is complete. A context manager.
+    """An .rrd file that is written atomically. A context manager.
 
     Args:
         path: the file.
-        name: what the viewer calls the recording.
-        layout: how the viewer arranges it, made by `rerun.blueprint`.
+        name: name of the recording in the viewer.
+        layout: layout of the viewer, from `rerun.blueprint`.
     """
 
     def __init__(self, path: Path, name: str, layout: "Blueprint") -> None:
@@ -50,12 +50,12 @@ class ViewerFile:
         make_folder(path.parent)
         rerun = rerun_package()
         self.stream: RecordingStream = rerun.RecordingStream("deux", recording_id=str(path))
-        """What is logged to."""
+        """The stream for logging."""
         try:
             self.stream.save(self._unfinished, default_blueprint=layout)
             self.stream.send_recording_name(name)
-        except Exception as error:  # of Rust's, a RuntimeError today
-            raise DeuxError(f"{path} cannot be written: {' '.join(str(error).split())}.") from error
+        except Exception as error:  # raised by Rust code, currently a RuntimeError
+            raise DeuxError(f"{path} cannot be written: {error_text(error)}.") from error
 
     def __enter__(self) -> "ViewerFile":
         return self
@@ -66,32 +66,31 @@ class ViewerFile:
             self.stream.disconnect()
             if kind is None:
                 os.replace(self._unfinished, self.path)
-        except Exception as error:  # as above; its words name no cause
-            if kind is None:  # an error that came first is the one to tell
-                said = " ".join(str(error).split())
-                raise DeuxError(f"{self.path} cannot be written, the disk may be full: {said}.") from error
+        except Exception as error:  # as above; its message does not include the cause
+            if kind is None:  # otherwise the earlier error is raised
+                raise DeuxError(f"{self.path} cannot be written, the disk may be full: {error_text(error)}.") from error
         finally:
             with suppress(OSError):
                 self._unfinished.unlink()
 
 
 class PredictionRecording:
-    """A recording of one sequence: camera, image, sparse points, depth, confidence and cloud over time.
+    """Recording of a sequence: camera, image, sparse points, depth, confidence and point cloud over time.
 
-        world                      the poses' world, y up as in all of deux
-        world/camera               pose and matrix of the camera
+        world                      world coordinates, y up
+        world/camera               pose and intrinsics of the camera
         world/camera/image         the colour image
-        world/camera/sparse        the sparse points, coloured by their depth
-        world/cloud/<number>       the points of each frame, which add up over time
-        depth, confidence          H x W maps, in millimetres and in parts of 255
-        frame_name                 the frame's name, a line of text
+        world/camera/sparse        the sparse points, coloured by depth
+        world/cloud/<number>       the points of each frame, which accumulate over time
+        depth, confidence          H x W maps, in millimetres and in units of 1/255
+        frame_name                 name of the frame as text
 
-    A sequence without poses has its camera at the origin and shows the present frame's cloud alone.
+    Without poses, the camera is at the origin and only the current frame's points are shown.
 
     Args:
         path: the .rrd file.
-        name: of the sequence.
-        depth_range: metres at the ends of the colours of depth.
+        name: name of the sequence.
+        depth_range: limits of the colour scale of depth, metres.
     """
 
     def __init__(self, path: Path, name: str, depth_range: tuple[float, float]) -> None:
@@ -117,15 +116,15 @@ class PredictionRecording:
         confidence: np.ndarray | None,
         cloud: PointCloud,
     ) -> None:
-        """The next frame.
+        """Record a frame.
 
         Args:
-            number: 0 for the first.
-            name: of the frame.
-            frame: as it was recorded.
-            depth: H x W metres, predicted.
-            confidence: H x W in [0, 1]; None without a measure.
-            cloud: the frame's points, in the world if it has a pose.
+            number: index of the frame, from 0.
+            name: name of the frame.
+            frame: the recorded frame.
+            depth: predicted depth, H x W metres.
+            confidence: H x W in [0, 1]; None for no confidence.
+            cloud: points of the frame, in world coordinates if it has a pose.
         """
         rerun = self._rerun
         self._file.stream.set_time(FRAME_TIMELINE, sequence=number)
@@ -162,14 +161,14 @@ class PredictionRecording:
 
 
 def rerun_package() -> ModuleType:
-    """The package, which takes seconds to import; call `check_viewer` first."""
+    """Import rerun, which takes seconds; call `check_viewer` first."""
     import rerun
 
     return rerun
 
 
 def _layout() -> "Blueprint":
-    """The cloud at the left, the maps one below the other at the right."""
+    """Viewer layout: the cloud on the left, the maps in a column on the right."""
     from rerun import blueprint
 
     return blueprint.Blueprint(

@@ -1,4 +1,4 @@
-"""The pinhole camera that every renderer, map and model shares."""
+"""Pinhole camera shared by all renderers, maps and models."""
 
 import math
 from dataclasses import dataclass
@@ -9,30 +9,30 @@ from deux.errors import check_range
 from deux.memory_budget import check_memory
 
 FOCAL_LENGTHS = (1e-3, 1e7)
-"""Pixels between which focal lengths lie; with others, points and their images are lost to rounding."""
+"""Valid range of focal lengths in pixels; beyond it, projections are dominated by rounding errors."""
 
-_LARGE = 4_000_000  # pixels up to which the memory for a frame is not looked at
-_PIXEL_BYTES = 100  # of memory for each pixel of a frame, while it is rendered and looked at
+_LARGE = 4_000_000  # pixels of a frame above which the available memory is checked
+_PIXEL_BYTES = 100  # memory for each pixel of a frame while it is rendered and processed
 
 
 def is_focal_length(value: float) -> bool:
-    """Whether a number of pixels can be a focal length."""
+    """Whether a value in pixels is a valid focal length."""
     return FOCAL_LENGTHS[0] <= value <= FOCAL_LENGTHS[1]
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A pinhole camera with square pixels, whose pixel centres lie on integer coordinates.
+    """A pinhole camera with square pixels and pixel centres at integer coordinates.
 
     Args:
         width: image width in pixels.
         height: image height in pixels.
         hfov: horizontal field of view in degrees.
-        min_depth: nearest depth in metres that the sensor reports.
-        max_depth: farthest depth in metres that the sensor reports; anything beyond is 0, "none".
+        min_depth: smallest depth that the sensor measures, metres.
+        max_depth: largest depth that the sensor measures, metres; depth beyond it is 0, "none".
 
     Raises:
-        DeuxError: a value is out of its range, or there is no memory for frames of so many pixels.
+        DeuxError: a value is out of range, or a frame does not fit into memory.
 
     Example:
         >>> Camera(width=4, height=2, hfov=90.0).intrinsics.round(6).tolist()
@@ -62,12 +62,12 @@ class Camera:
 
     @property
     def intrinsics(self) -> np.ndarray:
-        """The 3 x 3 float64 matrix K with the principal point at ((W - 1) / 2, (H - 1) / 2)."""
+        """Camera matrix K, 3 x 3 float64, with the principal point at ((W - 1) / 2, (H - 1) / 2)."""
         f = self.focal_length
         return np.array([[f, 0.0, (self.width - 1) / 2], [0.0, f, (self.height - 1) / 2], [0.0, 0.0, 1.0]])
 
     def rays(self) -> np.ndarray:
-        """Directions of all pixels in camera axes, H x W x 3 float64 with z = 1: a point is ray x depth."""
+        """Ray directions of all pixels in camera axes, H x W x 3 float64 with z = 1, so that a point is ray * depth."""
         k = self.intrinsics
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         return np.stack([(u - k[0, 2]) / k[0, 0], (v - k[1, 2]) / k[1, 1], np.ones(u.shape)], axis=-1)

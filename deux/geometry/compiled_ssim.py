@@ -1,4 +1,4 @@
-"""Structural similarity and its gradient on a CPU, compiled: one pass over each image, row by row."""
+"""Compiled structural similarity and its gradient for CPUs, in one row-wise pass over each image."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -15,14 +15,14 @@ CONTRAST_CONSTANT = 0.03**2
 
 
 def compiled_ssim(image: Tensor, other: Tensor, weights: list[float], margin: int) -> Tensor:
-    """Structural similarity at each pixel; once differentiable in both images.
+    """Structural similarity at each pixel; once differentiable with respect to both images.
 
     Args:
         image: ... x H x W float32 or float64, on the CPU.
-        other: ... x H x W, of the same type, broadcastable with `image`.
-        weights: k weights of the square window along each axis, symmetric and with a sum of 1.
-        margin: rows and columns by which the images are mirrored at each edge, less than their size: k // 2 keeps the
-            size, 0 returns only the pixels whose window is inside.
+        other: ... x H x W of the same dtype, broadcastable with `image`.
+        weights: k weights of the separable window, symmetric with a sum of 1.
+        margin: mirror padding at each edge in pixels, smaller than the image: k // 2 preserves the size, 0 returns only
+            the pixels whose window lies inside.
 
     Returns:
         ... x (H + 2 margin - k + 1) x (W + 2 margin - k + 1).
@@ -32,7 +32,7 @@ def compiled_ssim(image: Tensor, other: Tensor, weights: list[float], margin: in
 
 
 class _Similarity(torch.autograd.Function):
-    """The images' planes are independent, so that threads can share them."""
+    """Autograd function of `compiled_ssim`; the planes are independent and computed in parallel."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, other: Tensor, weights: list[float], margin: int) -> Tensor:
@@ -48,7 +48,7 @@ class _Similarity(torch.autograd.Function):
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, Tensor | None, None, None]:
         image, other = ctx.saved_tensors
         results: list[Tensor | None] = [None, None]
-        # SSIM is symmetric: the gradient of the first image is that of the second with the two exchanged.
+        # SSIM is symmetric: the gradient of the first image is that of the second with both exchanged.
         for i, (fixed, moving) in enumerate(((other, image), (image, other))):
             if ctx.needs_input_grad[i]:
                 results[i] = torch.empty_like(moving, memory_format=torch.contiguous_format)
@@ -57,10 +57,10 @@ class _Similarity(torch.autograd.Function):
 
 
 def _for_each_plane(kernel: Callable[..., None], weights: list[float], margin: int, *tensors: Tensor | None) -> None:
-    """Call a kernel with the planes of ... x H x W tensors, shared among half as many threads as torch has.
+    """Call a kernel with the planes of ... x H x W tensors, in half as many threads as torch uses.
 
-    Torch's own keep their cores busy for a while after each of its operations: with two, sharing takes twice as long.
-    The last tensor is written to, and contiguous.
+    Torch's own threads keep their cores busy for a while after each operation: with two cores, two threads take twice
+    as long as one. The last tensor is the output and must be contiguous.
     """
     arrays = [x.detach().reshape(-1, *x.shape[-2:]).contiguous().numpy() for x in tensors if x is not None]
     window = np.array(weights, arrays[0].dtype)
@@ -68,15 +68,15 @@ def _for_each_plane(kernel: Callable[..., None], weights: list[float], margin: i
     if parts <= 1:
         kernel(window, margin, *arrays)
         return
-    shares = [np.array_split(array, parts) for array in arrays]
+    chunks = [np.array_split(array, parts) for array in arrays]
     with ThreadPoolExecutor(parts) as threads:
-        for _ in threads.map(lambda share: kernel(window, margin, *share), zip(*shares, strict=True)):
+        for _ in threads.map(lambda chunk: kernel(window, margin, *chunk), zip(*chunks, strict=True)):
             pass
 
 
 @compiled(nogil=True, error_model="numpy")
 def _mirrored_indices(length: int, margin: int) -> np.ndarray:
-    """Where each row of an image mirrored at its edges (without repeating them) comes from."""
+    """Source index of each row of an image that is mirrored at its edges without repeating them."""
     indices = np.abs(np.arange(-margin, length + margin))
     return np.where(indices < length, indices, 2 * (length - 1) - indices)
 
@@ -101,12 +101,12 @@ def _means_of_row(
         other: H x W.
         rows: the k rows of the window.
         columns: W + 2 margin indices, `_mirrored_indices`.
-        sums: 4 x (W + 2 margin), working memory.
-        means: 4 x (W + 2 margin - k + 1), the result.
+        sums: 4 x (W + 2 margin), a buffer.
+        means: 4 x (W + 2 margin - k + 1), the output.
     """
     width = image.shape[1]
     sums[:] = 0.0
-    # Slices, for an index that is a sum might be negative, which keeps the compiler from vectorising.
+    # Slices instead of index sums, which might be negative and would prevent vectorisation.
     centre = sums[:, margin : margin + width]
     for i in range(len(window)):
         weight, image_row, other_row = window[i], image[rows[i]], other[rows[i]]
@@ -131,7 +131,7 @@ def _means_of_row(
 def _similarity_of_planes(
     window: np.ndarray, margin: int, images: np.ndarray, others: np.ndarray, similarities: np.ndarray
 ) -> None:
-    """Eq. 13 of Wang et al. for n x H x W images: n x H' x W' into `similarities`."""
+    """Eq. 13 of Wang et al. for n x H x W images; writes n x H' x W' values to `similarities`."""
     planes, height, width = images.shape
     rows, columns = _mirrored_indices(height, margin), _mirrored_indices(width, margin)
     sums = np.empty((4, width + 2 * margin), images.dtype)
@@ -151,11 +151,11 @@ def _similarity_of_planes(
 def _gradient_of_planes(
     window: np.ndarray, margin: int, images: np.ndarray, others: np.ndarray, gradients: np.ndarray, results: np.ndarray
 ) -> None:
-    """The gradient for the others of n x H x W, from n x H' x W' gradients of the similarities.
+    """Gradient with respect to `others`, n x H x W, from n x H' x W' gradients of the similarities.
 
     With the means m_a and m_b and the factors S = p q / (s t) of Eq. 13:
     dS/dm_b = 2 m_a (q - p) / (s t) - 2 m_b S (1 / s - 1 / t), dS/d mean(a b) = 2 p / (s t),
-    dS/d mean(a^2 + b^2) = -S / t. Each spreads over its window, and the last two are multiplied by a and 2 b.
+    dS/d mean(a^2 + b^2) = -S / t. Each is distributed over its window; the last two are multiplied by a and 2 b.
     """
     planes, height, width = images.shape
     rows, columns = _mirrored_indices(height, margin), _mirrored_indices(width, margin)
@@ -197,7 +197,7 @@ def _spread_row(
     sums: np.ndarray,
     spread: np.ndarray,
 ) -> None:
-    """Add what a row of means owes to the pixels of its windows: the transpose of `_means_of_row`."""
+    """Add the gradients of a row of means to the pixels of their windows: the transpose of `_means_of_row`."""
     width = spread.shape[2]
     for q in range(3):
         sums[q] = 0.0

@@ -1,14 +1,14 @@
-"""Agreement of a depth map with those of other frames of its sequence: the geometric check of multi-view fusion.
+"""Multi-view consistency check of depth maps, as in multi-view fusion.
 
-A depth map that blurs the step between two surfaces puts its pixels into the empty space between them, and each frame
-puts them elsewhere, along its own rays. A point is believed where other cameras of the same world measure it too:
+Depth maps that are blurred at an edge have points in the empty space between two surfaces, at different positions in
+each frame. A point is accepted if the depth maps of other frames agree with it:
 
     X = pose (d K^-1 (u, v, 1)),    (u', v', z') = K' pose'^-1 X,    |z' / d'(u', v') - 1| <= tolerance.
 
-Between its pixels 1 / d' is interpolated, which is linear on planes, so that slanted floors agree in small images too.
+Between pixels 1 / d' is interpolated, which is linear on planes, so that slanted floors agree in small images too.
 
-Frames that see almost the same rays, a centimetre away or turned in place, would confirm any mistake; so only frames
-count whose cameras stand apart (`SourceRule`).
+Frames from almost the same position would confirm any error; therefore only frames with a sufficient baseline are used
+(`SourceRule`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -22,14 +22,14 @@ from deux.geometry.poses import inverse
 from deux.geometry.source_frames import SourceRule
 
 REACH = 10
-"""Frames before and after, of those with poses, among which the frames that confirm are chosen."""
+"""Number of frames with poses, before and after a frame, from which the confirming frames are selected."""
 
 _CONFIRMATIONS = 2
-"""Frames that must agree with a pixel; fewer where fewer stand apart."""
+"""Number of frames that must agree with a pixel; fewer if fewer have a sufficient baseline."""
 
 
 class PosedDepth(NamedTuple):
-    """A depth map and the camera that took it.
+    """A depth map with intrinsics and pose.
 
     Args:
         depth: H x W metres, 0 = none.
@@ -43,11 +43,11 @@ class PosedDepth(NamedTuple):
 
 
 def confirming_frames(poses: Sequence[np.ndarray], index: int) -> list[int]:
-    """Which frames of a sequence can confirm the depth of one: before it the nearest and the farthest, and after it.
+    """Select the frames that can confirm the depth of a frame: the nearest and farthest before it and after it.
 
     Args:
-        poses: 4 x 4 camera-to-world of each frame, in order of time.
-        index: of the frame in question.
+        poses: 4 x 4 camera-to-world of each frame, in temporal order.
+        index: index of the frame to check.
 
     Returns:
         At most four indices.
@@ -61,15 +61,15 @@ def confirming_frames(poses: Sequence[np.ndarray], index: int) -> list[int]:
 
 
 def agreeing_pixels(target: PosedDepth, others: Iterable[PosedDepth], tolerance: float) -> np.ndarray:
-    """The pixels of a depth map that enough other frames measure at the same place.
+    """Find the pixels of a depth map that agree with enough other frames.
 
     Args:
-        target: the depth map in question.
-        others: those of the frames that can confirm it, each of any size.
-        tolerance: greatest difference of both depths as a fraction of what the other frame measures.
+        target: the depth map to check.
+        others: depth maps of the confirming frames, of any size.
+        tolerance: maximum difference of both depths relative to that of the other frame.
 
     Returns:
-        H x W bool; all true where there is no other frame.
+        H x W bool; all true without other frames.
 
     Example:
         >>> camera, ahead = np.eye(3), np.eye(4)
@@ -78,24 +78,24 @@ def agreeing_pixels(target: PosedDepth, others: Iterable[PosedDepth], tolerance:
         [[True, False]]
     """
     points = unproject(target.depth, target.intrinsics, target.pose)
-    confirmations, asked = np.zeros(target.depth.shape, np.int64), 0
+    confirmations, count = np.zeros(target.depth.shape, np.int64), 0
     for other in others:
-        confirmations += _measures(other, points, tolerance)
-        asked += 1
-    return confirmations >= min(_CONFIRMATIONS, asked)
+        confirmations += _agrees(other, points, tolerance)
+        count += 1
+    return confirmations >= min(_CONFIRMATIONS, count)
 
 
-def _measures(frame: PosedDepth, points: np.ndarray, tolerance: float) -> np.ndarray:
-    """Whether a frame measures the points, H x W x 3 metres, where they are."""
+def _agrees(frame: PosedDepth, points: np.ndarray, tolerance: float) -> np.ndarray:
+    """Whether the depth map of a frame agrees with the points, H x W x 3 metres."""
     to_camera = frame.intrinsics @ inverse(frame.pose)[:3]
-    seen = points @ to_camera[:, :3].T + to_camera[:, 3]
-    distance = seen[..., 2]
+    projected = points @ to_camera[:, :3].T + to_camera[:, 3]
+    distance = projected[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        pixels = (seen[..., :2] / distance[..., None]).astype(np.float32)
+        pixels = (projected[..., :2] / distance[..., None]).astype(np.float32)
         inverse_depth = np.where(frame.depth > 0, 1 / frame.depth, np.nan).astype(np.float32)
     height, width = frame.depth.shape
     inside = (distance > 0) & ((pixels >= -0.5) & (pixels <= (width - 0.5, height - 0.5))).all(axis=-1)
-    # Beside pixels without depth the value is NaN, which agrees with nothing.
+    # Next to pixels without depth the value is NaN, for which the comparison below is false.
     measured = cv2.remap(
         inverse_depth, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )

@@ -1,18 +1,18 @@
-"""Coloured points in space from depth maps, and their fusion on a grid of voxels."""
+"""Coloured point clouds from depth maps, and their fusion on a voxel grid."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 _MOST_PENDING = 4_000_000
-"""Points that wait to be merged at most; merging sorts all voxels, so it is done seldom."""
+"""Maximum number of points that are buffered before merging, which sorts all voxels."""
 
 _REACH = 1 << 20
-"""Voxels on either side of the origin: three coordinates of 21 bits make one key of 63."""
+"""Number of voxels on either side of the origin: three coordinates of 21 bits make one key of 63 bits."""
 
 
 class PointCloud(NamedTuple):
-    """Points with colours.
+    """A coloured point cloud.
 
     Args:
         points: N x 3 float32 metres.
@@ -24,12 +24,12 @@ class PointCloud(NamedTuple):
 
 
 def unproject(depth: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray | None = None) -> np.ndarray:
-    """The point of every pixel, X = R (d K^-1 (u, v, 1)) + t.
+    """Back-project every pixel, X = R (d K^-1 (u, v, 1)) + t.
 
     Args:
         depth: H x W metres.
         intrinsics: 3 x 3, for pixel centres at integers.
-        pose: 4 x 4 camera-to-world; None leaves the points in camera axes.
+        pose: 4 x 4 camera-to-world; None returns points in camera axes.
 
     Returns:
         H x W x 3 float64 metres.
@@ -46,10 +46,10 @@ def unproject(depth: np.ndarray, intrinsics: np.ndarray, pose: np.ndarray | None
 
 
 class VoxelFusion:
-    """Merges points by voxels: each voxel that was hit gives one point, the mean of its points and of their colours.
+    """Voxel-grid downsampling: all points of a voxel become one, with their mean position and colour.
 
-    Memory grows with the voxels and not with the points. Voxels reach 2^20 of their edges from the origin, 21 km for
-    2 cm; points beyond that are left out.
+    The memory grows with the number of voxels, not of points. The grid extends 2^20 voxels from the origin, 21 km for
+    voxels of 2 cm; points beyond it are ignored.
 
     Args:
         voxel: edge of a voxel in metres; 0 keeps all points.
@@ -62,7 +62,7 @@ class VoxelFusion:
         self._merged = _Voxels(np.empty(0, np.int64), np.empty((0, 6)), np.empty(0, np.int64))
 
     def add(self, points: np.ndarray, colors: np.ndarray) -> None:
-        """Add N x 3 metres with N x 3 uint8."""
+        """Add points, N x 3 metres, with their colours, N x 3 uint8."""
         if len(points) == 0:
             return
         self._pending.append((points.astype(np.float32 if self._voxel == 0 else np.float64), colors))
@@ -71,7 +71,7 @@ class VoxelFusion:
             self._merge()
 
     def cloud(self) -> PointCloud:
-        """The points so far."""
+        """The fused points."""
         if self._voxel == 0:
             points = [np.empty((0, 3), np.float32), *(points for points, _ in self._pending)]
             colors = [np.empty((0, 3), np.uint8), *(colors for _, colors in self._pending)]
@@ -100,7 +100,7 @@ class VoxelFusion:
 
 
 class _Voxels(NamedTuple):
-    """Voxels that were hit: the key of each, V, the sums of points and colours, V x 6, and how many points, V."""
+    """Occupied voxels: keys, V; sums of positions and colours, V x 6; and numbers of points, V."""
 
     keys: np.ndarray
     sums: np.ndarray

@@ -1,4 +1,4 @@
-"""Rigid poses as 4 x 4 matrices: camera-to-world, metres, OpenCV camera axes, a Y-up world."""
+"""Rigid poses as 4 x 4 camera-to-world matrices in metres, with OpenCV camera axes and a Y-up world."""
 
 import math
 
@@ -49,7 +49,7 @@ def inverse(pose: np.ndarray) -> np.ndarray:
 
 
 def source_from_target(target: np.ndarray, source: np.ndarray) -> np.ndarray:
-    """The matrix that carries points of the target camera into the source camera, from both cameras' poses.
+    """Transform from the target camera to the source camera, from the poses of both.
 
     Example:
         >>> target, source = camera_pose(0.0, 1.25, 0.0, yaw=0.0), camera_pose(0.5, 1.25, 0.0, yaw=0.0)
@@ -59,24 +59,24 @@ def source_from_target(target: np.ndarray, source: np.ndarray) -> np.ndarray:
     return inverse(source) @ target
 
 
-def projecting_alike(motion: np.ndarray, intrinsics: np.ndarray, source_intrinsics: np.ndarray) -> np.ndarray:
-    """The relative pose with which the target's camera matrix projects into a source image of another camera.
+def absorb_intrinsics(motion: np.ndarray, intrinsics: np.ndarray, source_intrinsics: np.ndarray) -> np.ndarray:
+    """Change a relative pose so that the target's intrinsics can be used for both cameras.
 
     K_s p = K_t A p with A = K_t^-1 K_s: the difference between the cameras (autofocus, zoom) becomes a shear and
-    stretch of space across the source's axis. Distances along the axis, crops, changes of size and mirrors are as for
-    p alone.
+    scaling perpendicular to the optical axis of the source. Depth is unchanged, and crops, resizing and mirroring apply
+    to A p as to p.
 
     Args:
-        motion: 4 x 4, p, carries points of the target camera into the source camera.
-        intrinsics: 3 x 3, K_t, upper triangular.
-        source_intrinsics: 3 x 3, K_s.
+        motion: p, 4 x 4 transform from the target camera to the source camera.
+        intrinsics: K_t, 3 x 3, upper triangular.
+        source_intrinsics: K_s, 3 x 3.
 
     Returns:
-        4 x 4, A p; p itself where the cameras are the same.
+        A p, 4 x 4; p itself if the intrinsics are equal.
 
     Example:
         >>> target, twice = np.diag([100.0, 100.0, 1.0]), np.diag([200.0, 200.0, 1.0])
-        >>> projecting_alike(np.eye(4), target, twice)[:3, :3].tolist()
+        >>> absorb_intrinsics(np.eye(4), target, twice)[:3, :3].tolist()
         [[2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 1.0]]
     """
     if np.array_equal(intrinsics, source_intrinsics):

@@ -1,4 +1,4 @@
-"""Rebuilding the target frame from its source frames with the predicted depth (Eq. 1 of the paper)."""
+"""Reconstruction of the target frame from its source frames with predicted depth (Eq. 1 of the paper)."""
 
 from typing import Literal
 
@@ -6,16 +6,16 @@ import torch
 from kornia.geometry import depth_to_3d_v2, project_points, remap, transform_points
 from torch import Tensor
 
-from deux.geometry.tuned_forms import merges_steps
+from deux.geometry.tuned_forms import fuses_steps
 
 NEAREST = 1e-3
-"""Points closer to a camera's plane than this (metres), or behind it, are not seen by it."""
+"""Minimum depth of visible points in metres."""
 
 FARTHEST = 1e4
-"""How far outside the image, in half images, a projected point is let go."""
+"""Limit to which projected points are clamped, in half images."""
 
 EDGE_TOLERANCE = 1e-3
-"""Pixels by which a point may miss the image and still count as inside: rounding of an identity warp."""
+"""Tolerance for points outside of the image, in pixels, for rounding errors of an identity warp."""
 
 
 def reproject(
@@ -27,20 +27,21 @@ def reproject(
 ) -> tuple[Tensor, Tensor]:
     """Sample each source image where the points of the target frame project into it (Eq. 1).
 
-    Every target pixel q is back-projected with its depth, moved by the relative pose and projected: the source
-    image is read bilinearly at K p K^-1 q d(q). Computed in float32 whatever the precision of the inputs and of an
-    enclosing autocast (bfloat16 misplaces pixels by whole units); float64 depth is kept, for gradient checks.
-    Nothing here makes the host wait for the device.
+    Every target pixel q is back-projected with its depth, transformed by the relative pose and projected; the source
+    image is sampled bilinearly at K p K^-1 q d(q). Computed in float32 regardless of the precision of the inputs and
+    of autocast, since bfloat16 has errors of whole pixels; float64 depth is not converted, for gradient checks.
+    It does not make the host wait for the device.
 
     Args:
         source_images: N x S x 3 x H x W.
-        depth: N x 1 x H x W metres, the target frame's; 0 = none.
+        depth: N x 1 x H x W metres, depth of the target frame; 0 = none.
         intrinsics: N x 3 x 3, upper triangular and not singular.
-        source_from_target: N x S x 4 x 4, carries points of the target camera into each source camera.
-        padding: what is read outside the source image: the nearest border pixel (the published models' way) or zero.
+        source_from_target: N x S x 4 x 4, transforms from the target camera to each source camera.
+        padding: value outside of the source image: the nearest border pixel (as in the published models) or zero.
 
     Returns:
-        images: N x S x 3 x H x W, the target frame as each source frame shows it; differentiable in depth and pose.
+        images: N x S x 3 x H x W, the target frame reconstructed from each source frame; differentiable with respect to
+            depth and pose.
         visible: N x S x 1 x H x W bool, true where there is depth and the point lies in front of the source camera
             and inside its image.
 
@@ -55,9 +56,8 @@ def reproject(
     with torch.autocast(depth.device.type, enabled=False):
         depth = depth.to(dtype)
         positions, distance = _project(depth, intrinsics.to(dtype), source_from_target.to(dtype))
-        # The clamp keeps positions finite; what it changes is invisible. A NaN must go because grid_sample's backward
-        # pass on the CPU takes it for an address and brings the process down. Neither needs a gradient of its own:
-        # that of a sample so far outside is zero already.
+        # Clamping only changes positions outside of the image. NaN must be replaced because the backward pass of
+        # grid_sample on the CPU uses it as an address and crashes. Neither needs a gradient: it is zero so far outside.
         with torch.no_grad():
             positions.clamp_(-FARTHEST, FARTHEST).nan_to_num_(nan=FARTHEST)
         x, y = positions.flatten(0, 1).unbind(1)
@@ -74,38 +74,38 @@ def reproject(
 
 
 def _project(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> tuple[Tensor, Tensor]:
-    """Where the target's points project into the source images; arguments as in `reproject`, of one dtype.
+    """Project the target's points into the source images; the arguments are those of `reproject`, of one dtype.
 
-    kornia's geometry defines the values. The same values come from plain arithmetic in a third of the time on a CPU,
-    and on a card without products of millions of points with one matrix (docs/decisions/0012-kornia-geometry.md).
+    kornia defines the values. Plain arithmetic computes the same values in a third of the time on a CPU, and on a GPU
+    without multiplying millions of points by one matrix (docs/decisions/0012-kornia-geometry.md).
 
     Returns:
         positions: N x S x 2 x H x W, (x, y) with -1 and 1 at the centres of the outer pixels.
         distance: N x S x 1 x H x W metres along the source camera's axis, negative behind it.
     """
-    project = _project_by_broadcasts if merges_steps() else _project_by_kornia
+    project = _project_by_broadcasts if fuses_steps() else _project_by_kornia
     return project(depth, intrinsics, source_from_target)
 
 
 def _project_by_kornia(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> tuple[Tensor, Tensor]:
-    """Unproject, transform and project the points with kornia."""
+    """Project the points with kornia."""
     sources, (height, width) = source_from_target.shape[1], depth.shape[-2:]
     points = depth_to_3d_v2(depth[:, 0], intrinsics).flatten(1, 2)[:, None].expand(-1, sources, -1, -1)
     motion = _without_skew(intrinsics, source_from_target)
     points = transform_points(motion.flatten(0, 1), points.flatten(0, 1)).view(len(depth), sources, height, width, 3)
     distance = points[..., 2:]
-    # kornia mirrors points behind the camera and leaves points in its plane undivided.
+    # kornia mirrors points behind the camera and does not divide points in its plane.
     points = torch.cat([points[..., :2], distance.clamp(min=NEAREST)], dim=-1)
     x, y = project_points(points, intrinsics[:, None, None, None]).unbind(-1)
-    # Plain numbers, for kornia's normalisation copies them to the device and waits until they are there.
+    # Plain numbers, since kornia's normalisation copies them to the device and waits for the copy.
     positions = torch.stack([x * (2.0 / max(width - 1, 1)) - 1.0, y * (2.0 / max(height - 1, 1)) - 1.0], dim=2)
     return positions, distance.movedim(-1, 2)
 
 
 def _without_skew(intrinsics: Tensor, source_from_target: Tensor) -> Tensor:
-    """The poses as kornia's camera, which ignores the skew K[0, 1], has to be given them: A p A^-1.
+    """Relative poses A p A^-1 for kornia's camera, which ignores the skew K[0, 1].
 
-    A camera with skew is one without skew that sees sheared space: K = K' A, A = [[1, K[0, 1] / K[0, 0]], [0, 1]].
+    A camera with skew is a camera without skew in sheared space: K = K' A, A = [[1, K[0, 1] / K[0, 0]], [0, 1]].
     """
     identity = torch.eye(4, dtype=intrinsics.dtype, device=intrinsics.device)
     slope = torch.zeros_like(identity).expand(len(intrinsics), 4, 4).clone()
@@ -114,9 +114,9 @@ def _without_skew(intrinsics: Tensor, source_from_target: Tensor) -> Tensor:
 
 
 def _project_by_broadcasts(depth: Tensor, intrinsics: Tensor, source_from_target: Tensor) -> tuple[Tensor, Tensor]:
-    """Project with the matrices multiplied beforehand, so that only one map of points is made."""
+    """Project with the matrices multiplied first, so that only one point map is computed."""
     height, width = depth.shape[-2:]
-    # Row by row rather than by a matrix of numbers, which would have to be copied to a card.
+    # Row by row instead of a matrix of numbers, which would have to be copied to the GPU.
     across, down, axis = intrinsics.unbind(1)
     across, down = across * (2.0 / max(width - 1, 1)) - axis, down * (2.0 / max(height - 1, 1)) - axis
     camera = torch.stack([across, down, axis], dim=1)[:, None]
@@ -124,7 +124,7 @@ def _project_by_broadcasts(depth: Tensor, intrinsics: Tensor, source_from_target
     # X K = C R gives X = C R K^-1, exactly as accurate as a triangular solve.
     rays = torch.linalg.solve_triangular(intrinsics[:, None], camera @ rotation, upper=True, left=False)
     offset = (camera @ translation)[..., None]
-    # A ray is linear in its pixel, so columns and rows are multiplied apart and meet in one broadcast sum.
+    # Rays are linear in the pixel coordinates: columns and rows are multiplied separately and added by broadcasting.
     columns = rays[..., 0:1] * torch.arange(width, dtype=depth.dtype, device=depth.device)
     rows = rays[..., 1:2] * torch.arange(height, dtype=depth.dtype, device=depth.device) + rays[..., 2:3]
     points = torch.addcmul(offset, columns[..., None, :] + rows[..., None], depth[:, None])
@@ -133,7 +133,7 @@ def _project_by_broadcasts(depth: Tensor, intrinsics: Tensor, source_from_target
 
 
 def _visible(positions: Tensor, distance: Tensor, depth: Tensor) -> Tensor:
-    """Which points have depth, lie in front of the source camera and fall inside its image: N x S x 1 x H x W."""
+    """Whether points have depth, lie in front of the source camera and inside its image: N x S x 1 x H x W."""
     height, width = depth.shape[-2:]
     x, y = positions[:, :, 0:1].abs(), positions[:, :, 1:2].abs()
     inside = (x <= 1.0 + 2.0 * EDGE_TOLERANCE / width) & (y <= 1.0 + 2.0 * EDGE_TOLERANCE / height)

@@ -1,4 +1,4 @@
-"""The robot's body and motion, which the simulator moves, maps leave room for and explorers plan with."""
+"""Body and motion of the robot, used by simulators, maps and explorers."""
 
 from dataclasses import dataclass
 
@@ -7,19 +7,19 @@ from deux.errors import DeuxError, check_range
 
 @dataclass(frozen=True)
 class Robot:
-    """The robot's body and motion, in metres and degrees.
+    """Body and motion of the robot, in metres and degrees.
 
     Args:
         radius: radius of the body, a vertical cylinder.
-        height: height of the body, which is all that the free floor leaves room for.
-        camera_height: height of the camera above the floor, not above the body.
+        height: height of the body, which is also the clearance that free floor needs.
+        camera_height: height of the camera above the floor, at most `height`.
         forward_step: length of one forward action.
-        turn_angle: angle of one turn in degrees.
-        max_climb: highest step in the floor that the robot rolls over; lower than the body, for only what lies between
-            the two is an obstacle.
+        turn_angle: angle of one turn action.
+        max_climb: highest step that the robot can climb, lower than `height`; only what lies between the two heights is
+            an obstacle.
 
     Raises:
-        DeuxError: a value is out of its range.
+        DeuxError: a value is out of range.
     """
 
     radius: float = 0.1
@@ -39,11 +39,11 @@ class Robot:
         if self.camera_height > self.height:
             raise DeuxError(
                 f"robot.camera_height is {self.camera_height} and robot.height {self.height}: a camera above the body "
-                "would pass through door frames, table tops and ceilings, so set robot.height to at least as much, or "
-                "robot.camera_height to less."
+                "would pass through door frames and ceilings, so increase robot.height or decrease "
+                "robot.camera_height."
             )
         if self.max_climb >= self.height:
             raise DeuxError(
-                f"robot.max_climb is {self.max_climb} and robot.height {self.height}: a robot that climbs what is as "
-                "high as itself meets no obstacle, so robot.max_climb must be lower."
+                f"robot.max_climb is {self.max_climb} and robot.height {self.height}: with steps as "
+                "high as the robot nothing is an obstacle, so decrease robot.max_climb."
             )

@@ -1,4 +1,4 @@
-"""The scaffolding of a depth map: the linear interpolation of its sparse points."""
+"""Scaffolding: linear interpolation of sparse depth points."""
 
 from functools import cache
 from typing import Literal
@@ -13,15 +13,15 @@ from threadpoolctl import ThreadpoolController
 def interpolate(sparse_depth: np.ndarray, outside: Literal["nearest", "zero"] = "nearest") -> np.ndarray:
     """Densify sparse depth by linear interpolation over a Delaunay triangulation of its points.
 
-    It is VOICED's input, and what every trained model is compared with.
+    It is the input of VOICED and the baseline of all evaluations.
 
     Args:
         sparse_depth: H x W metres, 0 = none.
-        outside: what pixels outside the points' convex hull get: the nearest point's depth, or 0.
+        outside: depth outside of the points' convex hull: that of the nearest point, or 0.
 
     Returns:
-        H x W float32 metres. Where no triangle can be made (fewer than three points, or all on one line) every pixel
-        takes the nearest point's depth, whatever `outside` says; without any point the result is 0 everywhere.
+        H x W float32 metres. Without a triangle (fewer than three points, or collinear points) every pixel has the
+        depth of the nearest point, regardless of `outside`; without points all pixels are 0.
 
     Example:
         >>> interpolate(np.array([[1.0, 0.0, 3.0], [0.0, 0.0, 0.0], [1.0, 0.0, 3.0]]))[1].tolist()
@@ -32,12 +32,12 @@ def interpolate(sparse_depth: np.ndarray, outside: Literal["nearest", "zero"] = 
         return np.zeros(sparse_depth.shape, np.float32)
     depths = sparse_depth[rows, columns].astype(np.float64)
     try:
-        # A triangle is a linear system of two unknowns, which BLAS would hand to threads that wait for each other: on a
-        # machine with other work, 2 ms become a second.
+        # Each triangle is a linear system of two unknowns, for which BLAS would synchronise its threads: on a busy
+        # machine this takes a second instead of 2 ms.
         with _blas().limit(limits=1, user_api="blas"):
             triangulation = Delaunay(np.stack([rows, columns], axis=1).astype(np.float64))
             dense = LinearNDInterpolator(triangulation, depths)(*np.indices(sparse_depth.shape))
-    except (QhullError, ValueError):  # fewer than three points, or all of them on one line
+    except (QhullError, ValueError):  # fewer than three points, or collinear points
         return _nearest(sparse_depth)
     beyond = np.isnan(dense)
     if not beyond.any():
@@ -47,7 +47,7 @@ def interpolate(sparse_depth: np.ndarray, outside: Literal["nearest", "zero"] = 
 
 @cache
 def _blas() -> ThreadpoolController:
-    """The process's BLAS libraries, looked up once, when scipy has loaded its own."""
+    """Controller of the BLAS libraries, created once, after scipy has loaded its own."""
     return ThreadpoolController()
 
 

@@ -1,23 +1,23 @@
-"""The maximum over large windows."""
+"""Sliding maximum over large windows."""
 
 from torch import Tensor
 from torch.nn import functional
 
-from deux.geometry.tuned_forms import merges_steps, tuned_for_cpu
+from deux.geometry.tuned_forms import fuses_steps, tuned_for_cpu
 
 
 def sliding_max(x: Tensor, window: int) -> Tensor:
-    """Largest value in the window x window pixels around each pixel; what lies outside the image does not count.
+    """Maximum over the window x window pixels around each pixel; pixels outside of the image are ignored.
 
-    On a CPU it is taken along the rows, then along the columns: the same values as over the square, in 2 k instead of
-    k^2 comparisons. Pooling in one dimension is vectorised there where that in two is not: together 80 times faster
-    at 29 x 29 pixels. Other devices pool the rows and the columns in two dimensions, which needs no transposed copies.
+    The maximum is computed along the rows, then along the columns, with 2 k instead of k^2 comparisons. On a CPU,
+    one-dimensional pooling is used, which is vectorised there: together 80 times faster at 29 x 29 pixels. Other
+    devices use two-dimensional pooling for rows and columns, which needs no transposed copies.
 
     Args:
         x: N x C x H x W.
         window: side of the window, odd.
     """
-    if not merges_steps():
+    if not fuses_steps():
         return functional.max_pool2d(x, window, stride=1, padding=window // 2)
     return (_by_rows if tuned_for_cpu(x) else _by_rectangles)(x, window)
 

@@ -1,19 +1,20 @@
-"""Choosing the source frames of a target by the parallax of the points that both cameras see.
+"""Selection of the source frames of a target by parallax and overlap.
 
-A source frame teaches depth where its camera stands some way off and sees the same surfaces. Poses and sparse points
-tell both; no true depth is needed. The score is the view selection of MVSNet (Yao et al., ECCV 2018, section 4.1) with
-visibility: of the target's sparse points p_i, seen from the centres a of the target's camera and b of the source's,
+A useful source frame has a sufficient baseline and sees the same surfaces. Both follow from the poses and the sparse
+points, without ground truth. The score is the view selection of MVSNet (Yao et al., ECCV 2018, section 4.1) with
+visibility: for the target's sparse points p_i and the camera centres a of the target and b of the source,
 
     s(target, source) = 1/N sum_i v_i G(theta_i),    theta_i = angle at p_i between the rays to a and b,
     G(theta) = exp(-(theta - 5)^2 / (2 sigma^2)),    sigma = 1 degree up to 5 degrees and 10 degrees beyond.
 
-v_i is 1 where p_i lies in front of the source camera and inside its image, and the source's own sparse point next to
-its projection is not much nearer, which would mean that something hides it; otherwise 0. Of all pairs of candidates the
-one is taken with the most sources that qualify (`SourceRule`) and, among those, the greatest
+v_i is 1 where p_i lies in front of the source camera, inside its image, and is not occluded, which is decided by the
+source's own sparse point next to its projection; otherwise 0. The selected pair of candidates has the most qualified
+sources (`SourceRule`) and, among such pairs, the largest
 
     (1 + e) (mean of both scores + 1/N sum_i of the larger v_i G(theta_i) of both),
 
-whose second part prefers sources that complete each other; e is 0.05 where they lie on both sides in time, else 0.
+where the second part prefers complementary sources, and e is 0.05 for one source before and one after the target, else
+0.
 """
 
 import math
@@ -29,34 +30,34 @@ from scipy.spatial import cKDTree
 from deux.geometry.poses import inverse
 
 SOURCES = 2
-"""Source frames of a target."""
+"""Number of source frames of a target."""
 
 _BEST_ANGLE, _BELOW, _ABOVE = 5.0, 1.0, 10.0
 """Degrees: theta_0, sigma_1 and sigma_2 of MVSNet."""
 
 _BOTH_SIDES = 0.05
-"""What a pair gains that lies on both sides in time."""
+"""Bonus e of a pair with one source before and one after the target."""
 
 _NEIGHBOURHOOD = 1 / 16
-"""Radius, in image widths, in which a source's own sparse point says what is in front there."""
+"""Radius in image widths in which a source's own sparse point can occlude a projected point."""
 
 _NEARER = 0.7
-"""A point is hidden where the source's own point is nearer than this fraction of its distance."""
+"""A point is occluded if the source's own point is nearer than this fraction of its distance."""
 
 _POINTS = 1000
-"""Points of a frame that are looked at, at most: every n-th, row by row."""
+"""Maximum number of sparse points of a frame that are used: every n-th, row by row."""
 
 
 @dataclass(frozen=True)
 class SourceRule:
-    """Which frames qualify as source frames with parallax.
+    """Conditions for source frames with sufficient parallax.
 
     Args:
-        reach: frames before and after the target among which it is chosen.
-        min_distance: metres between the cameras.
-        max_distance: likewise.
-        max_angle: degrees between the cameras' headings.
-        min_overlap: fraction of the target's points that the source sees.
+        reach: maximum distance from the target in frames.
+        min_distance: minimum distance between the cameras, metres.
+        max_distance: maximum distance between the cameras, metres.
+        max_angle: maximum angle between the optical axes, degrees.
+        min_overlap: minimum fraction of the target's points that are visible in the source.
     """
 
     reach: int = 5
@@ -66,7 +67,7 @@ class SourceRule:
     min_overlap: float = 0.3
 
     def apart(self, target: np.ndarray, source: np.ndarray) -> bool:
-        """Whether two cameras, 4 x 4 camera-to-world, stand apart and look alike as the rule asks, overlap aside."""
+        """Whether two poses, 4 x 4 camera-to-world, satisfy the limits for distance and angle."""
         distance = np.linalg.norm(source[:3, 3] - target[:3, 3])
         axes = float(np.clip(source[:3, 2] @ target[:3, 2], -1.0, 1.0))
         moved = self.min_distance <= distance <= self.max_distance
@@ -75,14 +76,14 @@ class SourceRule:
 
 @dataclass(frozen=True, eq=False)
 class SourceView:
-    """What the choice looks at of a frame.
+    """Pose, camera and sparse points of a frame.
 
     Args:
         pose: camera-to-world, 4 x 4.
         intrinsics: 3 x 3, for pixel centres at integers.
         size: height and width of the image in pixels.
-        pixels: (x, y) of the sparse points, N x 2; none of a frame without points, which is a source all the same.
-        depths: metres along the optical axis of the sparse points, N.
+        pixels: (x, y) of the sparse points, N x 2; frames without points can still be sources.
+        depths: depths of the sparse points in metres, N.
     """
 
     pose: np.ndarray
@@ -93,7 +94,7 @@ class SourceView:
 
     @classmethod
     def of(cls, pose: np.ndarray, intrinsics: np.ndarray, sparse_depth: np.ndarray) -> "SourceView":
-        """The view of a frame with H x W metres of sparse depth, 0 = none."""
+        """The view of a frame from sparse depth, H x W metres, 0 = none."""
         rows, columns = np.nonzero(sparse_depth)
         step = max(1, math.ceil(len(rows) / _POINTS))
         rows, columns = rows[::step], columns[::step]
@@ -103,13 +104,13 @@ class SourceView:
 
     @cached_property
     def points(self) -> np.ndarray:
-        """The sparse points in the world, N x 3 metres."""
+        """The sparse points in world coordinates, N x 3 metres."""
         rays = np.linalg.solve(self.intrinsics, np.c_[self.pixels, np.ones(len(self.pixels))].T)
         return (self.pose[:3, :3] @ (rays * self.depths)).T + self.pose[:3, 3]
 
     @cached_property
     def tree(self) -> cKDTree:
-        """The sparse points by their pixels."""
+        """Search tree of the sparse points' pixels."""
         return cKDTree(self.pixels)
 
 
@@ -117,8 +118,8 @@ class ChosenSources(NamedTuple):
     """The source frames of a target.
 
     Args:
-        steps: their distances from it in frames; those that qualify come first, then the higher score counts.
-        parallax: whether one of them qualifies.
+        steps: their signed distances from the target in frames; qualified sources first, then by descending score.
+        parallax: whether at least one of them qualifies.
     """
 
     steps: tuple[int, ...]
@@ -128,15 +129,15 @@ class ChosenSources(NamedTuple):
 def choose_sources(
     target: SourceView, candidates: Mapping[int, SourceView], rule: SourceRule | None = None
 ) -> ChosenSources:
-    """The two best source frames among the candidates, or the best there are where fewer qualify.
+    """Select the two best source frames among the candidates, whether they qualify or not.
 
     Args:
-        target: the frame that is rebuilt.
-        candidates: by their distance from it in frames.
-        rule: which of them qualify.
+        target: the target frame.
+        candidates: candidate frames by their signed distance from the target in frames.
+        rule: conditions for qualified sources.
 
     Returns:
-        Two of the candidates, or none where there are not as many.
+        Two of the candidates, or none with fewer than two candidates.
     """
     if len(candidates) < SOURCES:
         return ChosenSources((), False)
@@ -145,9 +146,9 @@ def choose_sources(
     scores = values.mean(axis=1)
     best, best_key = (0, 1), (-1, -1.0)
     for one, other in combinations(range(len(steps)), SOURCES):
-        together = (scores[one] + scores[other]) / 2 + np.maximum(values[one], values[other]).mean()
-        gain = 1 + _BOTH_SIDES if steps[one] * steps[other] < 0 else 1.0
-        key = int(qualified[one]) + int(qualified[other]), float(gain * together)
+        score = (scores[one] + scores[other]) / 2 + np.maximum(values[one], values[other]).mean()
+        factor = 1 + _BOTH_SIDES if steps[one] * steps[other] < 0 else 1.0
+        key = int(qualified[one]) + int(qualified[other]), float(factor * score)
         if key > best_key:
             best, best_key = (one, other), key
     one, other = sorted(best, key=lambda number: (not qualified[number], -scores[number]))
@@ -155,15 +156,15 @@ def choose_sources(
 
 
 def has_parallax(target: SourceView, sources: Sequence[SourceView], rule: SourceRule | None = None) -> bool:
-    """Whether one of the source frames qualifies."""
+    """Whether at least one of the source frames qualifies."""
     return bool(_values(sources, target, rule or SourceRule())[1].any())
 
 
 def visible_points(target: SourceView, source: SourceView) -> np.ndarray:
-    """Which of the target's sparse points the source camera sees, N bool.
+    """Whether each of the target's sparse points is visible in the source, N bool.
 
-    A point counts as hidden where the source's own sparse point nearest to its projection, within a sixteenth of the
-    image's width, is nearer than 0.7 of its distance.
+    A point is occluded if the source's own sparse point nearest to its projection, within 1/16 of the image width, is
+    nearer than 0.7 of its distance.
     """
     height, width = source.size
     local = inverse(source.pose) @ np.c_[target.points, np.ones(len(target.points))].T
@@ -173,13 +174,13 @@ def visible_points(target: SourceView, source: SourceView) -> np.ndarray:
     seen &= ((pixels >= -0.5) & (pixels <= (width - 0.5, height - 0.5))).all(axis=1)
     if len(source.pixels) and seen.any():
         _, nearest = source.tree.query(pixels[seen], distance_upper_bound=_NEIGHBOURHOOD * width)
-        in_front = np.append(source.depths, np.inf)[nearest]  # the index is N where nothing is near enough
+        in_front = np.append(source.depths, np.inf)[nearest]  # the index is N if there is no neighbour
         seen[seen] = in_front >= _NEARER * distance[seen]
     return seen
 
 
 def _values(sources: Sequence[SourceView], target: SourceView, rule: SourceRule) -> tuple[np.ndarray, np.ndarray]:
-    """v_i G(theta_i) of each source, S x N (S x 1 zeros for a target without points), and which of them qualify, S."""
+    """v_i G(theta_i) of each source, S x N (S x 1 zeros for a target without points), and whether it qualifies, S."""
     values = np.zeros((len(sources), max(1, len(target.pixels))))
     qualified = np.zeros(len(sources), dtype=bool)
     rays = target.points - target.pose[:3, 3]
@@ -196,13 +197,13 @@ def _values(sources: Sequence[SourceView], target: SourceView, rule: SourceRule)
 
 
 def _angles(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Degrees between vectors N x 3."""
+    """Angles between vectors, N x 3, in degrees."""
     lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
     cosines = np.einsum("ij,ij->i", first, second) / np.maximum(lengths, 1e-12)
     return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
 
 def _usefulness(angles: np.ndarray) -> np.ndarray:
-    """G of the module's docstring."""
+    """The weight G, see the module docstring."""
     width = np.where(angles <= _BEST_ANGLE, _BELOW, _ABOVE)
     return np.exp(-((angles - _BEST_ANGLE) ** 2) / (2.0 * width**2))

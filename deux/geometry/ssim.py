@@ -25,17 +25,16 @@ def ssim(
 ) -> Tensor:
     """Structural similarity at each pixel and channel, for images in [0, 1].
 
-    `kornia.metrics.ssim` (without its `eps`) defines the values; on a GPU they come from the same convolutions. On a
-    CPU they are computed many times faster by compiled code (docs/decisions/0012-kornia-geometry.md).
-    Nothing here makes the host wait for the device.
-    Half-precision images are compared in float32, also in an enclosing autocast.
+    `kornia.metrics.ssim` (without its `eps`) defines the values; on a GPU the same convolutions compute them. On a
+    CPU compiled code is many times faster (docs/decisions/0012-kornia-geometry.md). It does not make the host wait for
+    the device. Half-precision images are compared in float32, even with autocast.
 
     Args:
         image: N x ... x C x H x W.
         other: N x ... x C x H x W, broadcastable with `image`.
-        window: weights of the neighbourhood: a Gaussian of 1.5 pixels, or equal (the published depth models).
-        window_size: edge of the neighbourhood in pixels, odd.
-        border: mirror the images at their edges, or return only the pixels whose neighbourhood is inside.
+        window: window weights: a Gaussian of 1.5 pixels, or uniform (as in the published depth models).
+        window_size: edge of the window in pixels, odd.
+        border: mirror the images at their edges, or return only the pixels whose window lies inside.
 
     Returns:
         N x ... x C x H x W in [-1, 1], smaller by `window_size - 1` in both directions with `border="valid"`.
@@ -52,8 +51,8 @@ def ssim(
     largest = 2 * min(height, width) - 1 if border == "reflect" else min(height, width)
     if window_size > largest:
         raise DeuxError(
-            f"SSIM has a window of {window_size} pixels, and the images {width} x {height}: "
-            f"they take one of {largest} at most."
+            f"an SSIM window of {window_size} pixels is too large for images of {width} x {height}: "
+            f"the maximum is {largest}."
         )
     dtype = torch.promote_types(torch.promote_types(image.dtype, other.dtype), torch.float32)
     compare = _by_rows if tuned_for_cpu(image) else _by_kornia
@@ -62,14 +61,14 @@ def ssim(
 
 
 def wholly_visible(visible: Tensor, window_size: int = 3) -> Tensor:
-    """Which pixels are visible together with their whole neighbourhood, as SSIM needs it to be meaningful.
+    """Find the pixels whose whole SSIM window is visible.
 
     Args:
         visible: ... x H x W bool.
-        window_size: edge of the neighbourhood in pixels, odd.
+        window_size: edge of the window in pixels, odd.
 
     Returns:
-        ... x H x W bool; what lies beyond the image's edge counts as visible, for it is mirrored.
+        ... x H x W bool; pixels outside of the image count as visible, since the image is mirrored.
     """
     for axis in (-2, -1):
         whole = visible.clone()
@@ -82,10 +81,9 @@ def wholly_visible(visible: Tensor, window_size: int = 3) -> Tensor:
 
 
 def _by_kornia(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
-    """SSIM with the window as a convolution by `kornia.filters`.
+    """SSIM with convolutions of `kornia.filters`.
 
-    `kornia.metrics.ssim` does the same for a Gaussian window alone, and copies the window's width from the host at
-    each call.
+    `kornia.metrics.ssim` only supports a Gaussian window, and copies its width from the host at each call.
     """
     image, other = torch.broadcast_tensors(image, other)
     batch = image.shape[:-3]
@@ -112,7 +110,7 @@ def _by_kornia(image: Tensor, other: Tensor, window: Window, size: int, border: 
 
 
 def _by_rows(image: Tensor, other: Tensor, window: Window, size: int, border: Border) -> Tensor:
-    """SSIM compiled for a CPU."""
+    """SSIM with code compiled for CPUs."""
     if window == "box":
         weights = [1.0 / size] * size
     else:

@@ -1,4 +1,4 @@
-"""Dividing a floor into parts of equal area, to spread places evenly over it."""
+"""Partition of a floor into parts of equal area, for stratified sampling."""
 
 import numpy as np
 
@@ -6,22 +6,22 @@ from deux.errors import DeuxError
 
 
 def stratify(free: np.ndarray, count: int) -> list[np.ndarray]:
-    """Divide the free cells into parts of equal area, by halving them again and again across their longer side.
+    """Divide the free cells into parts of equal area, by recursively halving them along their longer side.
 
     Args:
         free: rows x columns bool.
         count: number of parts.
 
     Returns:
-        `count` arrays of (row, column) pairs, none of them empty; their sizes differ by one cell at most while there
-        are enough cells, and with fewer cells than parts some parts are the same single cell.
+        `count` non-empty arrays of (row, column) pairs, whose sizes differ by one cell at most; with fewer cells than
+        parts, several parts consist of the same cell.
 
     Raises:
         DeuxError: no cell is free.
     """
     cells = np.argwhere(free)
     if not len(cells):
-        raise DeuxError("there is no free floor: no place can be chosen on it.")
+        raise DeuxError("there is no free floor: no positions can be sampled.")
 
     def divide(part: np.ndarray, pieces: int) -> list[np.ndarray]:
         if pieces == 1 or len(part) < 2:

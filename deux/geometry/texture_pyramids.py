@@ -1,4 +1,4 @@
-"""Mip pyramids: textures and their halved copies, packed into one buffer.
+"""Mip pyramids: textures and their downsampled copies, packed into one buffer.
 
 L. Williams, "Pyramidal Parametrics", SIGGRAPH 1983.
 """
@@ -13,13 +13,13 @@ import numpy as np
 
 
 class TexturePyramids(NamedTuple):
-    """Textures and their halved copies (mip levels), packed.
+    """Textures with their mip levels, packed into one buffer.
 
     Args:
-        texels: flat uint8: every level's rows x columns x 3, one after the other.
+        texels: flat uint8, the concatenated levels, each rows x columns x 3.
         offsets: T x L int64, index in `texels` of each texture's levels; -1 beyond the last.
         sizes: T x 2 int64, height and width of level 0; level l has max(1, size >> l).
-        material_texture: M int64, the texture of each material, -1 for none.
+        material_texture: M int64, texture index of each material, -1 for none.
     """
 
     texels: np.ndarray
@@ -35,11 +35,11 @@ class TexturePyramids(NamedTuple):
 
 
 def pack_pyramids(textures: list[np.ndarray], material_texture: Sequence[int]) -> TexturePyramids:
-    """Build the pyramids of textures. The list is emptied on the way, so that no texture is in memory twice for long.
+    """Build the mip pyramids of textures. The list is emptied in the process to save memory.
 
     Args:
         textures: height x width x 3 uint8 each.
-        material_texture: the texture of each material, -1 for none.
+        material_texture: texture index of each material, -1 for none.
     """
     sizes = np.array([texture.shape[:2] for texture in textures], dtype=np.int64).reshape(-1, 2)
     levels = [int(size.max()).bit_length() for size in sizes]
@@ -55,7 +55,7 @@ def pack_pyramids(textures: list[np.ndarray], material_texture: Sequence[int]) -
     def fill(number: int, texture: np.ndarray) -> None:
         _fill_levels(texture, texels, offsets[number, : levels[number]])
 
-    # Each texture is taken from the list here: threads that took them themselves might do so in another order.
+    # The textures are popped here, since the order in threads would be arbitrary.
     numbers = reversed(range(len(levels)))
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(fill, numbers, (textures.pop() for _ in levels)))
@@ -63,10 +63,10 @@ def pack_pyramids(textures: list[np.ndarray], material_texture: Sequence[int]) -
 
 
 def _fill_levels(texture: np.ndarray, texels: np.ndarray, starts: np.ndarray) -> None:
-    """Write a texture and its halved copies to where they begin in `texels`."""
+    """Write the levels of a texture to their start indices in `texels`."""
     for level, start in enumerate(starts):
         if level > 0:
             height, width = texture.shape[:2]
-            # Bilinear at half the size is the mean of 2 x 2 texels, and what OpenGL does where a size is odd.
+            # Bilinear resizing by one half is the mean of 2 x 2 texels, and equals OpenGL for odd sizes.
             texture = cv2.resize(texture, (max(1, width // 2), max(1, height // 2)), interpolation=cv2.INTER_LINEAR)
         texels[start : start + texture.size] = texture.reshape(-1)

@@ -1,7 +1,7 @@
-"""Which form of a computation runs: one that was written for speed, or the natural one.
+"""Switch between optimised and reference implementations of the same computation.
 
-Some computations have two forms with the same values: pools along the rows and then along the columns, structural
-similarity by shifted views, projection by broadcasts, enlargement merged into the convolution. All of them ask here.
+Pooling, structural similarity, projection and upsampling have an optimised implementation and a reference one, which
+follows the published code of the depth models.
 """
 
 from collections.abc import Iterator
@@ -9,25 +9,25 @@ from contextlib import contextmanager
 
 from torch import Tensor
 
-_natural = False  # a plain global, which torch.compile can guard
+_reference = False  # a plain global, which torch.compile can guard
 
 
 def tuned_for_cpu(x: Tensor) -> bool:
-    """Whether to take the form that was written for CPUs: on a CPU, unless `natural_forms` asks for the other one."""
-    return x.is_cpu and not _natural
+    """Whether to use the implementation optimised for CPUs: for tensors on a CPU outside of `reference_forms`."""
+    return x.is_cpu and not _reference
 
 
-def merges_steps() -> bool:
-    """Whether steps may be merged that the published code computes one after the other, on any device."""
-    return not _natural
+def fuses_steps() -> bool:
+    """Whether to fuse steps that the published code computes separately, on any device."""
+    return not _reference
 
 
 @contextmanager
-def natural_forms() -> Iterator[None]:
-    """Compute for a while as the published code of the depth models does, to compare with it. In all threads."""
-    global _natural
-    before, _natural = _natural, True
+def reference_forms() -> Iterator[None]:
+    """Use the reference implementations within a `with` block, in all threads, to compare with the published code."""
+    global _reference
+    before, _reference = _reference, True
     try:
         yield
     finally:
-        _natural = before
+        _reference = before

@@ -1,4 +1,4 @@
-"""NumPy's files, .npy and .npz, from outside: their headers are checked before memory is taken for what they state."""
+"""Reading of .npy and .npz files from untrusted sources: headers are checked before memory is allocated."""
 
 import io
 import math
@@ -8,15 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from deux.errors import DeuxError, shown
+from deux.errors import DeuxError, error_text, shown
 from deux.io.atomic import read_bytes
 from deux.memory_budget import check_memory
 
-_LONGEST = 300
-"""Characters of a library's message that are shown: some have the stack of their C++ behind them."""
-
 _NUMBERS = "biufc"
-"""Kinds of types of which an array may be: no objects, no text, no records."""
+"""The accepted kinds of dtype: numbers, but no objects, strings or records."""
 
 _HEADERS: dict[tuple[int, int], Any] = {
     (1, 0): np.lib.format.read_array_header_1_0,
@@ -28,30 +25,30 @@ def read_array(path: Path) -> np.ndarray:
     """Read a .npy file of numbers.
 
     Raises:
-        DeuxError: the file is missing, damaged, or holds something else than numbers.
+        DeuxError: the file is missing, damaged, or contains anything but numbers.
     """
     return decode_array(read_bytes(path), path)
 
 
 def decode_array(content: bytes, path: Path) -> np.ndarray:
-    """As `read_array`, from a file's content; `path` is where it was read."""
+    """Decode the content of a .npy file; `path` is for messages. Raises as `read_array`."""
     stream = io.BytesIO(content)
     try:
         version = np.lib.format.read_magic(stream)
         if version not in _HEADERS:
             raise ValueError(f"its format has the version {version[0]}.{version[1]}")
         shape, fortran_order, dtype = _HEADERS[version](stream)
-    except Exception as error:  # the header is Python's text of a dictionary, which fails in many ways
-        raise DeuxError(f"{path} is damaged or no .npy file of numbers: {said(error)}.") from error
+    except Exception as error:  # the header is a Python literal, whose parser raises many kinds of errors
+        raise DeuxError(f"{path} is damaged or not a .npy file of numbers: {error_text(error)}.") from error
     if dtype.kind not in _NUMBERS or dtype.names is not None:
-        raise DeuxError(f"{path} holds values of the type {shown(str(dtype))} where numbers are expected.")
+        raise DeuxError(f"{path} contains values of the type {shown(str(dtype))} where numbers are expected.")
     if not all(type(side) is int and side >= 0 for side in shape) or len(shape) > 32:
-        raise DeuxError(f"{path} is damaged: it states the shape {shown(shape)}.")
+        raise DeuxError(f"{path} is damaged: its header states the shape {shown(shape)}.")
     count, start = math.prod(shape), stream.tell()
     if count * dtype.itemsize != len(content) - start:
         raise DeuxError(
-            f"{path} is damaged: its shape {shown(shape)} of {dtype} takes {shown(count * dtype.itemsize)} bytes, but "
-            f"it holds {len(content) - start}."
+            f"{path} is damaged: its shape {shown(shape)} of {dtype} needs {shown(count * dtype.itemsize)} bytes, but "
+            f"it contains {len(content) - start}."
         )
     values = np.frombuffer(content, dtype, count, start).reshape(shape, order="F" if fortran_order else "C")
     return values.copy(order="K")
@@ -61,7 +58,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     """Read all arrays of a .npz file, by name.
 
     Raises:
-        DeuxError: the file is missing, damaged, unpacks to more than there is memory for, or holds something else.
+        DeuxError: the file is missing, damaged, too large for the memory when unpacked, or not a .npz file.
     """
     content = read_bytes(path)
     try:
@@ -72,18 +69,12 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
             unpacked = {member.filename.removesuffix(".npy"): _unpacked(archive, member) for member in members}
     except DeuxError:
         raise
-    except Exception as error:  # zipfile and zlib raise many kinds
-        raise DeuxError(f"{path} is damaged or no .npz file of arrays: {said(error)}.") from error
+    except Exception as error:  # zipfile and zlib raise many kinds of errors
+        raise DeuxError(f"{path} is damaged or not a .npz file of arrays: {error_text(error)}.") from error
     return {name: decode_array(data, path) for name, data in unpacked.items()}
 
 
-def said(error: Exception) -> str:
-    """What an error of a library says, for a message: on one line, cut where it is long, and without a full stop."""
-    text = " ".join(str(error).split()).rstrip(".") or type(error).__name__
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
-
-
 def _unpacked(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    """A member's content, of at most the size that the archive states."""
+    """A member's content, at most of the size that the archive states."""
     with archive.open(member) as stream:
         return stream.read(member.file_size)

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and files that are read whole."""
+"""Atomic writing of files, and reading of whole files."""
 
 import codecs
 import errno
@@ -16,34 +16,34 @@ from deux.memory_budget import check_memory
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file under a temporary name beside it, then move it into place.
+    """Write a file under a temporary name in the same folder, then rename it.
 
-    The temporary name depends on the path alone, so that a run that was killed leaves nothing that the next run
-    does not overwrite. One process at a time may write one file.
+    The temporary name depends only on the path, so that the next run overwrites the leftovers of a killed run. Only one
+    process at a time may write a file.
 
     Raises:
-        DeuxError: the file cannot be written, such as on a full disk.
+        DeuxError: the file cannot be written, for example because the disk is full.
     """
     temporary = path.with_name(f".{path.name}.tmp")
     try:
         temporary.write_bytes(content)
         os.replace(temporary, path)
     except OSError as error:
-        with suppress(OSError):  # what kept the file from being written may keep it from being deleted
+        with suppress(OSError):  # deleting may fail for the same reason
             temporary.unlink()
         raise DeuxError(write_failure(path, error, len(content))) from error
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those above it, if it is not there.
+    """Create a folder and its parents if they do not exist.
 
     Raises:
-        DeuxError: it cannot be made.
+        DeuxError: it cannot be created.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DeuxError(f"Folder {path} cannot be made: {error.strerror}.") from error
+        raise DeuxError(f"Folder {path} cannot be created: {error.strerror}.") from error
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -54,10 +54,9 @@ def write_json(path: Path, value: Any) -> None:
 def read_bytes(path: Path) -> bytes:
     """Read a whole file.
 
-    A pipe or a device is refused: it may never end, or wait for a writer that never comes.
-
     Raises:
-        DeuxError: the file is missing, cannot be read, is none, or is larger than memory has room for.
+        DeuxError: the file is missing, cannot be read, is too large for the memory, or is a pipe or a device, which
+            might block forever.
     """
     try:
         with open(path, "rb", opener=_open_at_once) as file:
@@ -70,12 +69,12 @@ def read_bytes(path: Path) -> bytes:
         raise DeuxError(f"{path} is missing.") from error
     except OSError as error:
         raise DeuxError(f"{path} cannot be read: {error.strerror}.") from error
-    except ValueError as error:  # a zero byte in a name
-        raise DeuxError(f"{path} cannot be read: there can be no file of that name.") from error
+    except ValueError as error:  # a null byte in the name
+        raise DeuxError(f"{path} cannot be read: it is not a valid file name.") from error
 
 
 def read_text_bytes(path: Path) -> bytes:
-    """Read a whole text file, without the byte order mark that some editors put before UTF-8.
+    """Read a whole text file without the byte order mark that some editors write.
 
     Raises:
         DeuxError: as `read_bytes`.
@@ -84,18 +83,18 @@ def read_text_bytes(path: Path) -> bytes:
 
 
 def _open_at_once(path: str, flags: int) -> int:
-    """A pipe would be waited for before it can be told from a file."""
+    """Open without blocking: opening a pipe would otherwise wait for a writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def write_failure(path: Path, error: OSError, size: int | None = None) -> str:
-    """The sentence for a failed write of `size` bytes to `path`, or to something in it if it is a folder."""
+    """The error message for a failed write of `size` bytes to the file `path`, or into the folder `path`."""
     if error.errno not in (errno.ENOSPC, errno.EDQUOT):
         return f"{path} cannot be written: {error.strerror}."
     there = next(folder for folder in (path, *path.absolute().parents) if folder.is_dir())
     free = shutil.disk_usage(there).free // 1000
     needed = "" if size is None else f" ({math.ceil(size / 1000):,} kB)"
     return (
-        f"The disk is full: {path}{needed} could not be written, {free:,} kB are free there; make room and start "
-        "again, what is already written is kept."
+        f"The disk is full: {path}{needed} could not be written, {free:,} kB are free; free some space and start "
+        "again, finished files are kept."
     )

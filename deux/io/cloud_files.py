@@ -1,4 +1,4 @@
-"""Coloured point clouds as binary PLY and GLB files, by trimesh."""
+"""Writing of coloured point clouds as binary PLY and GLB files with trimesh."""
 
 from pathlib import Path
 from typing import Literal, get_args
@@ -10,22 +10,22 @@ from deux.geometry.point_cloud import PointCloud
 from deux.io.atomic import make_folder, write_atomically
 
 CloudFormat = Literal["ply", "glb"]
-"""The formats of clouds: PLY for MeshLab, CloudCompare and Open3D; GLB (binary glTF) for viewers in browsers."""
+"""The formats of point clouds: PLY for MeshLab, CloudCompare and Open3D; GLB (binary glTF) for browsers."""
 
 CLOUD_FORMATS: tuple[CloudFormat, ...] = get_args(CloudFormat)
 
 CAMERA_TO_GLTF = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Turns OpenCV's camera axes, y down, so that a viewer which takes y for up shows the picture upright."""
+"""Rotation from OpenCV's camera axes (y down) to those of glTF viewers (y up)."""
 
 
 def write_cloud(path: Path, cloud: PointCloud, camera_axes: bool = False) -> None:
-    """Write a cloud, whole or not at all; the suffix tells the format.
+    """Write a point cloud atomically, in the format of the suffix.
 
     Args:
         path: a .ply or .glb file.
-        cloud: at least one point.
-        camera_axes: whether the points are in a camera's axes and not in a world's. Viewers of GLB files take y for up,
-            so these files then turn the points; PLY files hold them as they are.
+        cloud: a cloud of at least one point.
+        camera_axes: whether the points are in camera axes instead of world axes. GLB files then rotate the points,
+            because viewers expect y to point up; PLY files contain them as they are.
 
     Raises:
         DeuxError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""Folders that are looked through, links included, wherever these lead."""
+"""Recursive listing of folders that follows links."""
 
 import os
 from collections.abc import Iterator
@@ -6,12 +6,12 @@ from pathlib import Path
 
 
 def walk(folder: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
-    """As `os.walk` from the top, by name and through links, but into no folder twice.
+    """Walk a folder like `os.walk`, sorted by name and following links, but visiting every folder only once.
 
-    Links that lead in circles would otherwise never end. Hidden folders are left out.
+    This terminates even if links form cycles. Hidden folders are left out.
 
     Yields:
-        A folder, the names of those in it, which the caller may remove names from, and the names of its files.
+        A folder, the names of its subfolders, from which the caller may remove names, and the names of its files.
     """
     seen = set()
     for found, below, files in os.walk(folder, followlinks=True):

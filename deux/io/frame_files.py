@@ -1,4 +1,4 @@
-"""The files of a folder as the frames of a video: listed in the order of time, and matched by their names."""
+"""Files of frames in folders: listed in the order of time, and matched by name or number."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping
@@ -14,56 +14,55 @@ _DIGITS = re.compile(r"\d+")
 
 
 def list_files(folder: Path, suffixes: Collection[str], pattern: str = "*") -> dict[str, Path]:
-    """The files of a folder by their names without the suffix, in `natural_order`; hidden files are left out.
+    """List the files of a folder by their names without the suffix, in `natural_order`, without hidden files.
 
     Args:
-        folder: the folder; one that is not there has no files.
-        suffixes: the endings that count, in lower case; upper case counts as well.
-        pattern: a glob pattern that the names match.
+        folder: the folder; if it does not exist, there are no files.
+        suffixes: the accepted suffixes in lower case; upper case is accepted too.
+        pattern: a glob pattern for the names.
 
     Raises:
-        DeuxError: two files differ in their endings only.
+        DeuxError: two files differ only in their suffix.
     """
     found: dict[str, Path] = {}
     for path in sorted(folder.glob(pattern)):
         if path.suffix.lower() not in suffixes or path.name.startswith("."):
             continue
         if path.stem in found:
-            raise DeuxError(f"{folder} holds both {found[path.stem].name} and {path.name}: a frame has one such file.")
+            raise DeuxError(f"{folder} has both {found[path.stem].name} and {path.name}: delete one of the two.")
         found[path.stem] = path
     return {stem: found[stem] for stem in sorted(found, key=natural_order)}
 
 
 def matching(stems: Iterable[str], files: Mapping[str, Path]) -> dict[str, Path]:
-    """Which of the files belongs to which frame.
+    """Match files with frames by name, and the remaining ones by number.
 
-    A frame's file has its name. Of the frames and files that are left then, the numbers in the names decide:
-    rgb_00012 and depth_12 belong together, unless two files have the same numbers, or two frames those of one file, as
-    left_12 and right_12 have.
+    The numbers in the names match rgb_00012 with depth_12. They are used only if they are unique: not if two files, or
+    two frames such as left_12 and right_12, have the same numbers.
 
     Args:
         stems: the frames' file names without suffix.
-        files: as `list_files` gives them.
+        files: the files, see `list_files`.
 
     Returns:
-        The files by the frames' file names, without the frames that have none.
+        The files by the frames' file names, without frames that have no file.
     """
     stems = list(stems)
     named = {stem: files[stem] for stem in stems if stem in files}
-    left = [stem for stem in stems if stem not in named]
-    wanted = {_numbers(stem) for stem in left}
+    unnamed = [stem for stem in stems if stem not in named]
+    wanted = {_numbers(stem) for stem in unnamed}
     unused = [(_numbers(name), path) for name, path in files.items() if name not in named]
     numbered = [(numbers, path) for numbers, path in unused if numbers in wanted]
     by_number = dict(numbered)
-    found = {stem: by_number[_numbers(stem)] for stem in left if _numbers(stem) in by_number}
+    found = {stem: by_number[_numbers(stem)] for stem in unnamed if _numbers(stem) in by_number}
     taken = {_numbers(stem) for stem in named} & by_number.keys()
     if len(by_number) < len(numbered) or len(set(found.values())) < len(found) or taken:
-        return named  # numbers do not tell them apart
+        return named  # the numbers are not unique
     return {stem: found.get(stem) or named[stem] for stem in stems if stem in found or stem in named}
 
 
 def depthless_images(folder: Path, count: int, images: int) -> str:
-    """The sentence for images of a folder to which no depth map belongs."""
+    """The warning for images of a folder without a depth map."""
     return f"{folder}: {count} of {counted(images, 'image')} {plural('has', count)} no depth, by name or number."
 
 

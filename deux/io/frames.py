@@ -1,4 +1,4 @@
-"""Collected frames on disk: a frame counts once its pose is written, which happens last."""
+"""Collected frames on disk. The pose is written last, so a frame with a pose is complete."""
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,14 +14,14 @@ from deux.io.images import read_depth, read_image, read_labels, write_depth, wri
 from deux.io.layout import SequencePaths, frame_name
 
 _MOST_PENDING = 8
-"""Frames that may wait to be written before the collector has to wait for them."""
+"""Greatest number of frames that wait to be written before the collector blocks."""
 
 
 def write_frame(paths: SequencePaths, index: int, frame: Frame) -> None:
     """Write a frame's image, depth, labels (if it has them) and pose.
 
     Raises:
-        DeuxError: a file cannot be written, such as on a full disk.
+        DeuxError: a file cannot be written, for example because the disk is full.
     """
     name = frame_name(index)
     write_image(paths.file("image", name), frame.rgb)
@@ -32,12 +32,12 @@ def write_frame(paths: SequencePaths, index: int, frame: Frame) -> None:
 
 
 def read_frame(paths: SequencePaths, index: int, labels: bool) -> Frame | None:
-    """The frame as it was collected, or None where it is not finished or no longer readable.
+    """Read a collected frame; None if it is incomplete or damaged.
 
     Args:
-        paths: the sequence.
-        index: number of the frame.
-        labels: whether the labels are wanted too.
+        paths: the paths of the sequence.
+        index: index of the frame.
+        labels: whether to read the labels too.
     """
     name = frame_name(index)
     if not paths.file("absolute_pose", name).exists():
@@ -49,12 +49,12 @@ def read_frame(paths: SequencePaths, index: int, labels: bool) -> Frame | None:
             pose=read_pose(paths.file("absolute_pose", name)),
             labels=read_labels(paths.file("labels", name)) if labels else None,
         )
-    except DeuxError:  # a machine that lost power can leave a finished name on an empty file
+    except DeuxError:  # a power failure can leave an empty file despite the atomic rename
         return None
 
 
 def prepare_folders(paths: SequencePaths, intrinsics: np.ndarray, labels: bool) -> None:
-    """Make a sequence's folders and write its K.txt, if it is not there."""
+    """Create a sequence's folders, and write its K.txt if it does not exist."""
     for kind in ("image", "ground_truth", "absolute_pose", *(["labels"] if labels else [])):
         make_folder(paths.folder / kind)
     if not paths.intrinsics.exists():
@@ -62,7 +62,7 @@ def prepare_folders(paths: SequencePaths, intrinsics: np.ndarray, labels: bool) 
 
 
 class FrameWriter:
-    """Writes frames in their order on a thread of its own, while the next ones are rendered. A context manager."""
+    """Writes frames in order in a background thread; a context manager."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(max_workers=1)
@@ -79,7 +79,7 @@ class FrameWriter:
             self._wait(0)
 
     def put(self, paths: SequencePaths, index: int, frame: Frame) -> None:
-        """Write a frame soon; its arrays must not change any more.
+        """Queue a frame for writing; its arrays must not be modified afterwards.
 
         Raises:
             DeuxError: an earlier frame could not be written.

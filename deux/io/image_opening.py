@@ -1,4 +1,4 @@
-"""Pictures from outside, opened with Pillow and refused by what their header says before a pixel is decoded."""
+"""Opening of images with Pillow, with a limit on their size by the available memory."""
 
 import threading
 from typing import IO
@@ -8,29 +8,29 @@ from PIL import Image
 from deux.memory_budget import check_memory
 
 FRAME_BYTES = 100
-"""Memory for each pixel of a frame: as it is stored and as floats, with its depth, its points and its cache."""
+"""Memory in bytes per pixel of a frame: as stored and as floats, with its depth, its points and the cache."""
 
 TEXTURE_BYTES = 12
-"""Memory for each pixel of a texture: as it is decoded, as it is kept and in the pyramid of its halves."""
+"""Memory in bytes per pixel of a texture: decoded, stored and in the mip pyramid."""
 
 _OPENING = threading.Lock()
 
 
 def open_image(content: IO[bytes], what: str, bytes_per_pixel: float) -> Image.Image:
-    """Open a picture of any format that Pillow knows; its pixels are decoded when they are asked for.
+    """Open an image of any format that Pillow supports; its pixels are decoded on first access.
 
-    Pillow's own limit is a number of pixels, which the atlases of scans exceed; here it is the machine's memory.
+    Pillow's own limit is a number of pixels that texture atlases of scans exceed; here the limit is the memory.
 
     Args:
         content: the file.
-        what: what the picture is called, for the message.
-        bytes_per_pixel: memory that the use of it takes, `FRAME_BYTES` or `TEXTURE_BYTES`; 0 where the caller checks.
+        what: the name of the image in the message.
+        bytes_per_pixel: memory that using the image takes, `FRAME_BYTES` or `TEXTURE_BYTES`; 0 for no check.
 
     Raises:
-        DeuxError: it has more pixels than there is memory for.
-        PIL.UnidentifiedImageError: it is no picture; a damaged header raises further errors of Pillow's.
+        DeuxError: the image is too large for the memory.
+        PIL.UnidentifiedImageError: it is not an image; for damaged headers Pillow may raise other errors.
     """
-    with _OPENING:  # the limit is a variable of Pillow's module, and textures are read in several threads
+    with _OPENING:  # the limit is a global variable of Pillow, and textures are read in several threads
         most, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
             image = Image.open(content)
@@ -41,6 +41,6 @@ def open_image(content: IO[bytes], what: str, bytes_per_pixel: float) -> Image.I
 
 
 def check_pixels(size: tuple[int, int], what: str, bytes_per_pixel: float) -> None:
-    """Raise DeuxError if a picture of this width and height takes more memory than there is for it."""
+    """Raise DeuxError if an image of this width and height is too large for the memory."""
     width, height = size
     check_memory(int(width * height * bytes_per_pixel), f"{what}, of {width:,} x {height:,} pixels,", "make it smaller")

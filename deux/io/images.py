@@ -1,11 +1,10 @@
 """Images, depth maps and label maps as PNG files.
 
-Depth is stored as 16-bit PNG, metres x 256, 0 = none, which is how the VOID release and KITTI store it. 65535 is none
-as well: sensors and recordings, such as those of 7-Scenes, write it where nothing was measured or the range ended.
+Depth is stored as 16-bit PNG, metres x 256, 0 = none, like the VOID release and KITTI. 65535 means none, too: some
+sensors and datasets, such as 7-Scenes, write it for invalid pixels.
 
-Pillow reads and OpenCV writes. torchvision's own reading and writing of images is deprecated since 0.29 and will be
-removed; its encoder knows 8 bits a channel only, and its decoder ends the process, by a fault in libpng's error path,
-where a file is damaged and an error should say which.
+Images are read with Pillow and written with OpenCV. torchvision's image functions are deprecated since 0.29, write only
+8 bits per channel, and crash the process for damaged files.
 """
 
 import io
@@ -23,19 +22,19 @@ DEPTH_SCALE = 256.0
 
 _LARGEST_CODE = np.iinfo(np.uint16).max
 LARGEST_DEPTH = (_LARGEST_CODE - 1) / DEPTH_SCALE
-"""In metres, the farthest that a file can hold."""
+"""The largest depth in metres that a file can store."""
 
-# Fast to write; on rendered and recorded frames run-length matching also gives the smaller files.
+# Fast to write; for rendered and recorded frames run-length encoding also gives smaller files.
 _PNG_OPTIONS = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 _PNG_BEGIN = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"IEND\xaeB`\x82"
 _PNG_BIT_DEPTH, _PNG_COLOR_TYPE, _GREY = 24, 25, 0
-"""Where the header says how many bits a channel has and which channels there are; the type of one channel."""
+"""Offsets of the bit depth and the colour type in the header; the colour type of grey images."""
 _16_BIT_MODES = ("I;16", "I;16B", "I")
 
 
 def quantise_depth(depth: np.ndarray) -> np.ndarray:
-    """Depth as it comes back from a file: rounded to 1/256 m, 0 where it is not finite or not representable.
+    """Round depth to the precision of files, 1/256 m; values that are not finite or not representable become 0.
 
     Args:
         depth: H x W, metres, 0 = none.
@@ -52,7 +51,7 @@ def write_image(path: Path, image: np.ndarray) -> None:
 
 
 def encode_image(image: np.ndarray) -> bytes:
-    """The PNG file of an H x W x 3 uint8 RGB image."""
+    """Encode an H x W x 3 uint8 RGB image as PNG."""
     return _encode_png(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
 
 
@@ -66,23 +65,19 @@ def read_image(path: Path) -> np.ndarray:
 
 
 def decode_image(content: bytes, path: Path) -> np.ndarray:
-    """As `read_image`, from a file's content; `path` is where it was read."""
+    """Decode the content of an RGB image file; `path` is for messages. Raises as `read_image`."""
     return _decode_png(content, path, ("RGB",), "an 8-bit RGB image")
 
 
 def check_png(content: bytes, path: Path) -> None:
-    """Refuse a PNG file that Pillow would read wrongly: one without its end, or colours of 16 bits a channel.
+    """Raise DeuxError for PNG files that Pillow would read wrongly: truncated files, and colours with 16 bits.
 
-    Pillow is content once it has all pixels, and reads the upper 8 bits of 16. Cameras write 10, 12 or 14 bits into
-    such files and the file does not say how many: the upper byte of 10 bits is 0 to 3. To guess the number from each
-    picture would change its brightness with what it shows.
+    Pillow does not notice a missing end after the pixels, and reads only the upper 8 of 16 bits. Cameras store 10, 12
+    or 14 bits in 16-bit files that do not record the number, so the right scale is not known.
 
     Args:
-        content: of a file of any kind; other kinds are let through.
-        path: the file, for the message.
-
-    Raises:
-        DeuxError: it is such a file.
+        content: the content of a file; formats other than PNG are accepted.
+        path: the file, for messages.
     """
     if not content.startswith(_PNG_BEGIN):
         return
@@ -90,25 +85,25 @@ def check_png(content: bytes, path: Path) -> None:
         raise DeuxError(f"{path} is truncated ({len(content)} bytes).")
     if content[_PNG_BIT_DEPTH] == 16 and content[_PNG_COLOR_TYPE] != _GREY:
         raise DeuxError(
-            f"{path} is an image of 16 bits a channel where 8 are expected: convert it, dividing by 257 if the picture "
-            "fills the 16 bits, by 16 if it has 12 bits and by 4 if it has 10."
+            f"{path} is an image of 16 bits per channel where 8 are expected: convert it, dividing by 257 if it uses "
+            "all 16 bits, by 16 if it uses 12 bits and by 4 if it uses 10 bits."
         )
 
 
 def write_depth(path: Path, depth: np.ndarray) -> None:
-    """Write H x W metres (0 = none) as 16-bit PNG, atomically. `quantise_depth` tells what reading returns."""
+    """Write H x W metres (0 = none) as 16-bit PNG, atomically; values are rounded as by `quantise_depth`."""
     write_atomically(path, encode_depth(depth))
 
 
 def encode_depth(depth: np.ndarray) -> bytes:
-    """The 16-bit PNG file of H x W metres (0 = none)."""
+    """Encode H x W metres (0 = none) as 16-bit PNG."""
     return _encode_png(_depth_code(depth))
 
 
 def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
     """Read a depth map, H x W float32 metres, 0 = none; `scale` is the number of stored values per metre.
 
-    At every scale the stored values 0 and 65535 are none.
+    The stored values 0 and 65535 mean none.
 
     Raises:
         DeuxError: the file is missing, truncated, damaged or not a 16-bit image of one channel.
@@ -117,14 +112,14 @@ def read_depth(path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
 
 
 def decode_depth(content: bytes, path: Path, scale: float = DEPTH_SCALE) -> np.ndarray:
-    """As `read_depth`, from a file's content; `path` is where it was read."""
+    """Decode the content of a depth map file; `path` is for messages. Raises as `read_depth`."""
     code = _decode_png(content, path, _16_BIT_MODES, "a 16-bit depth map")
     code[code == _LARGEST_CODE] = 0
     return code.astype(np.float32) / np.float32(scale)
 
 
 def encode_fraction(fraction: np.ndarray) -> bytes:
-    """The 16-bit PNG file of H x W fractions x 65535; what is above 0 stays above 0."""
+    """Encode H x W fractions as 16-bit PNG of fraction x 65535; fractions above 0 stay above 0."""
     code = np.clip(np.rint(fraction.astype(np.float64) * _LARGEST_CODE), fraction > 0, _LARGEST_CODE)
     return _encode_png(code.astype(np.uint16))
 
@@ -154,7 +149,7 @@ def read_labels(path: Path) -> np.ndarray:
 
 
 def _depth_code(depth: np.ndarray) -> np.ndarray:
-    """Depth as uint16 multiples of 1/256 m."""
+    """Convert depth to uint16 in metres x 256."""
     code = np.rint(np.nan_to_num(depth.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0) * DEPTH_SCALE)
     return np.where((code < 0) | (code >= _LARGEST_CODE), 0, code).astype(np.uint16)
 
@@ -165,9 +160,9 @@ def _encode_png(pixels: np.ndarray) -> bytes:
 
 
 def _decode_png(content: bytes, path: Path, modes: tuple[str, ...], expected: str) -> np.ndarray:
-    """Decode with Pillow, which refuses damaged files; some versions of OpenCV return what they could decode."""
+    """Decode with Pillow, which raises errors for damaged files; some versions of OpenCV return partial images."""
     if not content.startswith(_PNG_BEGIN):
-        kind = "truncated" if _PNG_BEGIN.startswith(content) else "no PNG file"
+        kind = "truncated" if _PNG_BEGIN.startswith(content) else "not a PNG file"
         raise DeuxError(f"{path} is {kind} ({len(content)} bytes): {expected} in PNG format is expected.")
     check_png(content, path)
     try:
@@ -177,6 +172,6 @@ def _decode_png(content: bytes, path: Path, modes: tuple[str, ...], expected: st
             found = f"an image of mode {image.mode}"
     except DeuxError:
         raise
-    except Exception as error:  # a damaged file fails in many ways, depending on where
+    except Exception as error:  # Pillow raises many kinds of errors for damaged files
         raise DeuxError(f"{path} is damaged ({len(content)} bytes): {error}.") from error
     raise DeuxError(f"{path} is {found} where {expected} is expected.")

@@ -1,4 +1,4 @@
-"""JSON files from outside, as plain values or as the dataclasses that they are the text of."""
+"""Reading of JSON files as plain values or as dataclasses."""
 
 import json
 from collections.abc import Callable
@@ -13,66 +13,66 @@ from deux.options import converted
 T = TypeVar("T")
 
 _OBJECT_BYTES = 30
-"""Memory that a byte of JSON takes at most, as Python's objects."""
+"""Greatest memory in bytes that a byte of JSON takes as Python objects."""
 
 
 def read_json(path: Path) -> Any:
     """Read a JSON file.
 
     Raises:
-        DeuxError: the file is missing, or is no JSON.
+        DeuxError: the file is missing or not JSON.
     """
     return decode_json(read_bytes(path), path)
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
-    """Read a JSON file that holds an object.
+    """Read a JSON file that contains an object.
 
     Raises:
-        DeuxError: the file is missing, is no JSON, or holds something else.
+        DeuxError: the file is missing, not JSON, or does not contain an object.
     """
     return checked_object(read_json(path), path)
 
 
 def read_record(path: Path, target: Callable[..., T]) -> T:
-    """Read a JSON file as a value of some type: a dataclass, whose fields are checked by their types, or a list.
+    """Read a JSON file as a value of a given type; the fields of dataclasses are checked by their types.
 
     Args:
         path: the file.
         target: a dataclass, or a type such as `list[Round]` or `dict[str, float]`.
 
     Raises:
-        DeuxError: the file is missing, is no JSON, or holds another name or a value of another type.
+        DeuxError: the file is missing, not JSON, or has an unknown key or a value of the wrong type.
     """
     return checked_record(read_json(path), target, path)
 
 
 def decode_json(content: bytes, path: Path) -> Any:
-    """As `read_json`, from a file's content; `path` is where it was read."""
+    """Decode the content of a JSON file; `path` is for messages. Raises as `read_json`."""
     check_memory(_OBJECT_BYTES * len(content), f"the JSON of {path}", "make it smaller")
     try:
         return json.loads(content)
     except RecursionError as error:
-        raise DeuxError(f"{path} is damaged: its JSON is nested too deep.") from error
-    except ValueError as error:  # no JSON, no UTF-8, or a number of more digits than Python reads
-        raise DeuxError(f"{path} is damaged or no JSON: {error}.") from error
+        raise DeuxError(f"{path} is damaged: its JSON is nested too deeply.") from error
+    except ValueError as error:  # not JSON, not UTF-8, or a number with too many digits for Python
+        raise DeuxError(f"{path} is damaged or not JSON: {error}.") from error
 
 
 def checked_object(value: Any, where: object) -> dict[str, Any]:
-    """A value that must be a JSON object; `where` is what messages call the place."""
+    """Check that a value is a JSON object; `where` is its place in messages."""
     if not isinstance(value, dict):
-        raise DeuxError(f"{where} holds {_KINDS.get(type(value), 'a value')} where a JSON object is expected.")
+        raise DeuxError(f"{where} contains {_KINDS.get(type(value), 'a value')} where a JSON object is expected.")
     return value
 
 
 def checked_record(value: Any, target: Callable[..., T], where: object) -> T:
-    """A value of JSON as some type; `where` is what messages call the place. Raises as `read_record` does."""
+    """Convert a JSON value to a type; `where` is its place in messages. Raises as `read_record`."""
     try:
         return converted(value, target, "it")
     except DeuxError as error:
         raise DeuxError(f"{where} is damaged or of another version of deux: {error}") from error
     except RecursionError as error:
-        raise DeuxError(f"{where} is damaged: it is nested too deep.") from error
+        raise DeuxError(f"{where} is damaged: it is nested too deeply.") from error
 
 
 _KINDS = {list: "a list", str: "a text", int: "a number", float: "a number", bool: "true or false", type(None): "null"}

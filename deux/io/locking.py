@@ -1,18 +1,17 @@
-"""Locks between processes, of one machine or of several that share a file system.
+"""Locks between processes on one machine, or on several machines that share a file system.
 
-A lock is a file that its holder creates exclusively (open(2) with O_EXCL, which NFS since version 3, Lustre and local
-disks do in one step) and removes at the end. It names the holder's machine and process. `flock` is not used: between
-machines many network file systems grant it to both.
+A lock is a file that its holder creates exclusively (open(2) with O_EXCL, which is atomic on NFS since version 3,
+Lustre and local disks) and removes at the end. It records the holder's machine and process. `flock` is not used,
+because many network file systems grant it to several machines at once.
 
-A holder that died does not block the others. On its own machine its process is looked up; for other machines it
-refreshes the file's time every few seconds, and a waiter that has seen no refresh for the length of the lease takes
-over. The waiter measures that with its own clock and compares times of the file only with each other, so the clocks of
-the machines need not agree.
+A dead holder does not block others. On the same machine, its process is looked up. For other machines, the holder
+updates the file's modification time every few seconds, and a waiter that has seen no update for the length of the lease
+takes over. The waiter measures this with its own clock and compares modification times only with each other, so the
+clocks of the machines need not agree.
 
-A holder that was suspended for longer than the lease may find that another process took over. Its next refresh notices
-and interrupts it. What it writes until then are the files that the other process makes as well, with the same content
-and each by a rename; at worst one of the two stops with a sentence. Before a step that must happen once, ask
-`Lock.confirm`.
+A holder that was suspended for longer than the lease may lose the lock to another process. Its next refresh notices
+this and interrupts it. Until then it writes the same files as the other process, with the same content and atomically;
+at worst one of the two stops with an error. Call `Lock.confirm` before a step that must happen only once.
 """
 
 from __future__ import annotations
@@ -40,33 +39,32 @@ LEASE = 60.0
 """Seconds without a refresh after which a lock of another machine may be taken over."""
 
 SUFFIX = ".lock.json"
-"""How the names of locks end."""
+"""Suffix of the names of lock files."""
 
 _REFRESHES = 12
-"""Number of refreshes in the length of a lease."""
+"""Number of refreshes per lease."""
 
 _POLL = (0.02, 1.0)
 """Shortest and longest time between a waiter's attempts, seconds."""
 
 _NOTICE_AFTER = 5.0
-"""Seconds after which a waiter says whom it waits for."""
+"""Seconds after which a waiter logs whom it waits for."""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Holder:
-    """Who holds a lock: the content of the lock's file.
+    """The holder of a lock; the content of the lock's file.
 
     Args:
         host: name of the machine.
-        machine: identifier of the running system in which `pid` is counted.
+        machine: identifier of the running system to which `pid` belongs.
         pid: process id.
-        started: start time of the process in ticks of the system's clock, since process ids are used again; None where
-            the system does not tell.
-        work: what the holder does meanwhile, as in "which <work>".
+        started: start time of the process in clock ticks, because process ids are reused; None if it is unknown.
+        work: description of the holder's work, for messages such as "host:pid, which <work>".
         lease: seconds without a refresh after which others may take over.
-        token: a random name of this hold.
+        token: a random identifier of this acquisition.
     """
 
     host: str
@@ -78,11 +76,11 @@ class Holder:
     token: str
 
     def is_here(self) -> bool:
-        """Whether it is a process of this machine, so that `is_gone` can tell."""
+        """Whether the holder is a process of this machine, for which `is_gone` can be determined."""
         return self.machine == _machine()
 
     def is_gone(self) -> bool:
-        """Whether it was a process of this machine that has ended."""
+        """Whether the holder was a process of this machine that has ended."""
         if not self.is_here():
             return False
         try:
@@ -90,7 +88,7 @@ class Holder:
         except ProcessLookupError:
             return True
         except PermissionError:
-            pass  # it lives, and belongs to another user
+            pass  # it is alive and belongs to another user
         return self.started is not None and _start_time(self.pid) != self.started
 
     def __str__(self) -> str:
@@ -98,7 +96,7 @@ class Holder:
 
 
 class Lock:
-    """A lock that this process holds; made by `locked` and `locked_at_once`.
+    """A lock that this process holds; created by `locked` and `locked_at_once`.
 
     Args:
         path: the lock's file.
@@ -115,29 +113,29 @@ class Lock:
         self._refreshing.start()
 
     def confirm(self) -> None:
-        """Make sure that the lock is still this process's.
+        """Check that this process still holds the lock.
 
         Raises:
-            DeuxError: it is not: another process took over, or the file was deleted.
+            DeuxError: another process took over, or the file was deleted.
         """
         found = _read(self.path)
         if self.lost or found is None or found[0] != self.holder:
             self.lost = True
-            now = f"{found[0]} holds it now" if found and found[0] else "its file is gone"
+            now = f"{found[0]} holds it now" if found and found[0] else "its file was deleted"
             raise DeuxError(
                 f"The lock {self.path} was lost, {now}: this process was suspended for {self.holder.lease:.0f} s or "
-                "longer, or the file was deleted; start the same command again, it goes on from here."
+                "longer, or the file was deleted; start the same command again to resume."
             )
 
     def release(self) -> None:
-        """Let the next process have the lock."""
+        """Release the lock."""
         self._released.set()
         self._refreshing.join()
-        with suppress(OSError):  # such as of a disk that has become read-only: others take over after the lease
+        with suppress(OSError):  # for example if the disk has become read-only; others take over after the lease
             _remove(self.path, self.holder)
 
     def _refresh(self) -> None:
-        """Renew the time of the file until the lock is released or lost."""
+        """Update the modification time of the file until the lock is released or lost."""
         missing = False
         while not self._released.wait(self.holder.lease / _REFRESHES):
             try:
@@ -147,38 +145,38 @@ class Lock:
                     missing = False
                     continue
             except OSError:
-                continue  # the file system is away; whether others took over meanwhile, the next turn tells
+                continue  # the file system is not available: check again at the next refresh
             if found or missing:
                 self.lost = True
-                # Not while a handler is absent: the signal would then end the process without a word.
+                # Without a handler the signal would end the process without a message.
                 if self._interrupts and callable(signal.getsignal(signal.SIGINT)):
                     signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
                 return
-            missing = True  # for one turn: `_remove` of another process may be about to put it back
+            missing = True  # lost only if it is missing twice: `_remove` of another process may restore it
 
 
 @contextmanager
 def locked(path: Path, work: str, lease: float = LEASE) -> Iterator[Lock]:
-    """Hold an exclusive lock, after waiting until the process that holds it is done or dead.
+    """Acquire an exclusive lock, waiting until its holder releases it or is dead.
 
-    A wait of more than some seconds is logged once, with the holder's name. Locks of different files nest.
+    A wait of more than a few seconds is logged once, with the holder. Locks of different files can be nested.
 
     Args:
-        path: the lock's file, which is there only while the lock is held.
-        work: what is done meanwhile, told to those who wait: "collects flats-0123abcd".
+        path: the lock's file, which exists only while the lock is held.
+        work: description of the work for those who wait, such as "collects flats-0123abcd".
         lease: seconds without a refresh after which others may take over.
 
     Raises:
-        DeuxError: the file cannot be written; or, at the end or in place of an interrupt, the lock was lost meanwhile.
+        DeuxError: the file cannot be written; or, at the end or instead of an interrupt, the lock was lost.
     """
     started, pause, watch = time.monotonic(), _POLL[0], _Watch(path)
-    told = False
+    logged = False
     while (lock := _try(path, work, lease)) is None:
         if watch.finds_it_free():
             continue
-        if not told and time.monotonic() - started > _NOTICE_AFTER:
-            told = True
-            log.warning("waiting for %s (%s)", watch.holder or "a process that left no name", path)
+        if not logged and time.monotonic() - started > _NOTICE_AFTER:
+            logged = True
+            log.warning("waiting for %s (%s)", watch.holder or "an unknown process", path)
         time.sleep(pause * random.uniform(0.5, 1.0))
         pause = min(1.5 * pause, _POLL[1])
     with _held(lock):
@@ -187,19 +185,19 @@ def locked(path: Path, work: str, lease: float = LEASE) -> Iterator[Lock]:
 
 @contextmanager
 def locked_at_once(path: Path, work: str, taken: str, lease: float = LEASE) -> Iterator[Lock]:
-    """As `locked`, but without waiting for a holder that is alive.
+    """Acquire an exclusive lock like `locked`, but without waiting for a holder that is alive.
 
-    One of this machine is looked up at once. For one of another machine this waits for its next refresh, a twelfth of
-    the lease, or until the lease is over.
+    A holder on another machine is alive if it refreshes the file, which it does twelve times per lease; this waits for
+    its next refresh or the end of the lease.
 
     Args:
         path: the lock's file.
-        work: what is done meanwhile.
-        taken: the sentence for a lock that another process holds.
+        work: see `locked`.
+        taken: the error message if another process holds the lock.
         lease: seconds without a refresh after which others may take over.
 
     Raises:
-        DeuxError: another process holds it, or what `locked` raises.
+        DeuxError: another process holds the lock, or as `locked`.
     """
     watch = _Watch(path)
     while (lock := _try(path, work, lease)) is None:
@@ -213,10 +211,10 @@ def locked_at_once(path: Path, work: str, taken: str, lease: float = LEASE) -> I
 
 
 def clear_abandoned(path: Path) -> None:
-    """Delete the file of a lock whose holder, a process of this machine, was killed when its work was done.
+    """Delete a lock's file if its holder is a dead process of this machine.
 
     Args:
-        path: the lock's file; most often there is none.
+        path: the lock's file, which need not exist.
     """
     with suppress(OSError):
         found = _read(path)
@@ -226,7 +224,7 @@ def clear_abandoned(path: Path) -> None:
 
 @contextmanager
 def _held(lock: Lock) -> Iterator[None]:
-    """Release a lock at the end. If it was lost meanwhile, that is the error, whatever else came of it."""
+    """Release a lock at the end; raise DeuxError if it was lost, in place of any other error."""
     try:
         yield
     finally:
@@ -238,14 +236,14 @@ def _held(lock: Lock) -> Iterator[None]:
 
 
 class _Watch:
-    """What a waiter has seen of a lock's file.
+    """A waiter's observations of a lock's file.
 
     Args:
         path: the lock's file.
 
     Attributes:
-        holder: who holds the lock; None if the file names nobody.
-        refreshed: whether this holder has refreshed the file since the waiter first saw it.
+        holder: the holder of the lock; None if it is unknown.
+        refreshed: whether the holder has refreshed the file since the waiter first saw it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -255,7 +253,7 @@ class _Watch:
         self.refreshed = False
 
     def finds_it_free(self) -> bool:
-        """Look once more: whether the lock was released, or is removed now because its holder is dead."""
+        """Whether the lock is free: it was released, or it is removed now because its holder is dead."""
         found = _read(self._path)
         if found is None:
             return True
@@ -270,7 +268,7 @@ class _Watch:
 
 
 def _try(path: Path, work: str, lease: float) -> Lock | None:
-    """Take the lock, or None if its file is there."""
+    """Acquire the lock; None if its file exists."""
     make_folder(path.parent)
     holder = Holder(
         socket.gethostname(), _machine(), os.getpid(), _start_time(os.getpid()), work, lease, secrets.token_hex(8)
@@ -295,9 +293,9 @@ def _try(path: Path, work: str, lease: float) -> Lock | None:
 
 
 def _read(path: Path) -> tuple[Holder | None, int] | None:
-    """The holder and the time of the file, in ns; None without a file. A file that names nobody has no holder."""
+    """The holder (None if unknown) and the modification time in ns; None if the file does not exist."""
     try:
-        # Opened before its time is asked for: NFS then asks the server instead of its cache.
+        # Opening the file before fstat makes NFS ask the server instead of its cache.
         with path.open("rb") as file:
             content, time_ns = file.read(), os.fstat(file.fileno()).st_mtime_ns
     except FileNotFoundError:
@@ -309,9 +307,9 @@ def _read(path: Path) -> tuple[Holder | None, int] | None:
 
 
 def _remove(path: Path, holder: Holder | None) -> bool:
-    """Remove the lock's file if it is this holder's, whether or not it lives; whether it was there.
+    """Remove the lock's file if it belongs to a holder, dead or alive; returns whether it was removed.
 
-    It is moved aside first, which one process alone can do, and put back if it turns out to be a later holder's.
+    The file is renamed first, which only one process can do, and restored if it belongs to a later holder.
     """
     found = _read(path)
     if found is None or found[0] != holder:
@@ -330,9 +328,9 @@ def _remove(path: Path, holder: Holder | None) -> bool:
 
 
 def _clear_asides(folder: Path) -> None:
-    """Delete what processes of this machine left in a folder that were killed while they removed a lock.
+    """Delete renamed files in a folder that killed processes left behind in `_remove`.
 
-    The file of a holder that lives stays: another process may be about to put it back.
+    The file of a holder that is alive is kept, because another process may be about to restore it.
     """
     for aside in folder.glob(f"*{SUFFIX}.*"):
         with suppress(OSError):
@@ -343,7 +341,7 @@ def _clear_asides(folder: Path) -> None:
 
 @cache
 def _machine() -> str:
-    """An identifier of this running system, or of this container: process ids are comparable where it is the same."""
+    """An identifier of this running system or container, within which process ids are unique."""
     parts = [socket.gethostname()]
     with suppress(OSError):
         parts.append(Path("/proc/sys/kernel/random/boot_id").read_text().strip())
@@ -353,7 +351,7 @@ def _machine() -> str:
 
 
 def _start_time(pid: int) -> int | None:
-    """When a process was started, in ticks; None if it has ended or the system does not tell (proc(5), field 22)."""
+    """Start time of a process in clock ticks (proc(5), field 22); None if it has ended or the time is unknown."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:

@@ -1,4 +1,4 @@
-"""Text files of numbers, between blanks or commas: camera matrices and poses."""
+"""Text files of numbers separated by spaces or commas, such as camera matrices and poses."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,16 +10,16 @@ from deux.io.atomic import read_bytes
 
 
 def read_numbers(path: Path) -> np.ndarray:
-    """All numbers of a text file, float64, in one row.
+    """Read all numbers of a text file, N float64.
 
     Raises:
-        DeuxError: the file is missing or holds something else.
+        DeuxError: the file is missing or contains anything but numbers.
     """
     return as_numbers([word for line in read_lines(path) for word in line], path)
 
 
 def read_lines(path: Path) -> list[list[str]]:
-    """The words of a text file, line by line, without empty lines and those that begin with # and are comments.
+    """Read the words of a text file, line by line, without empty lines and comments (lines that begin with #).
 
     Raises:
         DeuxError: the file is missing.
@@ -30,10 +30,10 @@ def read_lines(path: Path) -> list[list[str]]:
 
 
 def as_numbers(words: Sequence[str] | Sequence[Sequence[str]], path: Path) -> np.ndarray:
-    """Words, or lines of as many words each, as float64.
+    """Convert words, or lines with equal numbers of words, to float64.
 
     Raises:
-        DeuxError: a word is no number.
+        DeuxError: a word is not a number.
     """
     try:
         return np.array(words, dtype=np.float64)

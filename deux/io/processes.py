@@ -1,4 +1,4 @@
-"""Several processes that share work, and end with the one that started them."""
+"""Worker processes that share work and end with their parent."""
 
 import multiprocessing
 import os
@@ -16,10 +16,10 @@ from deux.errors import DeuxError
 T = TypeVar("T")
 
 Count = Callable[[int], None]
-"""Called with the number of parts of the work that have been done since the last call."""
+"""Called with the number of parts of the work that were done since the last call."""
 
 Work = Callable[[T, Count], None]
-"""Does what is to be done with an item, and counts its parts."""
+"""Processes an item and counts the parts that are done."""
 
 
 def in_processes(
@@ -30,18 +30,18 @@ def in_processes(
     name: Callable[[T], str],
     prepare: Callable[[], Any] = int,
 ) -> None:
-    """Do the work on each item, several at a time. Spawned: a forked child would hang in EGL and OpenMP.
+    """Process items in parallel, in spawned processes (forked ones would hang in EGL and OpenMP).
 
-    Every process gets `work` once, and an item whenever it has none. An error in one of them, or Ctrl-C, ends all at
-    once, and so does the end of this process.
+    Each process receives `work` once, and then one item at a time. An error in one of them, Ctrl-C, or the end of this
+    process ends all of them.
 
     Args:
-        work: picklable; it is sent by value.
-        items: picklable.
-        processes: number of processes at most.
-        count: told here of the parts that are done, as they come.
-        name: what messages call an item.
-        prepare: picklable; called first in each process, before it gets `work`.
+        work: the function that processes an item; picklable.
+        items: the items; picklable.
+        processes: greatest number of processes.
+        count: called in this process with the number of parts that were done.
+        name: the name of an item in messages.
+        prepare: is called in each process before it receives `work`; picklable.
 
     Raises:
         DeuxError: a process has died, or the work raised it.
@@ -52,7 +52,7 @@ def in_processes(
         busy = [_Process[T](prepare, waiting.pop(), name) for _ in range(min(processes, len(items)))]
         for process in busy:
             started.callback(process.kill)
-        for process in busy:  # all have begun to import by now
+        for process in busy:  # after all processes have been started, which then import in parallel
             process.send_work(sent)
         while busy:
             ready = wait([process.connection for process in busy])
@@ -67,12 +67,12 @@ def in_processes(
 
 
 class _Process(Generic[T]):
-    """A process, and the item that it works on.
+    """A worker process, and the item that it works on.
 
     Args:
-        prepare: called in it first.
-        item: its first one.
-        name: what messages call an item.
+        prepare: is called first in the process.
+        item: the first item.
+        name: the name of an item in messages.
     """
 
     def __init__(self, prepare: Callable[[], Any], item: T, name: Callable[[T], str]) -> None:
@@ -80,30 +80,30 @@ class _Process(Generic[T]):
         self.connection, other_end = context.Pipe()
         self._item, self._name = item, name
         self._process = context.Process(target=_serve, args=(other_end, prepare), daemon=True)
-        with _interrupts_held():
+        with _interrupts_blocked():
             self._process.start()
         other_end.close()
 
     def send_work(self, pickled: bytes) -> None:
-        """Send what is done with items, and then the first one."""
-        with self._death_told():
+        """Send the pickled work, and then the first item."""
+        with self._raising_if_dead():
             self.connection.send_bytes(pickled)
         self.send(self._item)
 
     def send(self, item: T) -> None:
         """Send the next item."""
         self._item = item
-        with self._death_told():
+        with self._raising_if_dead():
             self.connection.send(item)
 
     def receive(self) -> int | None:
-        """The number of parts that are newly done, or None if the item is.
+        """Receive the number of parts that were done, or None if the item is finished.
 
         Raises:
             DeuxError: the process has died.
-            Exception: what the work raised.
+            Exception: an error of the work.
         """
-        with self._death_told():
+        with self._raising_if_dead():
             message = self.connection.recv()
         if isinstance(message, BaseException):
             raise message
@@ -111,14 +111,14 @@ class _Process(Generic[T]):
         return done
 
     def kill(self) -> None:
-        """End it, whatever it is doing."""
+        """Kill the process."""
         self._process.kill()
         self._process.join()
         self.connection.close()
 
     @contextmanager
-    def _death_told(self) -> Iterator[None]:
-        """Say how the process has died if nobody is at the other end."""
+    def _raising_if_dead(self) -> Iterator[None]:
+        """Raise DeuxError with the cause if the process has died."""
         try:
             yield
         except (EOFError, OSError) as error:
@@ -128,15 +128,15 @@ class _Process(Generic[T]):
             if code < 0:
                 how = f"was killed by {signal.Signals(-code).name}"
             if code == -signal.SIGKILL:
-                how += ", which is what the system does when memory runs out"
+                how += ", as the system does when memory runs out"
             raise DeuxError(
-                f"The process that worked on {self._name(self._item)} {how}: the same command goes on where it "
-                "stopped, with fewer processes in less memory."
+                f"The process that worked on {self._name(self._item)} {how}: run the same command again to resume, "
+                "with fewer processes to use less memory."
             ) from error
 
 
 def _serve(connection: Connection, prepare: Callable[[], Any]) -> None:
-    """Work on the items that come through the connection, until this process is killed."""
+    """Process the items that arrive through the connection, until this process is killed."""
     _end_with_parent()
     try:
         prepare()
@@ -145,12 +145,12 @@ def _serve(connection: Connection, prepare: Callable[[], Any]) -> None:
             work(connection.recv(), connection.send)
             connection.send(None)
     except BaseException as error:
-        with suppress(OSError):  # nobody is there any more
+        with suppress(OSError):  # the parent has ended
             connection.send(_portable(error))
 
 
 def _portable(error: BaseException) -> BaseException:
-    """The error, with where it happened if it is no mistake of the user's; another one if it cannot be pickled."""
+    """The error with its stack trace as a note, unless it is a DeuxError; a RuntimeError if it cannot be pickled."""
     if isinstance(error, DeuxError):
         return error
     where = "".join(traceback.format_exception(error))
@@ -163,8 +163,8 @@ def _portable(error: BaseException) -> BaseException:
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C waiting. Processes that start meanwhile never get it: they end with this one, in silence."""
+def _interrupts_blocked() -> Iterator[None]:
+    """Block SIGINT. Processes that are started meanwhile inherit this, and end with this process instead."""
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -173,10 +173,7 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """Let this process end at once when its parent dies.
-
-    A killed run's children would otherwise write on beside its successor.
-    """
+    """End this process when its parent dies; otherwise it would go on writing files beside the next run."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 

@@ -1,14 +1,14 @@
-"""How long work tells its caller how far it is."""
+"""The interface for reporting the progress of long work."""
 
 from typing import Protocol
 
 
 class Progress(Protocol):
-    """Called as `progress(stage, done, total)` whenever something is done; the caller draws the bar."""
+    """A callback `progress(stage, done, total)` that is called whenever a part of the work is done."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Note that `done` of `total` parts of a stage are done."""
+        """Report that `done` of `total` parts of a stage are done."""
 
 
 def ignore_progress(stage: str, done: int, total: int) -> None:
-    """Show nothing."""
+    """Do nothing."""

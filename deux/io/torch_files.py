@@ -1,4 +1,4 @@
-"""Files of torch.save from outside: read without executing what they may contain, bounded by memory."""
+"""Safe reading of files written by torch.save: without executing code, and limited by the memory."""
 
 import io
 import zipfile
@@ -7,8 +7,7 @@ from typing import Any
 
 import torch
 
-from deux.errors import DeuxError
-from deux.io.arrays import said
+from deux.errors import DeuxError, error_text
 from deux.io.atomic import read_bytes
 from deux.memory_budget import check_memory
 
@@ -17,7 +16,7 @@ def read_torch(path: Path) -> Any:
     """Read a file of tensors and plain values, on the CPU.
 
     Raises:
-        DeuxError: the file is missing, damaged, holds code, or unpacks to more than there is memory for.
+        DeuxError: the file is missing, damaged, contains code, or is too large for the memory when unpacked.
     """
     content = read_bytes(path)
     try:
@@ -28,9 +27,9 @@ def read_torch(path: Path) -> Any:
         return torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
     except DeuxError:
         raise
-    except Exception as error:  # a damaged or foreign file fails in many ways, depending on where
-        cause = " ".join(said(error).split()[:20])
+    except Exception as error:  # torch raises many kinds of errors for damaged and foreign files
+        cause = " ".join(error_text(error).split()[:20])
         raise DeuxError(
-            f"{path} cannot be read as a checkpoint of tensors: it is damaged, something else, or holds code, which is "
-            f"never run ({cause})."
+            f"{path} cannot be read as a checkpoint of tensors: it is damaged, not a checkpoint, or contains code, "
+            f"which is never executed ({cause})."
         ) from error

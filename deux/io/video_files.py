@@ -1,4 +1,4 @@
-"""Video files: their frames one after the other, and new ones, by OpenCV."""
+"""Reading and writing of video files with OpenCV."""
 
 import logging
 import os
@@ -15,26 +15,25 @@ from deux.io.atomic import make_folder
 VIDEO_SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v")
 
 ENCODERS = ("vp09", "mp4v")
-"""Four-character codes of the encoders of .mp4 files, the first that this OpenCV has.
+"""Four-character codes of the encoders of .mp4 files, of which the first available one is used.
 
-Browsers play the first; the second, MPEG-4 part 2, needs a player such as VLC. pip's OpenCV holds no encoder of H.264,
-whose licence forbids it.
+Browsers can play the first; the second, MPEG-4 part 2, needs a player such as VLC. The pip packages of OpenCV have no
+H.264 encoder for licence reasons.
 """
 
 log = logging.getLogger(__name__)
 
 
 class VideoReader:
-    """The frames of a video file by their number. Going forward is fast, going back begins at the first frame.
+    """Random access to the frames of a video file. Reading forward is fast; going back restarts at the first frame.
 
-    The pixels are taken as they are stored, as those of pictures are (`deux.io.camera_files`): a phone's note that the
-    video is to be turned is not followed, since the intrinsics belong to the stored pixels.
+    The orientation of phone videos is ignored, because the intrinsics refer to the stored pixels.
 
     Args:
         path: the file.
 
     Raises:
-        DeuxError: it is missing or no video that OpenCV can decode.
+        DeuxError: the file is missing or not a video that OpenCV can decode.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,14 +43,14 @@ class VideoReader:
         self._open()
 
     def __len__(self) -> int:
-        """Number of frames that the file says it has."""
+        """Number of frames according to the file's header."""
         return max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)))
 
     def read(self, number: int) -> np.ndarray:
-        """The frame of that number, counted from 0, H x W x 3 uint8 RGB.
+        """Read the frame with an index from 0, H x W x 3 uint8 RGB.
 
         Raises:
-            DeuxError: the video ends before it, or is damaged there.
+            DeuxError: the video ends before this frame, or is damaged.
         """
         if number < self._next:
             self._capture.release()
@@ -70,23 +69,23 @@ class VideoReader:
             self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
         self._next = 0
         if not self._capture.isOpened():
-            raise DeuxError(f"{self.path} is no video that OpenCV can decode.")
+            raise DeuxError(f"{self.path} is not a video that OpenCV can decode.")
 
 
 class VideoWriter:
-    """Writes an .mp4 file that appears when it is complete. A context manager.
+    """Writes an .mp4 file atomically; a context manager.
 
-    Where this OpenCV has none of `ENCODERS`, or its encoder fails, a warning says so and no file appears.
+    If OpenCV has none of `ENCODERS`, or its encoder fails, a warning is logged and no file is written.
 
     Args:
         path: the file.
-        rate: frames in a second.
+        rate: frames per second.
     """
 
     def __init__(self, path: Path, rate: float = 10.0) -> None:
         self.path = path
         self._rate = rate
-        self._unfinished = path.with_name(f".{path.stem}.tmp.mp4")  # OpenCV takes the container from the suffix
+        self._unfinished = path.with_name(f".{path.stem}.tmp.mp4")  # OpenCV selects the container by the suffix
         self._writer: cv2.VideoWriter | None = None
         self._size = (0, 0)
         self._frames = 0
@@ -104,9 +103,9 @@ class VideoWriter:
         os.replace(self._unfinished, self.path)
 
     def write(self, image: np.ndarray) -> None:
-        """Append H x W x 3 uint8 RGB. A picture of another size than the first is fitted into that size."""
+        """Append an H x W x 3 uint8 RGB image; images of another size than the first are resized and padded."""
         if self._size == (0, 0):
-            self._begin(image.shape[1] // 2 * 2, image.shape[0] // 2 * 2)  # encoders want even sides
+            self._begin(image.shape[1] // 2 * 2, image.shape[0] // 2 * 2)  # encoders need even sides
         if self._writer is not None:
             self._writer.write(cv2.cvtColor(_fitted(image, *self._size), cv2.COLOR_RGB2BGR))
             self._frames += 1
@@ -125,7 +124,7 @@ class VideoWriter:
         log.warning(f"{self.path} is not written: this OpenCV has no encoder for it ({' or '.join(ENCODERS)}).")
 
     def _writer_worked(self) -> bool:
-        """Whether every frame can be read back: OpenCV tells of no failed write, such as on a full disk."""
+        """Whether the last frame can be read back: OpenCV does not report failed writes, such as on a full disk."""
         try:
             VideoReader(self._unfinished).read(self._frames - 1)  # reading all takes far less time than writing did
         except DeuxError:
@@ -135,7 +134,7 @@ class VideoWriter:
 
 
 def _fitted(image: np.ndarray, width: int, height: int) -> np.ndarray:
-    """The picture scaled and padded with black to width x height; one that is a pixel too large is cropped."""
+    """Resize and pad an image with black to width x height; an image that is one pixel too large is cropped."""
     if 0 <= image.shape[0] - height <= 1 and 0 <= image.shape[1] - width <= 1:
         return np.ascontiguousarray(image[:height, :width])
     scale = min(width / image.shape[1], height / image.shape[0])
@@ -147,7 +146,7 @@ def _fitted(image: np.ndarray, width: int, height: int) -> np.ndarray:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Without OpenCV's own lines on the terminal about what it could not open; a sentence of ours says it."""
+    """Suppress OpenCV's messages about files that it cannot open, which are replaced by a DeuxError."""
     logging_module = getattr(getattr(cv2, "utils", None), "logging", None)
     if logging_module is None:
         yield

@@ -1,4 +1,4 @@
-"""The container of glTF 2.0: the JSON of a .gltf or .glb file, and the bytes of its buffers, buffer views and images.
+"""The container of glTF 2.0 files: the JSON of a .gltf or .glb file, and the bytes of buffers, views and images.
 
 Specification: Khronos Group, glTF 2.0 (ISO/IEC 12113:2022), chapters 2 to 4 and section 3.6.1.
 """
@@ -36,7 +36,7 @@ _READ = {
     "KHR_texture_transform",
 }
 
-# What these add is light, its reflection, the camera, or a choice between appearances: an unlit default view has none.
+# Extensions for lighting, reflections, cameras or variants, which an unlit default view does not need.
 _LIGHT = {
     "EXT_lights_ies",
     "EXT_lights_image_based",
@@ -61,15 +61,15 @@ _JSON, _BIN = b"JSON", b"BIN\0"  # types of chunks
 
 
 class GltfDocument:
-    """A glTF file: JSON objects by kind and index, and the bytes that they refer to, read when they are asked for.
+    """A glTF file: its JSON objects by kind and index, and the bytes that they refer to, read on first use.
 
-    Methods raise ValueError, or whatever broken content leads to; `reading` turns it into the user's sentence.
+    For damaged content methods may raise any exception, mostly ValueError; `reading` converts it to a DeuxError.
 
     Args:
-        path: a .gltf or .glb file; which of the two it is, its content says.
+        path: a .gltf or .glb file; the format is detected by the content.
 
     Raises:
-        DeuxError: it is missing or damaged, is not glTF 2.x, or requires an extension that is not read.
+        DeuxError: the file is missing or damaged, is not glTF 2.x, or requires an extension that is not supported.
     """
 
     def __init__(self, path: Path) -> None:
@@ -83,38 +83,35 @@ class GltfDocument:
             version = self.header["asset"].get("minVersion", self.header["asset"]["version"])
             required = set(self.header.get("extensionsRequired", ()))
         if not version.startswith("2."):
-            raise DeuxError(f"{path} is written in version {version} of glTF: only version 2 is read, convert it.")
+            raise DeuxError(f"{path} has version {version} of glTF: convert it to version 2, which is supported.")
         unknown = sorted(required - _READ - _LIGHT)
         if unknown:
             raise DeuxError(
-                f"{path} cannot be read without the glTF extension {', '.join(unknown)}, which is not supported: "
-                "write it again without."
+                f"{path} requires the glTF extension {', '.join(unknown)}, which is not supported: export it without "
+                "this extension."
             )
 
     @property
     def unread_extensions(self) -> list[str]:
-        """Names of the optional extensions that change more than light and are not read."""
+        """Names of the optional extensions that are not supported, except those for lighting."""
         return sorted(set(self.header.get("extensionsUsed", ())) - _READ - _LIGHT)
 
     def requires(self, extension: str) -> bool:
-        """Whether the file says that it cannot be read without an extension."""
+        """Whether the file requires an extension."""
         return extension in self.header.get("extensionsRequired", ())
 
     @contextlib.contextmanager
     def reading(self, place: str) -> Iterator[None]:
-        """Turn what broken content raises into one sentence.
+        """Convert any exception of the body to a DeuxError that names the file and the place.
 
         Args:
             place: the part of the file that is read, such as "meshes[0].primitives[1]".
-
-        Raises:
-            DeuxError: the body raised an exception; it names the file and the place.
         """
         try:
             yield
         except DeuxError:
             raise
-        except Exception as error:  # numpy, Pillow and the decoders raise whatever they like
+        except Exception as error:  # NumPy, Pillow and the decoders raise many kinds of errors
             if isinstance(error, OSError) and error.filename is not None:
                 raise DeuxError(f"{error.filename} cannot be read: {error.strerror}.") from error
             fault = f"there is no {error.args[0]}" if isinstance(error, KeyError) else str(error).rstrip(".")
@@ -138,10 +135,10 @@ class GltfDocument:
         return elements[index]
 
     def view(self, index: int) -> np.ndarray:
-        """The bytes of a buffer view, N uint8, decompressed where they are compressed.
+        """The decompressed bytes of a buffer view, N uint8.
 
         Raises:
-            ValueError: it does not lie within its buffer, or cannot be decompressed.
+            ValueError: it exceeds its buffer, or cannot be decompressed.
         """
         if index not in self._views:
             entry = self.element("bufferViews", index)
@@ -153,7 +150,7 @@ class GltfDocument:
         return self._views[index]
 
     def view_stride(self, index: int) -> int | None:
-        """Bytes from one element of a buffer view to the next; None if they are packed tightly."""
+        """Stride in bytes between the elements of a buffer view; None if they are tightly packed."""
         entry = self.element("bufferViews", index)
         compression = self._compression(entry) or {}
         implied = compression.get("byteStride") if compression.get("mode") == "ATTRIBUTES" else None
@@ -167,54 +164,52 @@ class GltfDocument:
         return self.view(entry["bufferView"]).tobytes()
 
     def file_name(self, uri: str) -> str | None:
-        """The file that a URI refers to, relative to the folder of this one; None for a data URI.
+        """The file that a URI refers to, relative to the folder of the glTF file; None for a data URI.
 
-        Names are percent-encoded by the specification. As they are often not, a file of the literal name is taken
-        where there is none of the decoded one; backslashes are slashes.
+        By the specification names are percent-encoded. Since they often are not, the literal name is used if there is
+        no file with the decoded name. Backslashes are treated as slashes.
 
         Raises:
-            DeuxError: it refers to a server, or to a file that is not in this one's folder.
+            DeuxError: it refers to a server, or to a file outside of the folder.
         """
         if uri.startswith("data:"):
             return None
         if "://" in uri:
-            raise DeuxError(f"{self.path} refers to the address {uri}: only files beside it are read, store it there.")
+            raise DeuxError(f"{self.path} refers to the address {uri}: download it to the same folder.")
         literal, decoded = (name.replace("\\", "/") for name in (uri, unquote(uri)))
         folder = self.path.parent
         name = literal if not os.path.isfile(folder / decoded) and os.path.isfile(folder / literal) else decoded
         if not is_within(name):
             raise DeuxError(
-                f"{self.path} refers to {name}, which lies outside its folder: only files in {folder} are read, store "
+                f"{self.path} refers to {name}, which is outside of its folder: only files in {folder} are read, store "
                 "it there."
             )
         return name
 
     def optional_package(self, name: str, what: str, otherwise: str = "") -> ModuleType:
-        """A package of the extra `compressed`.
+        """Import a package of the extra `compressed`.
 
         Args:
-            name: of the module.
-            what: what of the file needs it, for the message.
-            otherwise: another way out, for the message.
+            name: name of the module.
+            what: the part of the file that needs it, for the message.
+            otherwise: another remedy, for the message.
 
         Raises:
-            DeuxError: it is not installed.
+            DeuxError: the package is not installed.
         """
         try:
             return importlib.import_module(name)
         except ImportError as error:
             raise DeuxError(
-                f'{self.path} has {what}, which the package {name} decodes: pip install "deux[compressed]"{otherwise}.'
+                f'{self.path} has {what}, which need the package {name}: pip install "deux[compressed]"{otherwise}.'
             ) from error
 
     def _split_chunks(self) -> np.ndarray:
-        """The bytes of the JSON; keeps the first binary chunk of a .glb."""
+        """The bytes of the JSON; stores the first binary chunk of a .glb file."""
         data = _file_bytes(self.path)
         if data[:4].tobytes() != b"glTF":
             if not data[:64].tobytes().lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{"):
-                raise DeuxError(
-                    f"{self.path} cannot be read as a {self.path.suffix} file: it does not begin as such a file does."
-                )
+                raise DeuxError(f"{self.path} is not a {self.path.suffix} file: it does not begin like one.")
             return data
         if len(data) < 20:
             raise DeuxError(f"{self.path} is truncated to {len(data)} bytes.")
@@ -260,7 +255,7 @@ class GltfDocument:
         return self._buffers[index]
 
     def _bytes(self, entry: dict[str, Any], place: str) -> np.ndarray:
-        """The bytes that a buffer view, or its compressed form, describes by buffer, offset and length."""
+        """The bytes that the buffer, offset and length of a buffer view, or its compressed form, refer to."""
         data = self._buffer(entry["buffer"])
         offset, length = whole_number(entry, "byteOffset", 0), whole_number(entry, "byteLength")
         if offset + length > len(data):
@@ -269,7 +264,7 @@ class GltfDocument:
         return data[offset : offset + length]
 
     def _compression(self, entry: dict[str, Any]) -> dict[str, Any] | None:
-        """The description of a buffer view's compressed content; None if its plain content is there to be read."""
+        """The description of a buffer view's compressed content; None if its uncompressed content is available."""
         name = next((name for name in MESHOPT if name in entry.get("extensions", {})), None)
         if name is None:
             return None
@@ -291,15 +286,15 @@ class GltfDocument:
 
 
 def whole_number(entry: dict[str, Any], key: str, default: int | None = None) -> int:
-    """A number from 0 of a JSON object.
+    """A non-negative integer of a JSON object.
 
     Args:
         entry: the object.
-        key: its name.
-        default: what it is where it is not given; None if it must be given.
+        key: the key.
+        default: the value if the key is missing; None if it is required.
 
     Raises:
-        ValueError: it is something else.
+        ValueError: the value is not a non-negative integer.
     """
     value = entry[key] if default is None else entry.get(key, default)
     if isinstance(value, bool) or not isinstance(value, int | float) or value < 0 or value != int(value):
@@ -308,7 +303,7 @@ def whole_number(entry: dict[str, Any], key: str, default: int | None = None) ->
 
 
 def _file_bytes(path: Path) -> np.ndarray:
-    """The content of a file, N uint8, read when it is looked at."""
+    """The content of a file, N uint8, memory-mapped."""
     if os.path.exists(path) and not os.path.isfile(path):
         raise DeuxError(f"{path} cannot be read: it is a folder, a pipe or a device where a file is expected.")
     if path.stat().st_size == 0:
@@ -322,5 +317,5 @@ def _data_uri_bytes(uri: str) -> bytes:
     if not comma:
         raise ValueError("a data URI has no comma before its data")
     content = unquote_to_bytes(text)
-    # Padding is optional in practice; more than is needed does no harm.
+    # Padding is optional in practice; too much padding is ignored.
     return base64.b64decode(content + b"==") if described.endswith(";base64") else content

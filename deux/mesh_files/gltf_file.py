@@ -1,4 +1,4 @@
-"""Reader of glTF 2.0 files, .gltf and .glb: the nodes of a scene, and the triangles that they place in it.
+"""Reader of glTF 2.0 files, .gltf and .glb: the nodes of a scene, and the triangles of their meshes.
 
 The other modules `gltf_*` read the parts of such a file. Specification: Khronos Group, glTF 2.0
 (ISO/IEC 12113:2022), sections 3.5 and 3.7; EXT_mesh_gpu_instancing, KHR_node_visibility.
@@ -32,27 +32,26 @@ from deux.mesh_files.mesh_parts import MeshPart
 log = logging.getLogger(__name__)
 
 _INSTANCES = "EXT_mesh_gpu_instancing"
-_UNMOVED = {"TRANSLATION": (0, 0, 0), "ROTATION": (0, 0, 0, 1), "SCALE": (1, 1, 1)}
-_PART_BYTES, _VERTEX_BYTES, _FACE_BYTES = 2000, 150, 250  # of memory for what is drawn, while a scene is joined
+_IDENTITY = {"TRANSLATION": (0, 0, 0), "ROTATION": (0, 0, 0, 1), "SCALE": (1, 1, 1)}
+_PART_BYTES, _VERTEX_BYTES, _FACE_BYTES = 2000, 150, 250  # memory while the parts of a scene are joined
 
 
 def read_gltf(path: Path) -> list[MeshPart]:
-    """Read all triangles of the default scene of a glTF file, its nodes' transforms applied.
+    """Read all triangles of the default scene of a glTF file, with the transforms of the nodes applied.
 
-    Colours are taken as they are stored: base colour factor x base texture x COLOR_0; light, transparency and all
-    other maps are ignored. Animated meshes are drawn as their skins' nodes and morph targets' default weights place
-    them. Points, lines, and what else is not drawn is counted in the log. Images that no drawn triangle shows are not
-    decoded.
+    The colour is base colour factor x base texture x COLOR_0 as stored; lighting, transparency and all other maps are
+    ignored. Animated meshes have the pose of their skin's nodes and the default weights of their morph targets. Points,
+    lines and other parts that are left out are counted in the log. Images that no triangle uses are not decoded.
 
     Args:
-        path: a .gltf or .glb file; its other files lie beside it.
+        path: a .gltf or .glb file; files that it refers to are in the same folder.
 
     Returns:
-        A part for each primitive of each mesh of each node, and each of its instances; none without triangles.
+        A part for each primitive with triangles of each mesh, for each node and instance.
 
     Raises:
-        DeuxError: the file or one that it needs is missing, damaged, or needs an extension that is not supported or a
-            package that is not installed.
+        DeuxError: the file, or one that it refers to, is missing, damaged, or needs an extension that is not supported
+            or a package that is not installed.
     """
     document = GltfDocument(path)
     nodes = _place_nodes(document)
@@ -75,13 +74,13 @@ def read_gltf(path: Path) -> list[MeshPart]:
 
 
 def referenced_by_gltf(path: Path) -> list[str]:
-    """Names of the other files that make up a glTF file's scene: buffers, and images of base colours.
+    """Names of the files that a glTF file refers to: buffers, and images of base colours.
 
     Args:
         path: a .gltf or .glb file.
 
     Returns:
-        Each once, as paths relative to the folder of `path`, percent-encoding undone; they may not exist.
+        Decoded paths relative to the folder of `path`, without duplicates; they may not exist.
 
     Raises:
         DeuxError: the file is damaged or needs an extension that is not supported.
@@ -97,7 +96,7 @@ def referenced_by_gltf(path: Path) -> list[str]:
 
 @dataclass(frozen=True)
 class _Placed:
-    """A node of the scene: its JSON, its 4 x 4 transform to the world, and whether its mesh is drawn."""
+    """A node of the scene: its JSON, its 4 x 4 transform to the world, and whether it is visible."""
 
     index: int
     entry: dict[str, Any]
@@ -107,7 +106,7 @@ class _Placed:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """A primitive that has triangles: its place in the file, its geometry, material and texture."""
+    """A primitive with triangles: its place in the file, geometry, material and texture."""
 
     place: str
     geometry: Geometry
@@ -115,13 +114,13 @@ class _Surface:
     texture: BaseTexture | None
 
     def texture_coordinates(self, texture: BaseTexture) -> np.ndarray:
-        """Coordinates of each vertex in the texture's image, V x 2, (0, 0) at the top left."""
+        """Texture coordinates of each vertex, V x 2, with (0, 0) at the top left of the image."""
         stored = np.nan_to_num(self.geometry.attributes[texture.attribute].astype(np.float64), posinf=0, neginf=0)
         return stored @ texture.transform[:, :2].T + texture.transform[:, 2]
 
 
 class _MeshReader:
-    """Reads the primitives of meshes, each once even if several nodes draw it; counts those without triangles."""
+    """Reads the primitives of meshes, once even if several nodes use them, and counts those without triangles."""
 
     def __init__(self, document: GltfDocument) -> None:
         self.left_out: Counter[str] = Counter()
@@ -129,7 +128,7 @@ class _MeshReader:
         self._read: dict[tuple[Any, ...], list[_Surface]] = {}
 
     def surfaces(self, node: dict[str, Any]) -> list[_Surface]:
-        """The surfaces of a node's mesh, its morph targets added with the weights of the node or else the mesh."""
+        """The surfaces of a node's mesh, with morph targets weighted by the node or else by the mesh."""
         with self._document.reading(f"meshes[{node['mesh']}]"):
             mesh = self._document.element("meshes", node["mesh"])
             weights = tuple(node.get("weights", mesh.get("weights", ())))
@@ -153,7 +152,7 @@ class _MeshReader:
         attributes = primitive["attributes"]
         if mode not in SURFACES or "POSITION" not in attributes:
             if mode not in range(7):
-                raise ValueError(f"there is no mode {mode} of primitives")
+                raise ValueError(f"there is no primitive mode {mode}")
             kind = "points" if mode == 0 else "lines" if mode < 4 else "triangles without positions"
             self.left_out[f"primitives of {kind}"] += 1
             return None
@@ -161,33 +160,33 @@ class _MeshReader:
         texture = base_texture(self._document, material)
         if texture is not None and texture.attribute not in attributes:
             log.warning(
-                "%s: %s has no %s for its texture: it is drawn without", self._document.path, place, texture.attribute
+                "%s: %s has no %s for its texture, which is left out", self._document.path, place, texture.attribute
             )
             texture = None
         names = ["POSITION", "COLOR_0", *([texture.attribute] if texture else ())]
         if skinned:
             names += [name for name in attributes if name.startswith(("JOINTS_", "WEIGHTS_"))]
         if primitive.get("targets"):
-            self.left_out["animated shapes, drawn with their default weights"] += 1
+            self.left_out["morph animations, with default weights"] += 1
         geometry = read_geometry(self._document, primitive, names, weights)
         return _Surface(place, geometry, material, texture) if len(geometry.faces) else None
 
 
 class _Appearances:
-    """Materials and textures of surfaces. Surfaces of one material share it, and an image is decoded once."""
+    """Materials and textures of surfaces. Surfaces share materials, and each image is decoded once."""
 
     def __init__(self, document: GltfDocument, surfaces: Iterable[_Surface]) -> None:
         self._document = document
         self._materials: dict[tuple[Any, ...], Material] = {}
-        shown: dict[Sampling, dict[_Surface, np.ndarray]] = {}
+        used: dict[Sampling, dict[_Surface, np.ndarray]] = {}
         for surface in surfaces:
             if surface.texture is not None:
                 uv = surface.texture_coordinates(surface.texture)
-                shown.setdefault(surface.texture.sampling, {})[surface] = uv
-        images = decode_images(document, (sampling.image for sampling in shown))
+                used.setdefault(surface.texture.sampling, {})[surface] = uv
+        images = decode_images(document, (sampling.image for sampling in used))
         self._textures: dict[Sampling, np.ndarray] = {}
         self._uv: dict[_Surface, np.ndarray] = {}
-        for sampling, coordinates in shown.items():
+        for sampling, coordinates in used.items():
             place = f"{document.path}: images[{sampling.image}]"
             texture = WrappedTexture(images[sampling.image], sampling.wraps, list(coordinates.values()), place)
             self._textures[sampling] = texture.image
@@ -195,7 +194,7 @@ class _Appearances:
                 self._uv[surface] = texture.coordinates(uv)[surface.geometry.faces]
 
     def part(self, surface: _Surface, vertices: np.ndarray, mirrored: bool) -> MeshPart:
-        """A surface whose vertices are in the world; a mirrored one has its corners turned to face outwards again."""
+        """A part in world coordinates; the corners of mirrored faces are reversed to preserve their orientation."""
         corners = slice(None, None, -1) if mirrored else slice(None)
         sampling = surface.texture.sampling if surface.texture else None
         uv, colors = self._uv.get(surface), surface.geometry.attributes.get("COLOR_0")
@@ -213,21 +212,21 @@ class _Appearances:
 
 
 def _check_amount(document: GltfDocument, drawn: Sequence[tuple[_Placed, Sequence[_Surface]]]) -> None:
-    """Refuse a scene whose triangles, each as often as it is placed, take more memory than there is for them."""
+    """Raise DeuxError if all instances of all triangles are too large for the memory."""
     surfaces = vertices = faces = 0
     for node, placed in drawn:
         with document.reading(f"nodes[{node.index}]"):
             stored = _instance_attributes(node.entry)
-            times = min((document.element("accessors", index)["count"] for index in stored.values()), default=1)
-        surfaces += times * len(placed)
-        vertices += times * sum(len(surface.geometry.attributes["POSITION"]) for surface in placed)
-        faces += times * sum(len(surface.geometry.faces) for surface in placed)
+            instances = min((document.element("accessors", index)["count"] for index in stored.values()), default=1)
+        surfaces += instances * len(placed)
+        vertices += instances * sum(len(surface.geometry.attributes["POSITION"]) for surface in placed)
+        faces += instances * sum(len(surface.geometry.faces) for surface in placed)
     size = _PART_BYTES * surfaces + _VERTEX_BYTES * vertices + _FACE_BYTES * faces
     check_memory(size, f"{document.path} with {faces:,} triangles in {surfaces:,} placed surfaces", "split the scene")
 
 
 def _place_nodes(document: GltfDocument) -> dict[int, _Placed]:
-    """The nodes of the default scene by index, with their transforms to the world."""
+    """The nodes of the default scene by their index, with their transforms to the world."""
     with document.reading("its scene"):
         nodes = document.header.get("nodes", [])
         if document.header.get("scenes"):
@@ -240,7 +239,7 @@ def _place_nodes(document: GltfDocument) -> dict[int, _Placed]:
         while waiting:
             index, parent, visible = waiting.pop()
             if index in placed:
-                raise ValueError(f"nodes[{index}] is met twice, but nodes must be a tree")
+                raise ValueError(f"nodes[{index}] has two parents, but nodes must be a tree")
             entry = document.element("nodes", index)
             visible &= entry.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True)
             world = parent @ _local_transform(entry, index)
@@ -254,7 +253,7 @@ def _local_transform(node: dict[str, Any], index: int) -> np.ndarray:
     if "matrix" in node:
         matrix = np.array(node["matrix"], np.float64)
         if matrix.shape != (16,):
-            raise ValueError(f"the matrix of nodes[{index}] has no 16 numbers")
+            raise ValueError(f"the matrix of nodes[{index}] does not have 16 numbers")
         return matrix.reshape(4, 4).T
     translation, scale = node.get("translation", (0, 0, 0)), node.get("scale", (1, 1, 1))
     rotation = node.get("rotation", (0, 0, 0, 1))
@@ -262,7 +261,7 @@ def _local_transform(node: dict[str, Any], index: int) -> np.ndarray:
 
 
 def _transforms(translations: np.ndarray, rotations: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """N x 4 x 4 translation x rotation x scale; the rotations are N x 4 quaternions, x, y, z, w."""
+    """N x 4 x 4 matrices translation x rotation x scale; rotations are N x 4 quaternions (x, y, z, w)."""
     matrices = np.tile(np.eye(4), (len(translations), 1, 1))
     matrices[:, :3, :3] = Rotation.from_quat(rotations).as_matrix() * scales[:, None]
     matrices[:, :3, 3] = translations
@@ -272,7 +271,7 @@ def _transforms(translations: np.ndarray, rotations: np.ndarray, scales: np.ndar
 def _place_vertices(
     document: GltfDocument, nodes: dict[int, _Placed], node: _Placed, geometry: Geometry, vertices: np.ndarray
 ) -> Iterator[tuple[np.ndarray, bool]]:
-    """Vertices in the world, once for each instance of a node, and whether it is mirrored."""
+    """World vertices of each instance of a node, and whether the instance is mirrored."""
     if "skin" in node.entry and "JOINTS_0" in geometry.attributes:
         yield _skinned(document, nodes, node.entry["skin"], geometry, vertices), False
         return
@@ -281,29 +280,29 @@ def _place_vertices(
 
 
 def _instances(document: GltfDocument, node: dict[str, Any]) -> np.ndarray:
-    """Transforms of a node's instances to the node, N x 4 x 4 (EXT_mesh_gpu_instancing)."""
+    """Transforms of a node's instances to the node, N x 4 x 4 (EXT_mesh_gpu_instancing); the identity without."""
     stored = _instance_attributes(node)
     if not stored:
         return np.eye(4)[None]
     read = {name: read_accessor(document, index) for name, index in stored.items()}
     count = len(next(iter(read.values())))
-    if any(values.shape != (count, len(_UNMOVED[name])) for name, values in read.items()):
-        raise ValueError("the attributes of its instances have other numbers of values or components")
+    if any(values.shape != (count, len(_IDENTITY[name])) for name, values in read.items()):
+        raise ValueError("the attributes of its instances have wrong numbers of values or components")
     return _transforms(
-        *(read.get(name, np.tile(np.array(value, np.float64), (count, 1))) for name, value in _UNMOVED.items())
+        *(read.get(name, np.tile(np.array(value, np.float64), (count, 1))) for name, value in _IDENTITY.items())
     )
 
 
 def _instance_attributes(node: dict[str, Any]) -> dict[str, int]:
-    """The accessors of the transforms of a node's instances; none where it stands for itself."""
+    """The accessors of the transforms of a node's instances; empty without instancing."""
     stored = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes", {})
-    return {name: stored[name] for name in _UNMOVED if name in stored}
+    return {name: stored[name] for name in _IDENTITY if name in stored}
 
 
 def _skinned(
     document: GltfDocument, nodes: dict[int, _Placed], index: int, geometry: Geometry, vertices: np.ndarray
 ) -> np.ndarray:
-    """Vertices where the joints of a skin place them: sum of weight x joint's world x inverse bind matrix x vertex."""
+    """Skinned vertices: the sum over joints of weight x joint's world transform x inverse bind matrix x vertex."""
     skin = document.element("skins", index)
     missing = [joint for joint in skin["joints"] if joint not in nodes]
     if missing:
@@ -324,14 +323,14 @@ def _skinned(
 
 
 def _log_left_out(document: GltfDocument, counted: Counter[str]) -> None:
-    """Say in one line what of the file is not drawn, or not as it moves."""
+    """Log what is left out of the file, in one line."""
     scenes = len(document.header.get("scenes") or ())
-    said = [f"{count} {what}" for what, count in sorted(counted.items())]
+    left_out = [f"{count} {what}" for what, count in sorted(counted.items())]
     if scenes > 1:
-        said.append(f"{scenes - 1} other scenes than scenes[{document.header.get('scene', 0)}]")
+        left_out.append(f"{scenes - 1} other scenes than scenes[{document.header.get('scene', 0)}]")
     if document.header.get("skins"):
-        said.append("movements of skins, drawn at rest")
+        left_out.append("animations of skins")
     if document.unread_extensions:
-        said.append(f"the optional extensions {', '.join(document.unread_extensions)}")
-    if said:
-        log.info("%s: left out: %s", document.path, "; ".join(said))
+        left_out.append(f"the optional extensions {', '.join(document.unread_extensions)}")
+    if left_out:
+        log.info("%s: left out: %s", document.path, "; ".join(left_out))

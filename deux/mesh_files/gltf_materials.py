@@ -1,6 +1,6 @@
-"""The appearance of glTF 2.0: base colours and base textures as unlit materials, and where textures lie on triangles.
+"""Materials of glTF 2.0: base colours and base textures as unlit materials, and texture coordinates.
 
-Of a material whose base colour is black it is what it emits: scans with the light in their pictures are stored so.
+For a material with a black base colour, the emissive colour is used instead: scans with baked lighting are stored so.
 
 Specification: Khronos Group, glTF 2.0 (ISO/IEC 12113:2022), sections 3.8 and 3.9; KHR_texture_transform,
 KHR_materials_pbrSpecularGlossiness, KHR_materials_unlit, KHR_texture_basisu, EXT_texture_webp.
@@ -32,16 +32,16 @@ CLAMP, MIRROR, REPEAT = 33071, 33648, 10497
 _SPECULAR = "KHR_materials_pbrSpecularGlossiness"
 _UNLIT = "KHR_materials_unlit"
 _TRANSFORM = "KHR_texture_transform"
-_KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"  # the first bytes of such a file
-_LARGEST_MARGIN = 3.0  # of a clamped texture, as a part of its own size
+_KTX2 = b"\xabKTX 20\xbb\r\n\x1a\n"  # the first bytes of a KTX2 file
+_LARGEST_MARGIN = 3.0  # greatest padding of a clamped texture, relative to its size
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """An image and how it goes on beyond its borders.
+    """An image with its wrap modes.
 
     Args:
-        image: its index in the file.
+        image: index of the image in the file.
         wraps: CLAMP, MIRROR or REPEAT along u and along v.
     """
 
@@ -54,9 +54,9 @@ class BaseTexture:
     """The texture of a material's base colour.
 
     Args:
-        sampling: its image.
-        attribute: the vertices' attribute of its coordinates, such as "TEXCOORD_0".
-        transform: 2 x 3 float64, from these coordinates to those of the image, (0, 0) at its top left.
+        sampling: the image with its wrap modes.
+        attribute: the vertex attribute of the texture coordinates, such as "TEXCOORD_0".
+        transform: 2 x 3 float64, from these coordinates to those of the image, with (0, 0) at its top left.
     """
 
     sampling: Sampling
@@ -65,11 +65,11 @@ class BaseTexture:
 
 
 def base_texture(document: GltfDocument, material: int | None) -> BaseTexture | None:
-    """The texture of the base colour of a material; None if it has none.
+    """The base colour texture of a material; None if it has none.
 
     Raises:
-        ValueError: the file is damaged here.
-        DeuxError: the texture's image is in a form that is not read.
+        ValueError: the file is damaged.
+        DeuxError: the texture's image has a format that is not supported.
     """
     described = _base(document, material).get("texture")
     if described is None:
@@ -77,12 +77,13 @@ def base_texture(document: GltfDocument, material: int | None) -> BaseTexture | 
     texture = document.element("textures", described["index"])
     sampler = document.element("samplers", texture["sampler"]) if "sampler" in texture else {}
     extensions = texture.get("extensions", {})
-    # An image that every reader reads goes before the same in another format.
+    # Prefer the image in a standard format over the same image in another format.
     sources = [texture.get("source"), *(extensions.get(name, {}).get("source") for name in TEXTURE_FORMATS)]
     image = next((source for source in sources if source is not None), None)
     if image is None:
-        forms = f" but in a form that is not read ({', '.join(extensions)})" if extensions else ""
-        raise DeuxError(f"{document.path} names no image for textures[{described['index']}]{forms}: add a PNG or JPEG.")
+        formats = f" except in unsupported formats ({', '.join(extensions)})" if extensions else ""
+        place = f"textures[{described['index']}]"
+        raise DeuxError(f"{document.path} has no image for {place}{formats}: add a PNG or JPEG.")
     transform = described.get("extensions", {}).get(_TRANSFORM, {})
     texcoord = transform.get("texCoord", described.get("texCoord", 0))
     wraps = (whole_number(sampler, "wrapS", REPEAT), whole_number(sampler, "wrapT", REPEAT))
@@ -93,18 +94,19 @@ def base_texture(document: GltfDocument, material: int | None) -> BaseTexture | 
 def make_material(
     document: GltfDocument, index: int | None, texture: np.ndarray | None, has_vertex_colors: bool
 ) -> Material:
-    """A material without light; factors are multiplied as they are stored, as Habitat-Sim's flat shading does.
+    """Make an unlit material.
 
-    The specification multiplies in linear light; transparency is ignored.
+    Colours are multiplied as stored, as in Habitat-Sim's flat shading, and not in linear light as in the specification.
+    Transparency is ignored.
 
     Args:
         document: the file.
-        index: of the material; None for the surfaces of no material.
-        texture: its base texture, height x width x 3 uint8.
-        has_vertex_colors: whether the surface has colours of its own.
+        index: index of the material; None for surfaces without a material.
+        texture: its base colour texture, height x width x 3 uint8.
+        has_vertex_colors: whether the surface has vertex colours.
 
     Raises:
-        DeuxError: the file is damaged here.
+        DeuxError: the file is damaged.
     """
     if index is None:
         return Material("colours") if has_vertex_colors else Material("no colours", GREY)
@@ -116,15 +118,15 @@ def make_material(
 
 
 def colors_as_bytes(colors: np.ndarray) -> np.ndarray:
-    """Colours from 0 to 1 as uint8, rounded; what lies beyond is clipped, NaN is 0."""
+    """Convert colours in [0, 1] to uint8, rounded and clipped; NaN becomes 0."""
     return np.round(np.clip(np.nan_to_num(colors), 0, 1) * 255).astype(np.uint8)
 
 
 def decode_images(document: GltfDocument, indices: Iterable[int]) -> dict[int, np.ndarray]:
-    """The images of some indices, decoded at the same time on all cores: height x width x 3 uint8 by index.
+    """Decode images in parallel: height x width x 3 uint8 by index.
 
     Raises:
-        DeuxError: one is missing, damaged, or in a format that is not read.
+        DeuxError: an image is missing, damaged, or has a format that is not supported.
     """
 
     def decode(index: int) -> np.ndarray:
@@ -138,16 +140,16 @@ def decode_images(document: GltfDocument, indices: Iterable[int]) -> dict[int, n
 
 
 class WrappedTexture:
-    """A texture that, repeated, looks as its sampler's wrap modes say over a range of coordinates.
+    """A texture that gives the result of other wrap modes when it is repeated.
 
-    A mirrored texture is doubled by its mirror image, a clamped one is enlarged by its border's colours. That is done
-    only where coordinates leave the image.
+    A mirrored texture is padded with its mirror image, a clamped one with the colours of its border, if the texture
+    coordinates exceed the image.
 
     Args:
         image: height x width x 3 uint8.
         wraps: CLAMP, MIRROR or REPEAT along u and along v.
-        coordinates: those in use, each V x 2, (0, 0) at the top left; none is empty.
-        place: what the texture is called in the log.
+        coordinates: the texture coordinates in use, each V x 2 and not empty, with (0, 0) at the top left.
+        place: the name of the texture in the log.
     """
 
     def __init__(
@@ -167,10 +169,13 @@ class WrappedTexture:
         self._sizes = np.array(sizes)
 
     def coordinates(self, uv: np.ndarray) -> np.ndarray:
-        """Coordinates in the original image, (0, 0) at the top left, as float32 in this one, (0, 0) at the bottom left.
+        """Convert coordinates from the original image to the padded image.
 
         Args:
-            uv: ... x 2.
+            uv: ... x 2, with (0, 0) at the top left of the original image.
+
+        Returns:
+            ... x 2 float32, with (0, 0) at the bottom left of the padded image.
         """
         new_sizes = np.array(self.image.shape[1::-1])
         u, v = np.moveaxis((uv * self._sizes + self._before) / new_sizes, -1, 0)
@@ -178,22 +183,22 @@ class WrappedTexture:
 
 
 def _margins(size: int, wrap: int, low: float, high: float, place: str) -> tuple[int, int]:
-    """Pixels to add before and after a row of `size` pixels so that it can be repeated."""
-    hidden = 0.01 / size  # a hundredth of a pixel is the rounding of coordinates
-    if wrap not in (CLAMP, MIRROR) or (low >= -hidden and high <= 1 + hidden):
+    """Padding before and after a row of `size` pixels, for coordinates from `low` to `high`."""
+    tolerance = 0.01 / size  # a hundredth of a pixel, for rounding errors of coordinates
+    if wrap not in (CLAMP, MIRROR) or (low >= -tolerance and high <= 1 + tolerance):
         return 0, 0
     if wrap == MIRROR:
         return 0, size
     limit = int(_LARGEST_MARGIN * size)
     before, after = (max(beyond, 0.0) * size for beyond in (-low, high - 1))
     if before + after > limit:
-        log.warning("%s is clamped, but used far beyond its borders: it repeats there", place)
+        log.warning("%s is clamped, but its coordinates far exceed the image: it is repeated there", place)
     before = min(math.ceil(before), limit)
     return before, min(math.ceil(after), limit - before)
 
 
 def _base(document: GltfDocument, index: int | None) -> dict[str, Any]:
-    """The base colour of a material, or what it emits where that is black: "factor" and "texture", if given."""
+    """The base colour of a material, or its emissive colour if that is black: "factor" and "texture", if given."""
     if index is None:
         return {}
     material = document.element("materials", index)
@@ -208,7 +213,7 @@ def _base(document: GltfDocument, index: int | None) -> dict[str, Any]:
 
 
 def _transform_matrix(transform: dict[str, Any]) -> np.ndarray:
-    """translation x rotation x scale of KHR_texture_transform, 2 x 3; a rotation turns u towards -v."""
+    """The matrix translation x rotation x scale of KHR_texture_transform, 2 x 3; rotation is from u towards -v."""
     (offset_u, offset_v), (scale_u, scale_v) = transform.get("offset", (0, 0)), transform.get("scale", (1, 1))
     cos, sin = math.cos(transform.get("rotation", 0)), math.sin(transform.get("rotation", 0))
     return np.array([[cos * scale_u, sin * scale_v, offset_u], [-sin * scale_u, cos * scale_v, offset_v]])
@@ -220,16 +225,16 @@ def _decode_image(document: GltfDocument, index: int) -> np.ndarray:
         return _decode_ktx2(document, index, content)
     with _open(content) as image:
         if image.mode.startswith("I"):
-            # 16 bits: the upper eight, as Pillow itself takes of 16-bit colours.
+            # Use the upper 8 of 16 bits, as Pillow does for 16-bit colours.
             grey = (np.asarray(image).astype(np.int64) >> 8).clip(0, 255).astype(np.uint8)
             return np.repeat(grey[..., None], 3, axis=2)
-        # Pillow warns unless a palette with transparency is first turned to colours with transparency.
-        through = image.convert("RGBA") if image.mode in ("P", "PA") else image
-        return np.asarray(through if through.mode == "RGB" else through.convert("RGB"))
+        # Pillow would warn about a palette's transparency if it were converted directly.
+        converted = image.convert("RGBA") if image.mode in ("P", "PA") else image
+        return np.asarray(converted if converted.mode == "RGB" else converted.convert("RGB"))
 
 
 def _check_sizes(document: GltfDocument, indices: Sequence[int]) -> None:
-    """Refuse images that together take more memory than there is for them, by what their headers say."""
+    """Raise DeuxError if the images, by their headers, are too large for the memory in total."""
     pixels = 0
     for index in indices:
         with document.reading(f"images[{index}]"):
@@ -251,25 +256,25 @@ def _is_ktx2(document: GltfDocument, index: int, content: bytes) -> bool:
 
 
 def _open(content: bytes) -> Image.Image:
-    """An image of any format."""
+    """Open an image of any format that Pillow supports."""
     try:
         return open_image(io.BytesIO(content), "an image", TEXTURE_BYTES)
     except UnidentifiedImageError as error:
-        raise ValueError("it is no PNG, JPEG, WebP or other image that Pillow reads") from error
+        raise ValueError("it is not a PNG, JPEG, WebP or other image that Pillow supports") from error
 
 
 def _decode_ktx2(document: GltfDocument, index: int, content: bytes) -> np.ndarray:
-    """A KTX2 image with Basis Universal's compression."""
+    """Decode a KTX2 image with Basis Universal compression."""
     basis = document.optional_package(
         "opengl_basisu",
         "Basis Universal (KTX2) textures",
-        ", or take its JPEG or PNG version (of HM3D the archive _glb)",
+        ", or use its JPEG or PNG version (for HM3D the archive _glb)",
     )
     try:
         pixels = basis.open(content).transcode("rgba8").data
     except Exception as error:
         raise DeuxError(
-            f"{document.path} has a KTX2 texture, images[{index}], that cannot be decoded, it is damaged or not in "
-            f"Basis Universal's format: {error}."
+            f"{document.path} has a KTX2 texture, images[{index}], that cannot be decoded: it is damaged or not "
+            f"compressed with Basis Universal ({error})."
         ) from error
     return np.ascontiguousarray(pixels[..., :3])

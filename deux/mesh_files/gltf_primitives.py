@@ -1,4 +1,4 @@
-"""The geometry of glTF 2.0's primitives: accessors, Draco's compression, morph targets and the kinds of primitives.
+"""The geometry of glTF 2.0 primitives: accessors, Draco compression, morph targets and primitive modes.
 
 Specification: Khronos Group, glTF 2.0 (ISO/IEC 12113:2022), sections 3.6.2 and 3.7.2.
 """
@@ -14,7 +14,7 @@ from deux.mesh_files.gltf_document import GltfDocument, whole_number
 
 TRIANGLES, STRIP, FAN = 4, 5, 6
 SURFACES = (TRIANGLES, STRIP, FAN)
-"""Modes of primitives that have a surface; the others are points and lines."""
+"""Primitive modes with triangles; the others are points and lines."""
 
 _DRACO = "KHR_draco_mesh_compression"
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -29,8 +29,8 @@ class Geometry:
     """The triangles of a primitive.
 
     Args:
-        faces: F x 3 int64, indices of vertices; every vertex is used.
-        attributes: values of the vertices by semantic, such as "POSITION", each V x components.
+        faces: F x 3 int64, indices of vertices; all vertices are used.
+        attributes: vertex attributes by semantic, such as "POSITION", each V x components.
     """
 
     faces: np.ndarray
@@ -40,16 +40,16 @@ class Geometry:
 def read_geometry(
     document: GltfDocument, primitive: dict[str, Any], names: Iterable[str], weights: Sequence[float] = ()
 ) -> Geometry:
-    """Read a primitive that has a surface.
+    """Read a primitive with triangles.
 
     Args:
         document: the file.
-        primitive: its JSON.
-        names: semantics of the attributes to read; those that it does not have are left out.
-        weights: of its morph targets, which are added to the attributes.
+        primitive: the JSON of the primitive.
+        names: semantics of the attributes to read; missing ones are left out.
+        weights: weights of the morph targets, which are added to the attributes.
 
     Raises:
-        ValueError: it is damaged.
+        ValueError: the file is damaged.
     """
     stored = primitive["attributes"]
     names = [name for name in names if name in stored]
@@ -68,19 +68,19 @@ def read_geometry(
 
 
 def read_accessor(document: GltfDocument, index: int, normalise: bool = False) -> np.ndarray:
-    """The values of an accessor.
+    """Read the values of an accessor.
 
     Args:
         document: the file.
-        index: of the accessor.
-        normalise: whether integers are normalised even if the accessor does not say so.
+        index: index of the accessor.
+        normalise: whether to normalise integers even if the accessor is not normalised.
 
     Returns:
-        count x components; matrices have their columns one after the other. Normalised integers are float64 from 0
-        or -1 to 1, other values keep their type.
+        count x components; matrices are column-major. Normalised integers are float64 in [0, 1] or [-1, 1], other
+        values have their stored type.
 
     Raises:
-        ValueError: it is damaged or does not lie within its buffer view.
+        ValueError: the accessor is damaged or exceeds its buffer view.
     """
     accessor = document.element("accessors", index)
     columns, rows = _COLUMNS_AND_ROWS[accessor["type"]]
@@ -106,12 +106,12 @@ def _strided(
     index = entry["bufferView"]
     data = document.view(index)
     count, columns, rows = shape
-    # Each column of a matrix begins at a multiple of four bytes (section 3.6.2.4).
+    # The columns of a matrix are aligned to four bytes (section 3.6.2.4).
     column = rows * dtype.itemsize if columns == 1 else -(-rows * dtype.itemsize // 4) * 4
     element = columns * column
     stride = document.view_stride(index) or element
     offset = whole_number(entry, "byteOffset", 0)
-    # The last element of a matrix needs no padding after it.
+    # The last column needs no padding.
     end = offset + (count - 1) * stride + element - (column - rows * dtype.itemsize) if count else offset
     if end > len(data):
         raise ValueError(f"{place} ends at byte {end} of bufferViews[{index}], which has {len(data)}")
@@ -119,7 +119,7 @@ def _strided(
 
 
 def _with_sparse(document: GltfDocument, sparse: dict[str, Any], values: np.ndarray, place: str) -> np.ndarray:
-    """A copy of an accessor's values, some of them replaced."""
+    """A copy of an accessor's values with the sparse values replaced."""
     count = whole_number(sparse, "count")
     described = sparse["indices"]
     index_type = np.dtype(_COMPONENTS[described["componentType"]])
@@ -133,7 +133,7 @@ def _with_sparse(document: GltfDocument, sparse: dict[str, Any], values: np.ndar
 
 
 def _normalised(values: np.ndarray) -> np.ndarray:
-    """Integers as fractions of their type's greatest value (section 3.6.2.2); floats are returned as they are."""
+    """Convert integers to fractions of their type's largest value (section 3.6.2.2); floats stay unchanged."""
     if values.dtype.kind == "f":
         return values
     return np.maximum(values / float(np.iinfo(values.dtype).max), -1.0)
@@ -142,7 +142,7 @@ def _normalised(values: np.ndarray) -> np.ndarray:
 def _indices(document: GltfDocument, index: int) -> np.ndarray:
     indices = read_accessor(document, index)
     if indices.dtype.kind != "u" or indices.shape[1] != 1:
-        raise ValueError(f"accessors[{index}] holds no indices: they are unsigned scalars")
+        raise ValueError(f"accessors[{index}] are not indices: these must be unsigned scalars")
     return indices.reshape(-1).astype(np.int64)
 
 
@@ -156,7 +156,7 @@ def _check_shape(name: str, values: np.ndarray, count: int) -> None:
 def _decode_draco(
     document: GltfDocument, draco: dict[str, Any], stored: dict[str, int], names: Iterable[str]
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Indices and attributes of a primitive that Draco has compressed; attributes outside of it are read plainly."""
+    """Indices and attributes of a Draco-compressed primitive; attributes that are not compressed are read as usual."""
     package = document.optional_package("DracoPy", "Draco-compressed geometry")
     content = document.view(draco["bufferView"]).tobytes()
     try:
@@ -192,10 +192,10 @@ def _add_targets(
 
 
 def _faces(indices: np.ndarray, mode: int) -> np.ndarray:
-    """Indices as triangles, F x 3, turned as section 3.7.2.1 says."""
+    """Convert indices to triangles, F x 3, with the orientation of section 3.7.2.1."""
     if mode == TRIANGLES:
         if len(indices) % 3:
-            raise ValueError(f"it has {len(indices)} corners of triangles, which is no multiple of 3")
+            raise ValueError(f"it has {len(indices)} corners of triangles, which is not a multiple of 3")
         return indices.reshape(-1, 3)
     if len(indices) < 3:
         return np.zeros((0, 3), np.int64)
@@ -204,11 +204,11 @@ def _faces(indices: np.ndarray, mode: int) -> np.ndarray:
     faces = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
     faces[1::2] = faces[1::2][:, [0, 2, 1]]
     a, b, c = faces.T
-    return faces[(a != b) & (b != c) & (c != a)]  # strips are joined by triangles without area
+    return faces[(a != b) & (b != c) & (c != a)]  # strips are joined by degenerate triangles
 
 
 def _without_unused(faces: np.ndarray, attributes: dict[str, np.ndarray]) -> Geometry:
-    """Leave out the vertices of no face: primitives often share their vertices, each using some."""
+    """Remove unused vertices: primitives often share a vertex buffer of which each uses a part."""
     count = len(attributes["POSITION"])
     if len(faces) and faces.max() >= count:
         raise ValueError(f"it has the index {faces.max()}, but {count} vertices")

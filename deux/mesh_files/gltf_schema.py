@@ -1,8 +1,8 @@
-"""The types of what is read of a glTF's JSON: checked once, before any of it is used.
+"""Type checks of the JSON of glTF files, once before it is used.
 
-A value of the wrong type anywhere in it is refused with its place; whoever reads the JSON later may rely on the types.
-Whether an index has an element, and bytes lie in their buffer, is found out where they are read. What is not listed
-here is not read. Specification: Khronos Group, glTF 2.0 (ISO/IEC 12113:2022), chapter 5.
+Values of a wrong type raise an error with their place, so that other modules can rely on the types. Whether indices
+exist and bytes are within their buffers is checked when they are read. Keys that are not listed here are not used.
+Specification: Khronos Group, glTF 2.0 (ISO/IEC 12113:2022), chapter 5.
 """
 
 import math
@@ -12,17 +12,17 @@ from typing import Any
 from deux.errors import shown
 
 Check = Callable[[Any, str], None]
-"""Raises ValueError, which names the place that is given, unless a value is right."""
+"""A function of a value and its place that raises ValueError, naming the place, if the value is invalid."""
 
 LONGEST_NAME = 1000
-"""Characters of a name; a URI with data in it is none."""
+"""Greatest length of names in characters, except for data URIs."""
 
 
 def check_header(header: Mapping[str, Any]) -> None:
-    """Check the types of all values of a glTF's JSON that are read.
+    """Check the types of all used values in the JSON of a glTF file.
 
     Raises:
-        ValueError: one is wrong; it names the place, the value and what would be right.
+        ValueError: a value is invalid; the message names the place, the value and what is expected.
     """
     _HEADER(header, "")
 
@@ -46,11 +46,11 @@ def _simple(matches: Callable[[Any], bool], expected: str) -> Check:
 
 
 def _list(element: Check, least: int = 0, lengths: tuple[int, ...] = ()) -> Check:
-    """A list of values; of one of these lengths, or of so many elements at least."""
+    """A list of values, either with one of the given lengths or with at least `least` elements."""
 
     def check(value: Any, place: str) -> None:
-        right = isinstance(value, list) and (len(value) in lengths if lengths else len(value) >= least)
-        if not right:
+        valid = isinstance(value, list) and (len(value) in lengths if lengths else len(value) >= least)
+        if not valid:
             count = " or ".join(map(str, lengths)) if lengths else f"{least} or more" if least else "any number of"
             raise ValueError(f"{place} is {shown(value)}, but must be a list of {count} values")
         for number, item in enumerate(value):
@@ -60,7 +60,7 @@ def _list(element: Check, least: int = 0, lengths: tuple[int, ...] = ()) -> Chec
 
 
 def _object(required: tuple[str, ...] = (), /, **members: Check) -> Check:
-    """An object with members of these names, some of which it must have; others are not looked at."""
+    """An object with the given members, some of which are required; other members are ignored."""
 
     def check(value: Any, place: str) -> None:
         if not isinstance(value, dict):
@@ -75,7 +75,7 @@ def _object(required: tuple[str, ...] = (), /, **members: Check) -> Check:
 
 
 def _map(element: Check) -> Check:
-    """An object of any names, all of whose values are alike."""
+    """An object with any keys, whose values are all checked in the same way."""
 
     def check(value: Any, place: str) -> None:
         _object()(value, place)

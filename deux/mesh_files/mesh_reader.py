@@ -1,4 +1,4 @@
-"""Scene meshes from files: the parts that a format's reader finds, joined, checked and brought to metres, Y-up."""
+"""Reading of scene meshes from files: the parts are joined, checked and converted to metres and Y-up."""
 
 import logging
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from deux.mesh_files.ply_file import read_ply, referenced_by_ply
 log = logging.getLogger(__name__)
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
-"""The endings of mesh files that are read, in small letters."""
+"""The supported suffixes of mesh files, in lower case."""
 
 FAR = 1000.0
-"""Metres from the file's origin beyond which vertices get an origin of their own: float32 is 0.06 mm coarse there."""
+"""Distance in metres from the file's origin beyond which the mesh gets another origin, for the precision of float32."""
 
 LARGEST_COORDINATE = 1e12
-"""Of a vertex, in the file's units; what is beyond counts as infinite."""
+"""Greatest coordinate of a vertex in the file's units; larger ones count as infinite."""
 
 Up = Literal["y", "z"]
 """The axis of a file that points up."""
@@ -36,18 +36,18 @@ Up = Literal["y", "z"]
 def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | None = None) -> SceneMesh:
     """Read all triangles of a file, with the transforms of its nodes applied; lines and points are left out.
 
-    Colours are taken as they are stored: a material's base colour times its base texture, times the vertices'
-    colours. Light, transparency and all other maps are ignored. A vertex that no face uses does not count.
+    The colour is base colour x base texture x vertex colour as stored. Lighting, transparency and all other maps are
+    ignored.
 
     Args:
-        path: a .glb, .gltf, .obj or .ply.
-        up: "z" turns a Z-up file: world (x, y, z) = (x, z, -y) of the file.
+        path: a .glb, .gltf, .obj or .ply file.
+        up: "z" rotates a Z-up file: world (x, y, z) = (x, z, -y) of the file.
         scale: metres per unit of the file.
-        max_texture: the most pixels that the longer side of a texture keeps, larger ones are halved until they fit;
-            None for all.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved until they fit; None
+            for no limit.
 
     Raises:
-        DeuxError: the file is unreadable or damaged, holds no triangles, or is too large for a building in metres.
+        DeuxError: the file is unreadable or damaged, contains no triangles, or is too large for a building in metres.
     """
     suffix = path.suffix.lower()
     if suffix in (".glb", ".gltf"):
@@ -55,7 +55,7 @@ def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | N
     else:
         parts = (read_obj if suffix == ".obj" else read_ply)(path, max_texture)
     if not parts:
-        raise DeuxError(f"{path} holds no triangles: there is nothing to see in it.")
+        raise DeuxError(f"{path} contains no triangles: a scene needs surfaces.")
     vertices, colors = _joined_vertices(parts)
     faces = _joined_faces(parts, path)
     finite = (np.abs(vertices) <= LARGEST_COORDINATE).all(axis=1)
@@ -81,13 +81,13 @@ def read_mesh(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | N
     )
     mesh = _without_stray(mesh, path)
     check_extent(path, mesh.bounds, scale)
-    del parts  # and with them the textures, one after the other, as they are packed
+    del parts  # so that textures can be freed one by one while they are packed
     packed, pyramids = _packed(materials, max_texture)
     return replace(_from_origin(mesh), materials=tuple(packed), pyramids=pyramids)
 
 
 def referenced_files(path: Path) -> list[Path]:
-    """The other files that make up a scene: buffers, material libraries and textures.
+    """The files that a scene file refers to: buffers, material libraries and textures.
 
     Raises:
         DeuxError: one of them is missing, or the file cannot be read.
@@ -101,7 +101,7 @@ def referenced_files(path: Path) -> list[Path]:
 
 
 def _joined_vertices(parts: Sequence[MeshPart]) -> tuple[np.ndarray, np.ndarray | None]:
-    """The vertices of all parts and their colours, white where there are none; arrays that parts share come once."""
+    """The vertices of all parts and their colours (white for parts without); shared arrays are included once."""
     pairs = {_vertex_key(part): (part.vertices, part.vertex_colors) for part in parts}.values()
     vertices = np.concatenate([vertices for vertices, _ in pairs]).astype(np.float64)
     if all(colors is None for _, colors in pairs):
@@ -128,7 +128,7 @@ def _vertex_key(part: MeshPart) -> tuple[int, int]:
 
 
 def _joined_materials(parts: Sequence[MeshPart]) -> tuple[np.ndarray, list[Material]]:
-    """The material of each part as an index, and the materials: those that look alike and have one name come once."""
+    """The index of each part's material, and the materials without duplicates."""
     indices: dict[tuple[str, tuple[int, ...], int], int] = {}
     materials: list[Material] = []
     of_part = []
@@ -142,9 +142,10 @@ def _joined_materials(parts: Sequence[MeshPart]) -> tuple[np.ndarray, list[Mater
 
 
 def _packed(materials: list[Material], max_texture: int | None) -> tuple[list[Material], TexturePyramids | None]:
-    """Materials whose textures are views into mip pyramids, and these; the list that is given is emptied.
+    """Pack the textures of materials into mip pyramids; returns materials with views of these, and the pyramids.
 
-    A texture and its pyramid together take 7/3 of its size, which for a large scan is more than the memory there is.
+    The given list is emptied, so that textures are freed while they are packed: for large scans, all textures and their
+    pyramids together (7/3 of the textures' size) may not fit into memory.
     """
     textures = {id(m.texture): m.texture for m in materials if m.texture is not None}
     number = {key: k for k, key in enumerate(textures)}
@@ -164,7 +165,7 @@ def _packed(materials: list[Material], max_texture: int | None) -> tuple[list[Ma
 def _without_unused(
     vertices: np.ndarray, colors: np.ndarray | None, faces: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
-    """Vertices, their colours and faces (int32) without the vertices that no face uses, if one is out of the way."""
+    """Remove unused vertices if they extend the bounds; returns vertices, colours and faces (int32)."""
     used = np.zeros(len(vertices), bool)
     used[faces] = True
     low, high = vertices[used].min(axis=0), vertices[used].max(axis=0)
@@ -175,11 +176,11 @@ def _without_unused(
 
 
 def _without_stray(mesh: SceneMesh, path: Path) -> SceneMesh:
-    """The mesh without the triangles far away from all others, which is said."""
+    """Remove triangles that are far away from all others, with a warning."""
     near = near_faces(mesh.vertices, mesh.faces)
     if near.all():
         return mesh
-    log.warning("%s: %d of %d triangles are far away from all others and are left out.", path, np.sum(~near), len(near))
+    log.warning("%s: %d of %d triangles are far away from all others and are removed.", path, np.sum(~near), len(near))
     vertices, colors, faces = _without_unused(mesh.vertices, mesh.vertex_colors, mesh.faces[near])
     return replace(
         mesh,
@@ -193,7 +194,7 @@ def _without_stray(mesh: SceneMesh, path: Path) -> SceneMesh:
 
 
 def _from_origin(mesh: SceneMesh) -> SceneMesh:
-    """The mesh with float32 vertices, counted from an origin near them along the axes on which they are far away."""
+    """Convert the vertices to float32, relative to a near origin along axes on which they are far from 0."""
     low, high = mesh.bounds.astype(np.float64)
     origin = np.where(np.maximum(np.abs(low), np.abs(high)) > FAR, np.floor(low), 0.0)
     x, y, z = (float(value) for value in origin)

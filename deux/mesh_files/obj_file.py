@@ -1,7 +1,7 @@
-"""Meshes from Wavefront OBJ files, one part for each material.
+"""Reader of Wavefront OBJ files, with one part for each material.
 
-The format: Wavefront Technologies, "Advanced Visualizer Manual", appendix B1, 1993; the colours after a vertex's
-position are a later custom of scanners.
+Format: Wavefront Technologies, "Advanced Visualizer Manual", appendix B1, 1993; colours after a vertex's position are a
+later convention of scanners.
 """
 
 import logging
@@ -22,26 +22,26 @@ from deux.mesh_files.part_files import read_textures
 from deux.mesh_files.polygons import triangulate
 
 LARGEST_REPETITION = 1e6
-"""Times that a texture may be repeated; beyond, float32 cannot tell its pixels apart."""
+"""Greatest number of repetitions of a texture, limited by the precision of float32."""
 
 LONGEST_INDEX = 18
-"""Digits of an index in a face; more would not fit into 64 bits and point at another vertex."""
+"""Greatest number of digits of an index in a face; more would not fit into 64 bits."""
 
 log = logging.getLogger(__name__)
 
 _REFUSED = {b"curv", b"curv2", b"surf", b"call", b"csh"}
-"""Statements that describe a surface otherwise than by polygons, or that read other files."""
+"""Statements for surfaces other than polygons, or for including other files, which are not supported."""
 
 
 def read_obj(path: Path, max_texture: int | None = None) -> list[MeshPart]:
-    """Read the polygons of an OBJ file; its lines, points, groups, normals and smoothing are left out.
+    """Read the polygons of an OBJ file; lines, points, groups, normals and smoothing are ignored.
 
-    A textured material shows its texture alone, as viewers do: exporters leave arbitrary diffuse colours (`Kd`) and
-    vertex colours beside them. Faces without texture coordinates show the `Kd`.
+    Textures are not multiplied with the diffuse colour (`Kd`) or vertex colours, which exporters set arbitrarily; other
+    viewers do the same. Faces without texture coordinates have the colour `Kd`.
 
     Args:
         path: the file.
-        max_texture: the most pixels that the longer side of a texture keeps; None for all.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; None for no limit.
 
     Raises:
         DeuxError: the file, a material library or a texture is missing or cannot be read, or a face is damaged.
@@ -55,35 +55,36 @@ def read_obj(path: Path, max_texture: int | None = None) -> list[MeshPart]:
             raise ValueError(f"a texture coordinate is {coordinates[:, :2][beyond][0]:g}")
         corners, lengths = _faces(statements, len(positions), len(coordinates))
     except ValueError as error:
-        raise DeuxError(f"{path} cannot be read as a .obj file, it is damaged or something else: {error}.") from error
+        raise DeuxError(f"{path} is damaged or not a .obj file: {error}.") from error
     vertices, colors = np.ascontiguousarray(positions[:, :3]), _colors(positions)
     index, owner = triangulate(vertices[corners[:, 0]], lengths)
     faces = corners[index, 0]
-    uv = np.full((len(coordinates) + 1, 2), np.nan)  # the last one is that of corners without any
-    uv[:-1] = np.nan_to_num(coordinates[:, :2])  # a second coordinate may be left out: 0
+    uv = np.full((len(coordinates) + 1, 2), np.nan)  # the last entry is for corners without coordinates
+    uv[:-1] = np.nan_to_num(coordinates[:, :2])  # a missing second coordinate is 0
     uv = uv[corners[index, 1]]
     textured = np.isfinite(uv).all(axis=(1, 2))
 
-    names, looks = statements.material_names, _looks(path, statements.material_names)
+    names, described = statements.material_names, _materials(path, statements.material_names)
     material = np.repeat([run[1] for run in statements.runs], statements.run_lengths).astype(np.int64)[owner]
-    shown = [looks[k].texture for k in np.unique(material[textured])]
-    textures = read_textures([texture for texture in shown if texture is not None], max_texture)
+    used = [described[k].texture for k in np.unique(material[textured])]
+    textures = read_textures([texture for texture in used if texture is not None], max_texture)
     parts = []
     for k in np.unique(material):
-        look = looks[k]
-        shows = (material == k) & textured & (look.texture is not None)
-        plain = (material == k) & ~shows
-        if look.texture is not None and shows.any():
-            moved = (uv[shows] * look.scale + look.offset).astype(np.float32)
-            parts.append(MeshPart(vertices, faces[shows], Material(names[k], texture=textures[look.texture]), moved))
+        own = described[k]
+        with_texture = (material == k) & textured & (own.texture is not None)
+        plain = (material == k) & ~with_texture
+        if own.texture is not None and with_texture.any():
+            own_uv = (uv[with_texture] * own.scale + own.offset).astype(np.float32)
+            look = Material(names[k], texture=textures[own.texture])
+            parts.append(MeshPart(vertices, faces[with_texture], look, own_uv))
         if plain.any():
-            color = look.color or (GREY if colors is None else (255, 255, 255))
+            color = own.color or (GREY if colors is None else (255, 255, 255))
             parts.append(MeshPart(vertices, faces[plain], Material(names[k], color), None, colors))
     return parts
 
 
 def referenced_by_obj(path: Path) -> list[Path]:
-    """The material libraries of an OBJ file and the textures that they name.
+    """The material libraries of an OBJ file, and the textures of their materials.
 
     Raises:
         DeuxError: one of them is missing.
@@ -93,26 +94,26 @@ def referenced_by_obj(path: Path) -> list[Path]:
     return list(dict.fromkeys([*libraries, *(texture for texture in textures if texture is not None)]))
 
 
-def _looks(path: Path, names: Sequence[str]) -> list[ObjMaterial]:
-    """The materials of these names by the libraries that an OBJ file names, by the first of several that has one."""
+def _materials(path: Path, names: Sequence[str]) -> list[ObjMaterial]:
+    """The materials with the given names, each from the first library of the OBJ file that contains it."""
     found: dict[str, ObjMaterial] = {}
     for library in material_libraries(path):
         found = read_material_library(library, path) | found
     if unknown := [name for name in names if name and found and name not in found]:
-        log.warning("%s: no material library describes %s: it is grey.", path, ", ".join(unknown))
+        log.warning("%s: no material library contains %s: it is grey.", path, ", ".join(unknown))
     return [found.get(name, ObjMaterial()) for name in names]
 
 
 @dataclass
 class _Statements:
-    """The lines of a file by what they describe.
+    """The statements of a file by their kind.
 
     Args:
-        positions: what follows `v`.
-        coordinates: what follows `vt`.
-        faces: what follows `f`.
-        runs: of faces one after the other of one material: number of the first face, index into `material_names`, and
-            how many positions and coordinates there were before it, from which negative indices count.
+        positions: the arguments of `v`.
+        coordinates: the arguments of `vt`.
+        faces: the arguments of `f`.
+        runs: runs of consecutive faces with one material: index of the first face, index into `material_names`, and the
+            numbers of positions and coordinates before it, to which negative indices are relative.
     """
 
     positions: list[bytes] = field(default_factory=list)
@@ -127,7 +128,7 @@ class _Statements:
         return np.diff([run[0] for run in self.runs] + [len(self.faces)])
 
     def read(self, lines: Sequence[bytes]) -> None:
-        """Sort lines; ValueError at a statement that is not read."""
+        """Parse lines; raises ValueError for statements that are not supported."""
         material = 0
         for key, group in groupby(lines, key=_keyword):
             values = (line.strip().partition(b" ")[2] for line in group)
@@ -144,7 +145,7 @@ class _Statements:
                     self.material_names.append(name)
                 material = self.material_names.index(name)
             elif key in _REFUSED:
-                raise ValueError(f"its {key.decode()} statements are not read, only polygons are")
+                raise ValueError(f"its {key.decode()} statements are not supported, only polygons")
 
 
 def _keyword(line: bytes) -> bytes:
@@ -152,21 +153,25 @@ def _keyword(line: bytes) -> bytes:
 
 
 def _joined_lines(content: bytes) -> list[bytes]:
-    """The lines of a file, without comments; a backslash at the end of a line joins it to the next."""
+    """The lines of a file without comments; lines that end with a backslash are joined with the next."""
     text = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n").replace(b"\\\n", b" ").replace(b"\t", b" ")
     if b"\0" in text[:1024]:
-        raise ValueError("it is no text")
+        raise ValueError("it is not a text file")
     lines = text.split(b"\n")
     return [_without_comment(line) for line in lines] if b"#" in text else lines
 
 
 def _without_comment(line: bytes) -> bytes:
-    """A line without the comment at its end; the name of a material may hold a "#"."""
+    """A line without the comment at its end; names of materials may contain "#"."""
     return line if b"#" not in line or _keyword(line) == b"usemtl" else line.partition(b"#")[0]
 
 
 def _columns(lines: list[bytes], least: int, most: int) -> np.ndarray:
-    """The numbers of each line, N x `most`, NaN where a line has fewer; ValueError where it has fewer than `least`."""
+    """The numbers of each line, N x `most`, padded with NaN.
+
+    Raises:
+        ValueError: a line has fewer than `least` or more than `most` numbers.
+    """
     values = np.fromstring(b" ".join(lines), sep=" ")
     if not lines:
         return np.zeros((0, most))
@@ -183,20 +188,20 @@ def _columns(lines: list[bytes], least: int, most: int) -> np.ndarray:
 
 
 def _colors(positions: np.ndarray) -> np.ndarray | None:
-    """Colours of the vertices, V x 3 uint8, from lines `x y z r g b` or `x y z w r g b`; white where there are none."""
+    """Vertex colours, V x 3 uint8, from lines `x y z r g b` or `x y z w r g b`, white if missing; None without any."""
     given = np.isfinite(positions)
     six, seven = given[:, 5] & ~given[:, 6], given[:, 6]
     if not (six.any() or seven.any()):
         return None
     values = np.ones((len(positions), 3))
     values[six], values[seven] = positions[six, 3:6], positions[seven, 4:7]
-    if values.max() > 1.0:  # not fractions but bytes
+    if values.max() > 1.0:  # in [0, 255] and not in [0, 1]
         values[six | seven] /= 255.0
     return np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def _faces(statements: _Statements, positions: int, coordinates: int) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of all faces: N x 2 indices of position and coordinate (-1 for none), and how many each face has."""
+    """N x 2 indices of position and coordinate (-1 for none) of all corners, and the number of corners per face."""
     text = np.frombuffer(b"\n".join(statements.faces) + b"\n", np.uint8)
     lengths = np.zeros(len(statements.faces) + 1, np.int64)
     corners = np.zeros((_count_tokens(text), 2), np.int64)
@@ -208,12 +213,12 @@ def _faces(statements: _Statements, positions: int, coordinates: int) -> tuple[n
     before = np.repeat(np.repeat(before, statements.run_lengths, axis=0), lengths, axis=0)
     corners = np.where(corners < 0, before + corners, corners - 1)
     for column, (count, noun) in enumerate(((positions, "vertex"), (coordinates, "texture coordinate"))):
-        least = 0 if column == 0 else -1  # a corner may do without a texture coordinate
+        least = 0 if column == 0 else -1  # texture coordinates are optional
         bad = (corners[:, column] < least) | (corners[:, column] >= count)
         if bad.any():
             face = int(np.searchsorted(np.cumsum(lengths), int(np.argmax(bad)), side="right"))
             line = statements.faces[face].decode(errors="replace")
-            raise ValueError(f"the face {shown(line)} has a {noun} that is not there, there are {count}")
+            raise ValueError(f"the face {shown(line)} refers to a {noun} that does not exist, there are {count}")
     return corners, lengths
 
 
@@ -229,15 +234,15 @@ def _count_tokens(text: np.ndarray) -> int:
 
 @compiled(nogil=True)
 def _parse_faces(text: np.ndarray, corners: np.ndarray, lengths: np.ndarray) -> int:
-    """Parse the corners `position/coordinate/normal` of faces, one face a line.
+    """Parse the corners `position/coordinate/normal` of faces, one face per line.
 
     Args:
         text: bytes; each line ends with a line feed.
-        corners: N x 2 int64, filled with position and coordinate as they are written; 0 where there is none.
-        lengths: one more than there are lines, filled with the number of corners of each line.
+        corners: N x 2 int64, receives the stored indices of position and coordinate, 0 for none.
+        lengths: number of lines + 1, receives the number of corners of each line.
 
     Returns:
-        The first line that is damaged, -1 if none is.
+        The first invalid line, -1 if there is none.
     """
     line, corner, column, number, sign, digits = 0, 0, 0, 0, 1, 0
     for byte in text:

@@ -1,4 +1,4 @@
-"""Material libraries (MTL) of OBJ files: diffuse colours and textures, and where they lie."""
+"""Material libraries (MTL) of OBJ files: diffuse colours and textures."""
 
 import functools
 import os
@@ -19,21 +19,21 @@ _COUNTS = {
     **dict.fromkeys(("-mm",), 2),
     "-colorspace": 1,
 }
-"""How many words follow an option of a texture."""
-_LARGEST = 1e6  # of a texture's scale and offset
+"""Number of arguments of a texture's option."""
+_LARGEST = 1e6  # greatest scale and offset of a texture
 _VECTORS = ("-o", "-s", "-t")
-"""Options that one to three numbers follow."""
+"""Options with one to three numbers as arguments."""
 
 
 @dataclass(frozen=True)
 class ObjMaterial:
-    """What a material library says of a material's unlit look.
+    """The unlit appearance of a material.
 
     Args:
-        color: the diffuse colour `Kd`, 3 x uint8; None where the library does not say.
+        color: the diffuse colour `Kd`, 3 x uint8; None if it is not set.
         texture: the file of `map_Kd`.
         scale: `-s`, by which texture coordinates are multiplied.
-        offset: `-o`, which is then added to them.
+        offset: `-o`, which is added to them afterwards.
     """
 
     color: tuple[int, int, int] | None = None
@@ -43,7 +43,7 @@ class ObjMaterial:
 
 
 def material_libraries(path: Path) -> list[Path]:
-    """The material libraries that an OBJ file names: on one line or several, with blanks in their names or not.
+    """The material libraries of an OBJ file, from one or several lines; their names may contain spaces.
 
     Raises:
         DeuxError: one of them is missing.
@@ -54,7 +54,7 @@ def material_libraries(path: Path) -> list[Path]:
         if is_within(name) and os.path.isfile(path.parent / name):
             found.append(path.parent / name)
         else:
-            # Several names on one line; a blank within a name does not follow its suffix.
+            # Several names on one line, separated by the spaces after their suffixes.
             parts = re.split(r"(?<=\.mtl)\s+", name, flags=re.IGNORECASE)
             found += [find_part(part, path) for part in takewhile(lambda part: not part.startswith("#"), parts)]
     return list(dict.fromkeys(found))
@@ -62,7 +62,7 @@ def material_libraries(path: Path) -> list[Path]:
 
 @functools.cache
 def _library_names(path: Path, size: int, modified: int) -> list[str]:
-    # Size and time are there for the cache: a file that changes is read again.
+    # Size and modification time are part of the cache's key: a changed file is read again.
     content = read_text_bytes(path).replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")
     lines = re.findall(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", content, re.MULTILINE | re.IGNORECASE)
     return [os.fsdecode(line.strip()) for line in lines]
@@ -71,11 +71,11 @@ def _library_names(path: Path, size: int, modified: int) -> list[str]:
 def read_material_library(library: Path, owner: Path) -> dict[str, ObjMaterial]:
     """Read the materials of a library, by name.
 
-    Of the options of `map_Kd`, `-s` and `-o` are kept; those that change filtering, clamping or brightness are not.
+    Of the options of `map_Kd` only `-s` and `-o` are supported, but not filtering, clamping or brightness.
 
     Args:
         library: the .mtl file.
-        owner: the OBJ file; a texture is looked for beside the library, then beside this file.
+        owner: the OBJ file; textures are searched in the library's folder, then in this file's folder.
 
     Raises:
         DeuxError: the library is damaged, or a texture is missing.
@@ -88,10 +88,10 @@ def read_material_library(library: Path, owner: Path) -> dict[str, ObjMaterial]:
             if key == "newmtl":
                 settings = found.setdefault(value.encode(errors="surrogateescape").decode(errors="replace"), {})
             elif not value:
-                continue  # an empty statement says nothing
+                continue  # an empty statement
             elif key == "kd" and value.split()[0] not in ("spectral", "xyz"):
                 rgb = [float(word) for word in value.split()[:3]]
-                settings["color"] = _rgb(rgb if len(rgb) == 3 else rgb[:1] * 3)  # one number stands for all three
+                settings["color"] = _rgb(rgb if len(rgb) == 3 else rgb[:1] * 3)  # a single number is grey
             elif key == "map_kd":
                 settings |= _texture(value, library, owner)
     except (ValueError, IndexError) as error:
@@ -100,7 +100,7 @@ def read_material_library(library: Path, owner: Path) -> dict[str, ObjMaterial]:
 
 
 def _texture(value: str, library: Path, owner: Path) -> dict:
-    """The file and the options of a `map_Kd` statement; a name may hold blanks."""
+    """The file and the options of a `map_Kd` statement; the file name may contain spaces."""
     vectors: dict[str, tuple[float, float]] = {}
     rest = value
     while (words := rest.split(maxsplit=1))[0].lower() in (*_COUNTS, *_VECTORS) and len(words) == 2:
@@ -111,7 +111,7 @@ def _texture(value: str, library: Path, owner: Path) -> dict:
             if option in _VECTORS and taken > 0 and not _is_number(word):
                 break
             if not following:
-                break  # the last word is the file's name, whatever it looks like
+                break  # the last word is the file name
             numbers += [float(word)] if option in _VECTORS else []
             if numbers and not abs(numbers[-1]) <= _LARGEST:
                 raise ValueError(f"the option {option} of a texture is {word}")
@@ -124,16 +124,16 @@ def _texture(value: str, library: Path, owner: Path) -> dict:
 
 
 def _statements(path: Path) -> list[list[str]]:
-    """The lines of a library: the keyword in small letters and what follows it."""
+    """The statements of a library: the keyword in lower case, and its arguments."""
     lines = read_text_bytes(path).replace(b"\r", b"\n").replace(b"\\\n", b" ").split(b"\n")
-    # Names are decoded as the file system's are, so that those in an older encoding are found.
+    # Decode names like file names, so that files with names in other encodings are found.
     stripped = (os.fsdecode(line.strip()) for line in lines)
     words = [line.split(maxsplit=1) for line in stripped if line[:1] not in ("#", "")]
     return [[key.lower(), *(_value(key.lower(), part) for part in rest)] for key, *rest in words]
 
 
 def _value(key: str, text: str) -> str:
-    """What a statement says, without a comment behind it; a material's name may hold a "#"."""
+    """The argument of a statement without a comment; names of materials may contain "#"."""
     return text.strip() if key == "newmtl" else text.partition(" #")[0].strip()
 
 

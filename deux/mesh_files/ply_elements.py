@@ -1,6 +1,6 @@
-"""The elements of a PLY file as arrays: text or binary of either byte order, any properties.
+"""Reader of the elements of PLY files as arrays: text or binary, with any byte order and properties.
 
-The format: Greg Turk, "The PLY Polygon File Format", 1994.
+Format: Greg Turk, "The PLY Polygon File Format", 1994.
 """
 
 from collections.abc import Mapping
@@ -30,10 +30,10 @@ _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 class Ragged(NamedTuple):
-    """The lists of one property, one after the other.
+    """The concatenated lists of a list property.
 
     Args:
-        values: all items of all lists, in the type that the file names.
+        values: the items of all lists, in the type of the file.
         lengths: the number of items of each list, int64.
     """
 
@@ -42,14 +42,14 @@ class Ragged(NamedTuple):
 
 
 PlyElement = Mapping[str, np.ndarray | Ragged]
-"""The properties of an element by name: one value for each of its rows, or one list."""
+"""The properties of an element by name, with one value or one list for each row."""
 
 
 @dataclass
 class _Property:
     name: str
-    kind: str  # numpy's code of the type, without a byte order
-    count_kind: str | None = None  # of the number of items before each list; None for a single value
+    kind: str  # NumPy's type code without byte order
+    count_kind: str | None = None  # type code of the list lengths; None for a single value
 
 
 @dataclass
@@ -61,12 +61,13 @@ class _Element:
 
 @dataclass
 class PlyHeader:
-    """What the header of a PLY file says.
+    """The header of a PLY file.
 
     Args:
         order: "<" or ">", the byte order of a binary file; "" for text.
-        comments: the comments, without the word itself.
-        size: bytes of the header.
+        comments: the comments without the keyword.
+        size: size of the header in bytes.
+        elements: the elements in the order of the file.
     """
 
     order: str
@@ -76,7 +77,7 @@ class PlyHeader:
 
 
 def read_ply_elements(path: Path) -> dict[str, PlyElement]:
-    """Read all elements of a PLY file, such as "vertex" and "face", with all of their properties.
+    """Read all elements of a PLY file, such as "vertex" and "face", with all properties.
 
     Raises:
         DeuxError: the file is missing, truncated or not a PLY file.
@@ -91,11 +92,11 @@ def read_ply_elements(path: Path) -> dict[str, PlyElement]:
             found[element.name], position = _read_element(stream, position, element, header.order)
         return found
     except (ValueError, KeyError, IndexError, MemoryError) as error:
-        raise DeuxError(f"{path} cannot be read as a .ply file, it is damaged or something else: {error}.") from error
+        raise DeuxError(f"{path} is damaged or not a .ply file: {error}.") from error
 
 
 def read_ply_header(path: Path) -> PlyHeader:
-    """Read the header of a PLY file alone.
+    """Read only the header of a PLY file.
 
     Raises:
         DeuxError: the file is missing or not a PLY file.
@@ -111,12 +112,12 @@ def read_ply_header(path: Path) -> PlyHeader:
     except OSError as error:
         raise DeuxError(f"{path} cannot be read: {error.strerror}.") from error
     except (ValueError, KeyError, IndexError) as error:
-        raise DeuxError(f"{path} cannot be read as a .ply file, it is damaged or something else: {error}.") from error
+        raise DeuxError(f"{path} is damaged or not a .ply file: {error}.") from error
 
 
 def _header(content: bytes) -> PlyHeader:
     if not content.startswith(b"ply"):
-        raise ValueError("it does not begin as such a file does")
+        raise ValueError("it does not begin with ply")
     order, comments, elements, position = None, [], [], 0
     while True:
         end = content.find(b"\n", position)
@@ -143,7 +144,7 @@ def _header(content: bytes) -> PlyHeader:
             case _:
                 raise ValueError(f"its header has a line {shown(line)}")
     if order is None:
-        raise ValueError("its header names no format")
+        raise ValueError("its header has no format")
     return PlyHeader(order, comments, position, elements)
 
 
@@ -153,9 +154,9 @@ def _text_stream(content: bytes, header: PlyHeader) -> np.ndarray:
 
 
 def _read_element(stream: np.ndarray, start: int, element: _Element, order: str) -> tuple[PlyElement, int]:
-    """The properties of one element, and where in the stream the next element begins.
+    """Read the properties of an element; also returns the position of the next element in the stream.
 
-    In a text file each number takes one place of the stream, in a binary file as many as its type has bytes.
+    In a text file the stream consists of numbers, in a binary file of bytes.
     """
     lists = np.array([p.count_kind is not None for p in element.properties], bool)
     if not lists.any():
@@ -176,7 +177,7 @@ def _read_element(stream: np.ndarray, start: int, element: _Element, order: str)
 
 
 def _read_table(stream: np.ndarray, start: int, element: _Element, order: str) -> tuple[PlyElement, int]:
-    """As `_read_element`, where no property is a list."""
+    """Read an element without list properties; see `_read_element`."""
     types = np.dtype([(p.name, order + p.kind) for p in element.properties])
     end = start + element.count * (len(element.properties) if order == "" else types.itemsize)
     if end > len(stream):
@@ -189,18 +190,18 @@ def _read_table(stream: np.ndarray, start: int, element: _Element, order: str) -
 
 
 def _numbers(values: np.ndarray, kind: str) -> np.ndarray:
-    """The float64 numbers of a text file in the type of their property."""
+    """Convert the float64 numbers of a text file to the type of their property."""
     if kind[0] == "f":
-        with np.errstate(over="ignore"):  # what is beyond float32 is infinite, which the mesh's reader refuses
+        with np.errstate(over="ignore"):  # overflow gives infinity, for which the mesh reader raises an error
             return values.astype(kind)
     limits = np.iinfo(kind)
     if not (right := (values >= limits.min) & (values <= limits.max)).all():
-        raise ValueError(f"it has the number {values[~right][0]:g} where one of the type {kind} is expected")
+        raise ValueError(f"it has the number {values[~right][0]:g} where the type {kind} is expected")
     return np.rint(values).astype(kind)
 
 
 def _gather(stream: np.ndarray, places: np.ndarray, lengths: np.ndarray, kind: str, order: str) -> np.ndarray:
-    """The values at given places of the stream, `lengths` of them from each place on."""
+    """Read `lengths[i]` values from each position `places[i]` of the stream, concatenated."""
     size = 1 if order == "" else np.dtype(kind).itemsize
     copied = _copied(stream, places, lengths * size)
     if order == "":
@@ -210,7 +211,7 @@ def _gather(stream: np.ndarray, places: np.ndarray, lengths: np.ndarray, kind: s
 
 @compiled(nogil=True)
 def _copied(stream: np.ndarray, places: np.ndarray, lengths: np.ndarray) -> np.ndarray:
-    """`lengths[i]` entries of the stream from each of `places[i]` on, one after the other."""
+    """Copy `lengths[i]` entries of the stream from each position `places[i]`, concatenated."""
     result = np.empty(lengths.sum(), stream.dtype)
     end = 0
     for row in range(len(places)):
@@ -231,17 +232,20 @@ def _walk_binary(
     signed: np.ndarray,
     big: bool,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Where each property of each row is, and how many items it has; the end is -1 where the stream is too short.
+    """Find the position and the number of items of each property of each row.
 
     Args:
         stream: the bytes of the file.
-        start: the first row's place.
+        start: position of the first row.
         rows: number of rows.
-        lists: for each property, whether it is a list.
-        counts: bytes of the number before each list.
-        items: bytes of an item.
-        signed: whether that number is signed; a negative one is damage.
-        big: whether the most significant byte is first.
+        lists: whether each property is a list.
+        counts: size in bytes of each property's list length.
+        items: size in bytes of each property's items.
+        signed: whether each property's list length is signed; negative lengths are invalid.
+        big: whether the byte order is big-endian.
+
+    Returns:
+        Positions and lengths, rows x properties, and the end of the last row; -1 if the stream is too short.
     """
     places = np.zeros((rows, len(lists)), np.int64)
     lengths = np.ones((rows, len(lists)), np.int64)
@@ -277,7 +281,7 @@ def _walk_text(
     signed: np.ndarray,
     big: bool,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """As `_walk_binary`, for the numbers of a text file, each of which takes one place."""
+    """Find positions and lengths like `_walk_binary`, in the numbers of a text file."""
     places = np.zeros((rows, len(lists)), np.int64)
     lengths = np.ones((rows, len(lists)), np.int64)
     here = start

@@ -1,4 +1,4 @@
-"""Meshes from PLY files: polygons and triangle strips, several textures, colours under all usual names."""
+"""Reader of PLY files: polygons and triangle strips, with textures and colours under all common property names."""
 
 from pathlib import Path
 
@@ -20,16 +20,16 @@ _FACE_UV = ("texcoord", "texcoords")
 def read_ply(path: Path, max_texture: int | None = None) -> list[MeshPart]:
     """Read the faces of a PLY file, one part for each texture.
 
-    Textures are those of the header's `TextureFile` comments, chosen face by face by `texnumber`. Where a texture
-    shows, colours are left out: in PLY files they are the same surface's, at another resolution. Vertices' colours are
-    preferred to those of faces.
+    Textures are listed in the header's `TextureFile` comments and selected for each face by `texnumber`. Textured faces
+    have no other colours, because in PLY files these show the same surface at another resolution. Vertex colours take
+    precedence over face colours.
 
     Args:
         path: the file.
-        max_texture: the most pixels that the longer side of a texture keeps; None for all.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; None for no limit.
 
     Raises:
-        DeuxError: the file, or a texture of it, is missing or cannot be read, or it has vertices but no faces.
+        DeuxError: the file or a texture is missing or cannot be read, or the file has vertices but no faces.
     """
     elements = read_ply_elements(path)
     vertex, face = elements.get("vertex", {}), elements.get("face", {})
@@ -38,7 +38,7 @@ def read_ply(path: Path, max_texture: int | None = None) -> list[MeshPart]:
     vertices = np.stack([np.asarray(vertex[name], np.float64) for name in "xyz"], axis=1)
     index, corner, owner = ply_triangles(elements)
     if len(index) == 0:
-        raise DeuxError(f"{path} holds {len(vertices):,} points but no triangles: there is nothing to see in it.")
+        raise DeuxError(f"{path} contains {len(vertices):,} points but no triangles: a scene needs surfaces.")
     check_indices(index, len(vertices), path)
     uv = _corner_uv(face, vertex, index, corner, owner)
     files = referenced_by_ply(path)
@@ -55,7 +55,7 @@ def read_ply(path: Path, max_texture: int | None = None) -> list[MeshPart]:
             material = Material(f"texture {shown}", texture=textures[shown])
             parts.append(MeshPart(vertices, index[of], material, uv[of].astype(np.float32)))
         elif colors is None and face_colors is not None:
-            # A colour for each face is a colour for each corner of faces that share none.
+            # Face colours become vertex colours if every corner gets its own vertex.
             apart = vertices[index[of]].reshape(-1, 3)
             own = np.repeat(face_colors[owner[of]], 3, axis=0)
             parts.append(MeshPart(apart, np.arange(len(apart)).reshape(-1, 3), Material("colours"), None, own))
@@ -76,7 +76,12 @@ def referenced_by_ply(path: Path) -> list[Path]:
 
 
 def ply_triangles(elements: dict[str, PlyElement]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Triangles as vertex indices (T x 3), as places in the faces' lists of corners (T x 3), and their faces (T)."""
+    """Triangulate the faces.
+
+    Returns:
+        T x 3 vertex indices; T x 3 indices of the corners in the concatenated lists of the faces; T indices of the
+        faces.
+    """
     lists = _list(elements.get("face", {}), _INDICES)
     if lists is not None:
         index = lists.values.astype(np.int64)
@@ -84,7 +89,7 @@ def ply_triangles(elements: dict[str, PlyElement]) -> tuple[np.ndarray, np.ndarr
             corner = np.arange(len(index)).reshape(-1, 3)
             return index.reshape(-1, 3), corner, np.arange(len(corner))
         vertex = elements["vertex"]
-        # Of indices that are none, which the caller names, any vertex will do; 0, 0, 0 if there is none at all.
+        # Clip invalid indices, for which the caller raises an error.
         table = np.stack([np.asarray(vertex[name], np.float64) for name in "xyz"], axis=1)
         points = (table if len(table) else np.zeros((1, 3)))[np.clip(index, 0, max(len(table) - 1, 0))]
         corner, owner = triangulate(points, lists.lengths)
@@ -97,9 +102,9 @@ def ply_triangles(elements: dict[str, PlyElement]) -> tuple[np.ndarray, np.ndarr
 
 
 def _strip_triangles(strips: Ragged) -> np.ndarray:
-    """Triangles of strips that end with their list or at an index -1; every second one is turned round."""
+    """Triangles of strips, which end with their list or with an index -1; every second triangle is reversed."""
     ends = np.zeros(len(strips.values) + 1, bool)
-    ends[np.cumsum(strips.lengths)] = True  # a strip begins at the place after the last one's end
+    ends[np.cumsum(strips.lengths)] = True  # the next strip begins here
     values = np.insert(strips.values.astype(np.int64), np.flatnonzero(ends[:-1]), -1)
     window = np.lib.stride_tricks.sliding_window_view(values, 3) if len(values) >= 3 else values.reshape(-1, 1)[:0]
     if len(window) == 0:
@@ -110,16 +115,16 @@ def _strip_triangles(strips: Ragged) -> np.ndarray:
     triangles = window[whole].copy()
     triangles[odd] = triangles[odd][:, [1, 0, 2]]
     a, b, c = triangles.T
-    return triangles[(a != b) & (b != c) & (a != c)]  # strips are joined by triangles without area
+    return triangles[(a != b) & (b != c) & (a != c)]  # strips are joined by degenerate triangles
 
 
 def _corner_uv(
     face: PlyElement, vertex: PlyElement, index: np.ndarray, corner: np.ndarray, owner: np.ndarray
 ) -> np.ndarray:
-    """Texture coordinates of the corners, T x 3 x 2, by face or else by vertex; NaN where there are none."""
+    """Texture coordinates of the corners, T x 3 x 2, from the faces or else from the vertices; NaN if missing."""
     of_face, corners = _list(face, _FACE_UV), _list(face, _INDICES)
     if of_face is not None and corners is not None:
-        # Two numbers for each corner; a face without any has an empty list.
+        # Two numbers for each corner; faces without coordinates have empty lists.
         has = of_face.lengths == 2 * corners.lengths
         place = corner - (np.cumsum(corners.lengths) - corners.lengths)[owner][:, None]
         first = (np.cumsum(of_face.lengths) - of_face.lengths)[owner][:, None] + 2 * place
@@ -133,7 +138,7 @@ def _corner_uv(
 
 
 def _texture_numbers(face: PlyElement, owner: np.ndarray, count: int) -> np.ndarray:
-    """Which texture each triangle shows; the first where the file does not say."""
+    """The index of each triangle's texture; 0 if it is not specified."""
     stored = face.get("texnumber")
     return np.zeros(count, np.int64) if stored is None else np.asarray(stored, np.int64)[owner]
 
@@ -144,7 +149,7 @@ def _list(element: PlyElement, names: tuple[str, ...]) -> Ragged | None:
 
 
 def _colors(element: PlyElement) -> np.ndarray | None:
-    """Colours, N x 3 uint8, of vertices or faces, from bytes, from 16 bits or from fractions; None without any."""
+    """Colours of vertices or faces, N x 3 uint8, from 8 bits, 16 bits or fractions; None without colours."""
     for names in _COLORS:
         if all(name in element for name in names):
             stored = np.stack([np.asarray(element[name]) for name in names], axis=1)

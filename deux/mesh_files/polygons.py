@@ -1,22 +1,22 @@
-"""Triangulation of the polygons of mesh files, concave ones included."""
+"""Triangulation of convex and concave polygons."""
 
 import mapbox_earcut
 import numpy as np
 
 
-@np.errstate(all="ignore")  # of vertices at infinity, which the mesh's reader refuses
+@np.errstate(all="ignore")  # warnings for infinite vertices, for which the mesh reader raises an error
 def triangulate(points: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cut polygons into triangles: convex ones into a fan, all others by ear clipping in the plane they lie in.
+    """Triangulate polygons: convex ones as fans, others by ear clipping in their plane.
 
-    A polygon whose corners are not in one plane is looked at along its Newell normal, the mean of its corners'
-    normals weighted by area. Polygons of fewer than three corners have no triangles.
+    Polygons that are not planar are projected along their Newell normal, the area-weighted mean normal. Polygons with
+    fewer than three corners have no triangles.
 
     Args:
-        points: N x 3, the corners of the first polygon in order, then those of the second, and so on.
+        points: N x 3, the corners of all polygons, concatenated.
         lengths: P ints, the number of corners of each polygon; their sum is N.
 
     Returns:
-        T x 3 int64, the corners of each triangle as indices into `points`, and T int64, the polygon it belongs to;
+        T x 3 int64, the corners of each triangle as indices into `points`, and T int64, the polygon of each triangle,
         in the order of the polygons.
     """
     starts = np.cumsum(lengths) - lengths
@@ -40,7 +40,7 @@ def triangulate(points: np.ndarray, lengths: np.ndarray) -> tuple[np.ndarray, np
 
 
 def _newell(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The Newell normal of P x n x 3 polygons (P x 3, as long as twice the area), and which of them are convex."""
+    """The Newell normals of P x n x 3 polygons (P x 3, of twice the area in length), and which polygons are convex."""
     polygons = polygons - polygons[:, :1]
     following = np.roll(polygons, -1, axis=1)
     normals = np.cross(polygons, following).sum(axis=1)
@@ -50,8 +50,8 @@ def _newell(polygons: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ears(polygon: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Triangles of one n x 3 polygon seen along its normal, T x 3 indices."""
-    dropped = int(np.abs(normal).argmax())  # the coordinate along which the polygon is seen most nearly face on
+    """Triangulate one n x 3 polygon projected along its normal; T x 3 indices."""
+    dropped = int(np.abs(normal).argmax())  # project along the axis nearest to the normal
     flat = np.ascontiguousarray(np.delete(polygon - polygon[0], dropped, axis=1), dtype=np.float64)
     triangles = mapbox_earcut.triangulate_float64(flat, np.array([len(flat)], np.uint32))
     return np.asarray(triangles, np.int64).reshape(-1, 3)

@@ -1,8 +1,8 @@
 """The error metrics of depth completion: MAE, RMSE, iMAE and iRMSE of each image.
 
 All of them compare the pixels whose ground truth lies strictly inside (min_depth, max_depth); the prediction is not
-clamped. A prediction that is no depth there (not finite, or not above 0) has an infinite error, whatever the metric: it
-is neither left out nor taken for missing ground truth.
+clamped. Invalid predictions at these pixels (not finite, or not above 0) have an infinite error in all metrics; they
+are not ignored.
 """
 
 from typing import NamedTuple
@@ -12,11 +12,11 @@ from torch import Tensor
 
 
 class DepthMetric(NamedTuple):
-    """How a metric is called in tables and figures.
+    """Title and unit of a metric for tables and figures.
 
     Args:
-        title: its name as the literature writes it.
-        unit: of its values.
+        title: the usual name in the literature.
+        unit: unit of its values.
     """
 
     title: str
@@ -34,7 +34,7 @@ METRICS = {
     "imae": DepthMetric("iMAE", "1/km"),
     "irmse": DepthMetric("iRMSE", "1/km"),
 }
-"""The metrics by the names that results and logs give them, in the order of the paper's tables."""
+"""The metrics by their keys in results and logs, in the order of the paper's tables."""
 
 
 def depth_errors(
@@ -48,26 +48,26 @@ def depth_errors(
     Args:
         predicted_depth: N x 1 x H x W metres.
         ground_truth: N x 1 x H x W metres, 0 = none.
-        min_depth: ground truth at or below it is left out, metres.
-        max_depth: ground truth at or above it is left out, metres.
+        min_depth: ground truth at or below it is ignored, metres.
+        max_depth: ground truth at or above it is ignored, metres.
 
     Returns:
-        N float64 values for each of `METRICS`, of float32 errors: NaN for an image without ground truth in range,
-        infinite for an image with an invalid prediction (`invalid_pixels`).
+        N float64 values for each of `METRICS`, computed from float32 errors: NaN for images without ground truth in
+        range, infinite for images with invalid predictions (`invalid_pixels`).
 
     Example:
         >>> errors = depth_errors(torch.full((1, 1, 2, 2), 2.0), torch.full((1, 1, 2, 2), 4.0))
         >>> {name: round(value.item(), 3) for name, value in errors.items()}
         {'mae': 2000.0, 'rmse': 2000.0, 'imae': 250.0, 'irmse': 250.0}
     """
-    counted = _in_range(ground_truth, min_depth, max_depth)
+    in_range = _in_range(ground_truth, min_depth, max_depth)
     valid = _is_depth(predicted_depth)
     truth, predicted = ground_truth.float(), predicted_depth.float()
-    number = counted.flatten(1).sum(dim=1)
+    number = in_range.flatten(1).sum(dim=1)
 
     def mean(values: Tensor) -> Tensor:
         values = torch.where(valid, values, torch.inf)
-        return torch.where(counted, values, 0.0).flatten(1).sum(dim=1, dtype=torch.float64) / number
+        return torch.where(in_range, values, 0.0).flatten(1).sum(dim=1, dtype=torch.float64) / number
 
     millimetres = 1000.0 * (predicted - truth)
     per_kilometre = 1000.0 * (1.0 / predicted - 1.0 / truth)
@@ -87,8 +87,8 @@ def invalid_pixels(
     Args:
         predicted_depth: N x 1 x H x W metres.
         ground_truth: N x 1 x H x W metres, 0 = none.
-        min_depth: ground truth at or below it is left out, metres.
-        max_depth: ground truth at or above it is left out, metres.
+        min_depth: ground truth at or below it is ignored, metres.
+        max_depth: ground truth at or above it is ignored, metres.
 
     Returns:
         N int64 values.

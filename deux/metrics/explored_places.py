@@ -1,7 +1,7 @@
-"""What the robots of a dataset did and saw of its scenes: bumps, actions, and the area of the places they explored.
+"""Exploration statistics of a dataset: actions, bumps and the explored area.
 
-A place is one floor of a scene. All episodes of a place are drawn into one map, by the true depth of all their frames,
-rejected ones included: cells of 0.1 m, seen from 3 m at most, as in `deux.studies.exploration_meter`.
+A place is one floor of a scene. All episodes of a place are drawn into one map, from the ground truth of all their
+frames, including rejected ones. The map has cells of 0.1 m and a range of 3 m, see `deux.studies.exploration_meter`.
 """
 
 from collections import defaultdict
@@ -24,24 +24,24 @@ from deux.io.images import read_depth
 from deux.io.json_files import read_json_object
 from deux.io.layout import SequencePaths, sequences
 
-_CUT_SHORT = 1e-5
-"""Square metres by which the square of the way must fall short of the square of a step forward to be a bump."""
+_BUMP_TOLERANCE = 1e-5
+"""Difference of the squared forward step and the squared movement above which the step is a bump, square metres."""
 
-_SHARE = 64
-"""Depth maps that are read ahead of being drawn."""
+_READ_AHEAD = 64
+"""Number of depth maps that are read ahead."""
 
 
 @dataclass(frozen=True)
 class ExploredPlaces:
-    """The places that a dataset's frames show.
+    """Exploration statistics of a dataset.
 
     Args:
-        actions: of all episodes; None where no robot acted, as with free viewpoints.
-        bumps: steps forward that an obstacle cut short, for each 100 actions; None as above. What became of the last
-            action of an episode no frame tells.
-        area: square metres of floor plan, free or occupied, that the frames tell of.
-        floor_share: fraction of the floor on which the robot's centre could be that the frames show as free, 0 to 1;
-            None where a place's free floor is not kept with the dataset.
+        actions: number of actions in all episodes; None without episodes, as for free viewpoints.
+        bumps: forward steps shortened by an obstacle, per 100 actions; None without episodes. The last action of an
+            episode is not included, since no frame shows its result.
+        area: square metres of the floor plan, free or occupied, that the frames show.
+        floor_share: fraction of the free floor that the frames show, 0 to 1; None if the dataset does not include the
+            free floor of each place.
         area_per_action: area divided by actions; None without actions.
     """
 
@@ -53,12 +53,12 @@ class ExploredPlaces:
 
 
 def measure_explored_places(dataset: Path, camera: Camera, robot: Robot) -> ExploredPlaces:
-    """Measure what a collected dataset's robots did and saw.
+    """Compute the exploration statistics of a collected dataset.
 
     Args:
-        dataset: its folder.
-        camera: the robots' camera.
-        robot: their body.
+        dataset: folder of the dataset.
+        camera: camera of the robot.
+        robot: body of the robot.
 
     Raises:
         DeuxError: a file is missing or damaged.
@@ -67,14 +67,14 @@ def measure_explored_places(dataset: Path, camera: Camera, robot: Robot) -> Expl
     for sequence in sequences(dataset):
         places[place_of_sequence(sequence.name)].append(sequence)
     with ThreadPoolExecutor() as pool:  # decoding releases the interpreter's lock
-        found = [_explore(members, camera, robot, pool) for members in places.values()]
-    area = sum(one.area for one in found)
-    actions = sum(one.actions for one in found)
-    free = [one.free_cells for one in found]
-    covered = sum(one.covered_cells for one in found)
+        explored = [_explore(members, camera, robot, pool) for members in places.values()]
+    area = sum(place.area for place in explored)
+    actions = sum(place.actions for place in explored)
+    free = [place.free_cells for place in explored]
+    covered = sum(place.covered_cells for place in explored)
     return ExploredPlaces(
         actions=actions or None,
-        bumps=100 * sum(one.bumps for one in found) / actions if actions else None,
+        bumps=100 * sum(place.bumps for place in explored) / actions if actions else None,
         area=area,
         floor_share=covered / sum(free) if free and all(free) else None,
         area_per_action=area / actions if actions else None,
@@ -83,7 +83,7 @@ def measure_explored_places(dataset: Path, camera: Camera, robot: Robot) -> Expl
 
 @dataclass(frozen=True)
 class _Place:
-    """What was done and seen in one place; the cells are those of its free floor, 0 where that is not known."""
+    """Statistics of one place; the cells are those of its free floor, 0 if it is unknown."""
 
     actions: int
     bumps: int
@@ -104,13 +104,13 @@ def _explore(members: Iterable[SequencePaths], camera: Camera, robot: Robot, poo
         names = sequence.frames()
         poses = [read_pose(sequence.file("absolute_pose", name)) for name in names]
         files = [sequence.file("ground_truth", name) for name in names]
-        # In shares: all depth maps of a long sequence, read faster than they are drawn, would not fit into memory.
-        shares = (files[first : first + _SHARE] for first in range(0, len(files), _SHARE))
-        depths = (depth for share in shares for depth in pool.map(read_depth, share))
+        # In chunks, since all depth maps of a long sequence do not fit into memory.
+        chunks = (files[first : first + _READ_AHEAD] for first in range(0, len(files), _READ_AHEAD))
+        depths = (depth for chunk in chunks for depth in pool.map(read_depth, chunk))
         for number, (pose, depth) in enumerate(zip(poses, depths, strict=True)):
             before = actions[number - 1] if 0 < number <= len(actions) else None
-            memory.acted(Action.STOP if before is None else before)  # a jump to another sequence is no action
-            bump = before is Action.FORWARD and _cut_short(poses[number - 1], pose, robot)
+            memory.acted(Action.STOP if before is None else before)  # a jump to another sequence is not an action
+            bump = before is Action.FORWARD and _is_bump(poses[number - 1], pose, robot)
             memory.see(depth, pose, bump)
             bumps += bump
     free_cells = covered = 0
@@ -120,17 +120,17 @@ def _explore(members: Iterable[SequencePaths], camera: Camera, robot: Robot, poo
 
 
 def _actions(sequence: SequencePaths) -> list[Action]:
-    """The answers of the explorer to each frame of an episode; none of a viewpoint, which is no episode."""
+    """The explorer's action for each frame of an episode; empty for viewpoints, which have no episode."""
     record = sequence.folder / "episode.json"
     if not record.exists():
         return []
     try:
         return [Action(number) for number in read_json_object(record)["actions"]]
     except (DeuxError, ValueError, TypeError, KeyError) as error:
-        raise DeuxError(f"{record} is damaged, it holds no episode ({error}): collect the dataset again.") from None
+        raise DeuxError(f"{record} is damaged, it contains no episode ({error}): collect the dataset again.") from None
 
 
-def _cut_short(before: np.ndarray, after: np.ndarray, robot: Robot) -> bool:
-    """Whether a step forward from one camera pose, 4 x 4, to the next was cut short, by the way along the floor."""
-    way = after[[0, 2], 3] - before[[0, 2], 3]
-    return bool(way @ way + _CUT_SHORT < robot.forward_step**2)
+def _is_bump(before: np.ndarray, after: np.ndarray, robot: Robot) -> bool:
+    """Whether the horizontal movement between two 4 x 4 camera poses is shorter than a forward step."""
+    movement = after[[0, 2], 3] - before[[0, 2], 3]
+    return bool(movement @ movement + _BUMP_TOLERANCE < robot.forward_step**2)

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtrit  # of scipy.stats too, which takes a second to import
+from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 
 class Estimate(NamedTuple):
-    """A mean with its 95 % confidence interval, mean - half_width to mean + half_width.
+    """Mean of a sample with its 95 % confidence interval, mean - half_width to mean + half_width.
 
     Args:
-        mean: of the sample; NaN if it is empty.
-        half_width: NaN where there is no interval: for fewer than two values, or values that are not finite.
+        mean: the sample mean; NaN for an empty sample.
+        half_width: half width of the interval; NaN for fewer than two values or values that are not finite.
     """
 
     mean: float
@@ -20,11 +20,11 @@ class Estimate(NamedTuple):
 
 
 def estimate(sample: Sequence[float]) -> Estimate:
-    """The mean of independent values and Student's t interval, half width t(0.975, n - 1) s / sqrt(n).
+    """Mean of independent values with Student's t interval, half width t(0.975, n - 1) s / sqrt(n).
 
     Example:
-        >>> found = estimate([1.0, 2.0, 3.0])
-        >>> found.mean, round(found.half_width, 3)
+        >>> result = estimate([1.0, 2.0, 3.0])
+        >>> result.mean, round(result.half_width, 3)
         (2.0, 2.484)
     """
     values = np.asarray(sample, float)

@@ -10,16 +10,15 @@ from deux.metrics.depth_errors import METRICS, depth_errors, invalid_pixels
 
 
 class DepthErrors(Metric):
-    """Mean over images of `depth_errors`, as the published evaluations average them.
+    """Mean of `depth_errors` over images, as in the published evaluations.
 
-    Images without ground truth in range are left out. An image with invalid predictions makes all means infinite, and
-    `compute` warns of it with their number: a model that is chosen by the least error is not chosen for them. Only
-    `compute` waits for the device.
+    Images without ground truth in range are ignored. Invalid predictions make all means infinite, so that model
+    selection never prefers them, and `compute` warns of their number. Only `compute` waits for the device.
 
     Args:
-        min_depth: ground truth at or below it is left out, metres.
-        max_depth: ground truth at or above it is left out, metres.
-        alone: whether this process counts for itself, also where several train together.
+        min_depth: ground truth at or below it is ignored, metres.
+        max_depth: ground truth at or above it is ignored, metres.
+        alone: do not synchronise with other processes in distributed training.
     """
 
     full_state_update = False
@@ -37,15 +36,15 @@ class DepthErrors(Metric):
         self.add_state("invalid", torch.zeros((), dtype=torch.int64), dist_reduce_fx="sum")
 
     def update(self, predicted_depth: Tensor, ground_truth: Tensor) -> None:
-        """Count a batch: both N x 1 x H x W metres."""
+        """Add a batch of predictions and ground truth, both N x 1 x H x W metres."""
         errors = depth_errors(predicted_depth, ground_truth, self.min_depth, self.max_depth)
-        judged = ~errors["mae"].isnan()  # these images have ground truth in range
-        self.sums += torch.where(judged, torch.stack([errors[name] for name in METRICS]), 0.0).sum(dim=1)
-        self.images += judged.sum()
+        has_truth = ~errors["mae"].isnan()  # ground truth in range
+        self.sums += torch.where(has_truth, torch.stack([errors[name] for name in METRICS]), 0.0).sum(dim=1)
+        self.images += has_truth.sum()
         self.invalid += invalid_pixels(predicted_depth, ground_truth, self.min_depth, self.max_depth).sum()
 
     def compute(self) -> dict[str, Tensor]:
-        """The means by metric, mm and 1/km; NaN if no image had ground truth in range."""
+        """The mean of each metric in mm or 1/km; NaN if no image had ground truth in range."""
         if (invalid := int(self.invalid)) > 0:
             rank_zero_warn(
                 f"The predicted depth is not finite or not above 0 at {counted(invalid, 'pixel')} with ground truth "

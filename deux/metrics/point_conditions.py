@@ -1,4 +1,4 @@
-"""The errors of a depth model with other sparse points than the stored ones: how many, where, and how wrong."""
+"""Errors of a depth model with sparse points of another density, distribution or noise than the stored ones."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from deux.metrics.model_errors import Evaluation, evaluate
 
 @dataclass(frozen=True)
 class PointCondition:
-    """The sparse points of test frames, drawn from their ground truth.
+    """How sparse points are sampled from the ground truth of test frames.
 
     Args:
-        pattern: where they lie.
-        density: their number as a fraction of the pixels.
-        noise: standard deviation of their depth relative to it.
-        outliers: fraction of them that is badly wrong (`deux.collection.point_patterns.disturb`).
+        pattern: spatial distribution of the points.
+        density: number of points as a fraction of the pixels.
+        noise: standard deviation of the relative depth error.
+        outliers: fraction of outliers (`deux.collection.point_patterns.disturb`).
     """
 
     pattern: Pattern = "corners"
@@ -35,20 +35,20 @@ def errors_under(
     max_depth: float = 10.0,
     frames: int | None = None,
 ) -> Evaluation:
-    """The errors of a model and of interpolation on the test split of a dataset, with points drawn anew.
+    """Evaluate a model and the baselines on the test split of a dataset with newly sampled sparse points.
 
-    Each frame's points follow from its place in the split, so that every model is given the same.
+    The random seed of each frame's points is its index in the split, so that all models get the same points.
 
     Args:
-        condition: what points.
+        condition: how the points are sampled.
         model: the depth model.
-        reader: of frames with ground truth.
-        min_depth: as of `evaluate`.
-        max_depth: as of `evaluate`.
+        reader: reader of a dataset with ground truth.
+        min_depth: see `evaluate`.
+        max_depth: see `evaluate`.
         frames: number of frames, spread evenly over the split; None for all.
 
     Raises:
-        DeuxError: as `evaluate`, or the frames have no ground truth.
+        DeuxError: see `evaluate`, or the frames have no ground truth.
     """
     density, noise, outliers = ((value, value) for value in (condition.density, condition.noise, condition.outliers))
     draw = DrawPoints(density, (condition.pattern,), noise, outliers)
@@ -57,12 +57,12 @@ def errors_under(
     return evaluate(model, _single_frames(data, _spread(len(data), frames)), min_depth, max_depth)
 
 
-def _single_frames(data: TripletDataset, places: Sequence[int]) -> Iterator[Batch]:
-    """Batches of one frame, since those of a recording may differ in size."""
-    return (collate([data[place, place]]) for place in places)
+def _single_frames(data: TripletDataset, indices: Sequence[int]) -> Iterator[Batch]:
+    """Batches of one frame, since the frames of a recording may differ in size."""
+    return (collate([data[index, index]]) for index in indices)
 
 
 def _spread(size: int, count: int | None) -> list[int]:
-    """`count` places, evenly over so many."""
-    wanted = min(size, count or size)
-    return [number * size // wanted for number in range(wanted)]
+    """`count` indices, spread evenly over `size`."""
+    count = min(size, count or size)
+    return [number * size // count for number in range(count)]

@@ -14,8 +14,8 @@ class SceneValue(NamedTuple):
     """A value of one test scene.
 
     Args:
-        value: such as a difference of two errors, mm.
-        weight: what it counts in the mean of its seed: the number of the scene's frames.
+        value: for example the difference of two errors, mm.
+        weight: weight in the mean of its seed, the number of the scene's frames.
     """
 
     value: float
@@ -23,10 +23,10 @@ class SceneValue(NamedTuple):
 
 
 def least_scenes(seeds: Sequence[Mapping[str, SceneValue]]) -> int:
-    """Scenes of a seed below which the interval of `scene_estimate` is far too narrow.
+    """Minimum number of scenes per seed; with fewer, the interval of `scene_estimate` is far too narrow.
 
-    Measured coverage with 3 seeds and a spread between trainings of an eighth of that between scenes, for 1, 2, 4 and 8
-    scenes: 77, 89, 96 and 97 % where each seed has scenes of its own, 10, 57, 82 and 90 % where all have the same.
+    Measured coverage with 3 seeds and a standard deviation between trainings of one eighth of that between scenes, for
+    1, 2, 4 and 8 scenes: 77, 89, 96 and 97 % with different scenes for each seed, 10, 57, 82 and 90 % with the same.
     """
     return 8 if _crossed(seeds) else 4
 
@@ -36,23 +36,24 @@ def _crossed(seeds: Sequence[Mapping[str, SceneValue]]) -> bool:
 
 
 def scene_estimate(seeds: Sequence[Mapping[str, SceneValue]], random_seed: int = 0) -> Estimate:
-    """The mean over seeds of each seed's weighted mean over scenes, with its 95 % bootstrap interval.
+    """Mean over seeds of the weighted means over scenes, with a 95 % bootstrap interval.
 
-    Seeds are drawn with replacement, then scenes of each with replacement; where all seeds have the same scenes, one
-    draw of scenes serves all seeds, since they are crossed and not nested. The half width is half the distance of the
-    percentiles 2.5 and 97.5 of the resampled means. `scipy.stats.bootstrap` resamples one level only, hence this one.
+    Seeds are resampled with replacement, then the scenes of each seed. If all seeds have the same scenes, these are
+    resampled once for all seeds, since seeds and scenes are then crossed and not nested. The half width is half the
+    distance of the percentiles 2.5 and 97.5 of the resampled means. `scipy.stats.bootstrap` resamples one level only.
 
-    The interval is about right as long as what scenes do to the mean is more than what trainings do; beyond that it is
-    too narrow for few seeds, where Student's t interval of the seeds' means (`deux.metrics.intervals.estimate`) is
-    exact. Measured coverage with 3 seeds of 16 scenes, for a spread between trainings of 0, 1, 2 and 5 times the
-    standard error of a seed's scenes: 97, 93, 84 and 76 %; t: 95 % throughout. docs/protocol.md
+    The coverage is about right while the variance between scenes exceeds the variance between trainings. Otherwise the
+    interval is too narrow for few seeds; use Student's t interval of the seeds' means
+    (`deux.metrics.intervals.estimate`) instead. Measured coverage with 3 seeds of 16 scenes, for a standard deviation
+    between trainings of 0, 1, 2 and 5 times the standard error over a seed's scenes: 97, 93, 84 and 76 %; Student's t:
+    95 % in all cases. See docs/protocol.md.
 
     Args:
-        seeds: for each seed the values by the name of the scene.
-        random_seed: of the resampling.
+        seeds: for each seed, the values by scene name.
+        random_seed: seed of the resampling.
 
     Returns:
-        The mean, NaN without a seed or with a seed that has no scene; the half width, NaN with fewer than two seeds.
+        The mean, NaN without seeds or if a seed has no scenes; the half width, NaN with fewer than two seeds.
     """
     if not seeds or not all(seeds):
         return Estimate(np.nan)

@@ -1,7 +1,7 @@
-"""Scorecard of a dataset: what its frames can teach an unsupervised depth model, without training one.
+"""Scorecard of a dataset: statistics that show how useful it is for unsupervised depth learning.
 
-Everything follows from the true depth, the poses and the intrinsics of the frames that the list files name; nothing in
-the dataset's folder is changed.
+All statistics are computed from the ground truth, poses and intrinsics of the frames in the list files. The dataset is
+not changed.
 """
 
 import math
@@ -27,58 +27,59 @@ from deux.metrics.tables import Cell, Column, ResultTable, Row
 from deux.simulator.simulation import Simulation
 
 SCORECARD_FILE = "scorecard.json"
-"""A dataset's scorecard, in the folder of the run that collected it or trained on it."""
+"""File name of a scorecard, in the folder of the run that collected the dataset or trained on it."""
 
 PARALLAX = SourceRule()
-"""How far apart two cameras stand, and how little they are turned, for useful parallax."""
+"""Distance and rotation between two cameras for useful parallax."""
 
 DEPTH_CHANGE = 0.1
-"""The relative change of depth whose effect on a source frame is measured."""
+"""Relative change of depth whose effect on a source frame is measured."""
 
 LEAST_SHIFT = 0.25
-"""Pixels by which a change of depth must move a point in a source frame for images to tell of it."""
+"""Minimum shift in a source frame, in pixels, for a change of depth to be visible."""
 
 PLACE_SIZE = 0.5
-"""Edge of a place, a square cell of the floor plan, in metres."""
+"""Edge length of a place, a square cell of the floor plan, in metres."""
 
 VIEW_ANGLE = 30.0
-"""Degrees of heading that make one view of a place."""
+"""Angular size of a view, in degrees of heading."""
 
 NEAR, FAR = 1.0, 3.0
-"""Metres: nearer pixels are near, farther ones far, those between them middle."""
+"""Limits of the depth classes near, middle and far, in metres."""
 
-_LARGEST = 1e18  # of an entry
+_LARGEST = 1e18  # limit for entries read from a file
 _OPTIONAL = ("depth_distance", "bumps", "actions", "area", "floor_share", "area_per_action")
-"""Entries that not every dataset has."""
+"""Entries that may be None."""
 
 _BINS = np.geomspace(0.1, 20.0, 33)
-"""Edges of the bins of depth, in metres; equally wide in the logarithm."""
+"""Edges of the depth bins in metres, logarithmically spaced."""
 
 DepthHistogram = np.ndarray
-"""Shares of the pixels in each bin of depth, summing to 1."""
+"""Fraction of the pixels in each depth bin; the sum is 1."""
 
 
 @dataclass(frozen=True)
 class Scorecard:
-    """What a dataset's frames can teach; shares are between 0 and 1.
+    """Statistics of a dataset; shares are between 0 and 1.
 
     Args:
-        frames: target frames, those that the list files name.
-        sampled: of these, how many the shares of pixels are measured on.
-        parallax: share of the target frames with a source frame that fulfils `PARALLAX`.
-        moved: share of the pixels with true depth that `moved_share` counts, mean over the sampled frames.
-        places: distinct cells of `PLACE_SIZE` of a scene in which a target's camera stands.
-        views: distinct pairs of a place and a heading in steps of `VIEW_ANGLE`.
-        near: share of the pixels nearer than `NEAR`.
-        middle: share of the pixels between `NEAR` and `FAR`.
-        far: share of the pixels at `FAR` or beyond.
-        depth_distance: total variation between the histograms of depth of these frames and of the test frames, 0 to 1;
-            None where there are no test frames to compare with.
-        test_shares: the shares near, middle and far of the test frames' pixels; empty where there are none.
-        sources: which source frames the frames are judged with: those that the model is trained with. Scorecards of
-            earlier versions do not say so; they judge t-1 and t-2.
-        bumps, actions, area, floor_share, area_per_action: as of `deux.metrics.explored_places.ExploredPlaces`; None
-            of recorded frames too.
+        frames: number of target frames in the list files.
+        sampled: number of target frames on which the pixel shares are measured.
+        parallax: share of target frames with a source frame that satisfies `PARALLAX`.
+        moved: share of pixels with ground truth for which a depth error is visible (`moved_share`), mean over the
+            sampled frames.
+        places: number of distinct cells of `PLACE_SIZE` that contain a target camera.
+        views: number of distinct pairs of a place and a heading in steps of `VIEW_ANGLE`.
+        near: share of pixels nearer than `NEAR`.
+        middle: share of pixels between `NEAR` and `FAR`.
+        far: share of pixels at `FAR` or beyond.
+        depth_distance: total variation distance between the depth histograms of these frames and of the test frames,
+            0 to 1; None without test frames.
+        test_shares: the shares near, middle and far of the test frames; empty without test frames.
+        sources: selection of the source frames, which should be that of the training. Scorecards of earlier versions
+            have no such entry; they use t-1 and t-2.
+        bumps, actions, area, floor_share, area_per_action: see `deux.metrics.explored_places.ExploredPlaces`; None for
+            recorded frames.
     """
 
     frames: int
@@ -100,11 +101,11 @@ class Scorecard:
     area_per_action: float | None = None
 
     def entries(self) -> dict[str, float | None]:
-        """All numbers of the frames themselves, by their names."""
+        """The statistics of the frames by name, without those of the test frames."""
         return {name: value for name, value in asdict(self).items() if name not in ("test_shares", "sources")}
 
     def save(self, folder: Path) -> Path:
-        """Write `scorecard.json` into a run folder, whole or not at all."""
+        """Write `scorecard.json` into a run folder atomically."""
         path = folder / SCORECARD_FILE
         write_json(path, asdict(self))
         return path
@@ -114,7 +115,7 @@ class Scorecard:
         """Read a run folder's `scorecard.json`.
 
         Raises:
-            DeuxError: it is missing or not what `save` writes.
+            DeuxError: the file is missing or not a valid scorecard.
         """
         path = folder / SCORECARD_FILE
         try:
@@ -126,13 +127,13 @@ class Scorecard:
                     raise ValueError(f"{name} is {shown(value)}")
             return card
         except (DeuxError, ValueError) as error:
-            raise DeuxError(f"{path} is no scorecard of deux ({error}); collect or run it again.") from None
+            raise DeuxError(f"{path} is not a scorecard of deux ({error}); collect or run it again.") from None
 
     def table(self, caption: str) -> ResultTable:
-        """The scorecard as a table, an entry a row; the test frames' shares of depth stand beside the dataset's own.
+        """The scorecard as a table with a row for each entry and a column for the depth shares of the test frames.
 
         Args:
-            caption: what was scored.
+            caption: caption of the table.
         """
         columns = (Column("value", digits=3), Column("test frames", digits=3))
         rows = []
@@ -157,20 +158,19 @@ def score(
     """Compute the scorecard of one split of a dataset.
 
     Args:
-        reader: reads the dataset.
-        split: which of its splits.
-        choice: how the source frames are chosen that the frames are judged with.
-        simulation: the camera and the robot of a dataset that was collected here; None for recorded frames, of which
-            no actions and no area are known.
-        tests: reads a dataset whose "test" split the depths are compared with; None for no comparison.
-        most_frames: frames at most, evenly spread over the list, on which shares of pixels are measured.
+        reader: reader of the dataset.
+        split: name of the split.
+        choice: selection of the source frames.
+        tests: reader of the dataset whose "test" split the depths are compared with; None for no comparison.
+        simulation: camera and robot of a collected dataset; None for recorded frames, which have no actions.
+        most_frames: maximum number of frames, evenly spread over the list, on which pixel shares are measured.
 
     Raises:
-        DeuxError: the split is empty, or a frame has no true depth or no pose.
+        DeuxError: the split is empty, or a frame has no ground truth or no pose.
     """
     triplets = list_triplets(reader, split, choice)
     if not triplets:
-        raise DeuxError(f"{reader.folder} lists no {split} frames, so that it has no scorecard.")
+        raise DeuxError(f"{reader.folder} lists no {split} frames, which the scorecard needs.")
     poses = {frame: _pose(reader, frame) for one in triplets for frame in (one.target, *one.sources)}
     parallax = [any(PARALLAX.apart(poses[one.target], poses[frame]) for frame in one.sources) for one in triplets]
     sampled = evenly_chosen(triplets, most_frames)
@@ -181,16 +181,14 @@ def score(
     ]
     places = [(reader.place(one.target), *_place(poses[one.target])) for one in triplets]
     views = {(place, _heading(poses[one.target])) for place, one in zip(places, triplets, strict=True)}
-    shares, distance, test_shares = depth_shares(depths), None, {}
+    shares, optional = depth_shares(depths), dict[str, Any]()
     if tests is not None:
-        others = [
-            _depth(tests, one.target) for one in evenly_chosen(tests.triplets("test", PAPER_OFFSETS), most_frames)
-        ]
-        distance = total_variation(depth_histogram(depths), depth_histogram(others))
-        test_shares = depth_shares(others)
-    explored: dict[str, Any] = {}
+        test_triplets = evenly_chosen(tests.triplets("test", PAPER_OFFSETS), most_frames)
+        test_depths = [_depth(tests, one.target) for one in test_triplets]
+        optional["depth_distance"] = total_variation(depth_histogram(depths), depth_histogram(test_depths))
+        optional["test_shares"] = depth_shares(test_depths)
     if simulation is not None:
-        explored = asdict(measure_explored_places(reader.folder, simulation.camera, simulation.robot))
+        optional |= asdict(measure_explored_places(reader.folder, simulation.camera, simulation.robot))
     return Scorecard(
         frames=len(triplets),
         sampled=len(sampled),
@@ -201,44 +199,43 @@ def score(
         near=shares["near"],
         middle=shares["middle"],
         far=shares["far"],
-        depth_distance=distance,
-        test_shares=test_shares,
         sources=choice,
-        **explored,
+        **optional,
     )
 
 
 def moved_share(depth: np.ndarray, intrinsics: np.ndarray, motions: Sequence[np.ndarray]) -> float:
-    """Share of the pixels at which an error of depth shows in some source frame.
+    """Share of the pixels at which a depth error is visible in at least one source frame.
 
-    A pixel u of depth z lies at pi(K T z K^-1 u) in a source frame. It counts where (1 + `DEPTH_CHANGE`) z moves that
-    point by `LEAST_SHIFT` pixels or more, and the point lies inside the source frame. Occlusion is not checked.
+    A pixel u with depth z projects to pi(K T z K^-1 u) in a source frame. It counts if a depth of
+    (1 + `DEPTH_CHANGE`) z shifts the projection by `LEAST_SHIFT` pixels or more, and the projection lies inside the
+    source frame. Occlusion is ignored.
 
     Args:
-        depth: H x W metres; 0 where there is none.
+        depth: H x W metres, 0 = none.
         intrinsics: 3 x 3, of both cameras.
-        motions: 4 x 4 each, from the target camera to a source camera.
+        motions: 4 x 4 transforms from the target camera to each source camera.
 
     Returns:
-        The share of the pixels with depth; NaN where there is none.
+        The share of the pixels with depth; NaN if no pixel has depth.
     """
     rows, columns = np.nonzero(depth > 0)
     if not rows.size:
         return float("nan")
     rays = np.linalg.inv(intrinsics) @ np.stack([columns, rows, np.ones_like(rows)]).astype(float)
     points = rays * depth[rows, columns]
-    counted = np.zeros(rows.size, bool)
+    moved = np.zeros(rows.size, bool)
     for matrix in motions:
-        here, there = (_project(intrinsics, matrix, points * scale) for scale in (1.0, 1.0 + DEPTH_CHANGE))
+        original, shifted = (_project(intrinsics, matrix, points * scale) for scale in (1.0, 1.0 + DEPTH_CHANGE))
         limits = np.array([[depth.shape[1] - 0.5], [depth.shape[0] - 0.5]])
         with np.errstate(invalid="ignore"):
-            inside = np.all((here >= -0.5) & (here <= limits), axis=0)
-            counted |= inside & (np.linalg.norm(there - here, axis=0) >= LEAST_SHIFT)
-    return float(counted.mean())
+            inside = np.all((original >= -0.5) & (original <= limits), axis=0)
+            moved |= inside & (np.linalg.norm(shifted - original, axis=0) >= LEAST_SHIFT)
+    return float(moved.mean())
 
 
 def depth_shares(depths: Sequence[np.ndarray]) -> dict[str, float]:
-    """Shares of the pixels with depth that are near, middle and far; all 0 where no pixel has depth."""
+    """Shares of the pixels with depth that are near, middle and far; all 0 if no pixel has depth."""
     known = np.concatenate([depth[depth > 0].ravel() for depth in depths]) if depths else np.zeros(0)
     count = max(1, known.size)
     near, far = float((known < NEAR).sum() / count), float((known >= FAR).sum() / count)
@@ -246,21 +243,21 @@ def depth_shares(depths: Sequence[np.ndarray]) -> dict[str, float]:
 
 
 def depth_histogram(depths: Sequence[np.ndarray]) -> DepthHistogram:
-    """Shares of the pixels with depth in bins that are equally wide in log depth; depths beyond count at the ends."""
+    """Histogram of the valid depths in logarithmic bins; depths outside of the bins count in the outermost ones."""
     known = np.concatenate([depth[depth > 0].ravel() for depth in depths]) if depths else np.zeros(0)
     counts, _ = np.histogram(np.clip(known, _BINS[0], _BINS[-1]), _BINS)
     return counts / max(1, known.size)
 
 
 def total_variation(first: DepthHistogram, second: DepthHistogram) -> float:
-    """Total variation distance, half the sum of |p - q| over all bins: 0 for equal histograms, 1 for disjoint ones."""
+    """Total variation distance, half the sum of |p - q| over all bins; 0 for equal and 1 for disjoint histograms."""
     return float(np.abs(first - second).sum() / 2.0)
 
 
 def _project(intrinsics: np.ndarray, matrix: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Pixel coordinates, 2 x N, of points (3 x N, target camera) in a source frame; NaN behind the camera."""
-    seen = intrinsics @ (matrix[:3, :3] @ points + matrix[:3, 3:])
-    return seen[:2] / np.where(seen[2] > 1e-6, seen[2], np.nan)
+    projected = intrinsics @ (matrix[:3, :3] @ points + matrix[:3, 3:])
+    return projected[:2] / np.where(projected[2] > 1e-6, projected[2], np.nan)
 
 
 def _motion(poses: Mapping[FrameReference, np.ndarray], triplet: Triplet, source: FrameReference) -> np.ndarray:
@@ -272,7 +269,7 @@ def _place(pose: np.ndarray) -> tuple[int, int]:
 
 
 def _heading(pose: np.ndarray) -> int:
-    """Number of the heading's sector; sectors are centred on the multiples of `VIEW_ANGLE`."""
+    """Index of the heading's sector; sectors are centred on the multiples of `VIEW_ANGLE`."""
     return round(np.degrees(yaw_of(pose)) / VIEW_ANGLE) % round(360.0 / VIEW_ANGLE)
 
 
@@ -286,5 +283,5 @@ def _pose(reader: Reader, frame: FrameReference) -> np.ndarray:
 def _depth(reader: Reader, frame: FrameReference) -> np.ndarray:
     depth = reader.ground_truth(frame)
     if depth is None:
-        raise DeuxError(f"Frame {frame} of {reader.folder} has no true depth, which the scorecard needs.")
+        raise DeuxError(f"Frame {frame} of {reader.folder} has no ground truth, which the scorecard needs.")
     return depth

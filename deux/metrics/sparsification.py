@@ -1,21 +1,21 @@
-"""Sparsification curves and AUSE: how the error falls when the least certain pixels are left out (Ilg et al., 2018)."""
+"""Sparsification curves and AUSE: the error after removing the most uncertain pixels (Ilg et al., 2018)."""
 
 import numpy as np
 
 REMOVED = np.linspace(0.0, 0.95, 20)
-"""The fractions of pixels left out at which the curves are evaluated."""
+"""Fractions of removed pixels at which the curves are evaluated."""
 
 
 def sparsification_curve(error: np.ndarray, uncertainty: np.ndarray) -> np.ndarray:
-    """The mean error of the pixels that remain, for each fraction that is left out.
+    """Mean error of the remaining pixels for each fraction of removed pixels.
 
     Args:
         error: N values.
-        uncertainty: N values; the pixels with the largest are left out first. The error itself gives the oracle's
-            curve, which no other falls below.
+        uncertainty: N values; pixels are removed in descending order. Passing the error itself gives the oracle curve,
+            a lower bound for all others.
 
     Returns:
-        A value for each of `REMOVED`; at least one pixel always remains.
+        A value for each fraction in `REMOVED`; at least one pixel always remains.
 
     Example:
         >>> error = np.linspace(0.0, 1.0, 1001)
@@ -30,14 +30,13 @@ def sparsification_curve(error: np.ndarray, uncertainty: np.ndarray) -> np.ndarr
 
 
 def ause(curve: np.ndarray, oracle: np.ndarray) -> float:
-    """Area under the sparsification error (AUSE): the area between a curve and the oracle's, over the whole error.
+    """Area under the sparsification error (AUSE): the area between a curve and the oracle curve.
 
-    It is 0 for an uncertainty that orders the pixels as their errors do; a random order has about the area between the
-    whole error and the oracle's curve.
+    It is normalised by the mean error of all pixels, and is 0 if the uncertainty orders the pixels like their errors.
 
     Args:
-        curve: a sparsification curve.
-        oracle: that of the error itself.
+        curve: the sparsification curve of an uncertainty.
+        oracle: the sparsification curve of the error itself.
 
     Example:
         >>> error = np.linspace(0.0, 1.0, 1001)

@@ -1,4 +1,4 @@
-"""A table of results: means with their intervals, for the console and as Markdown, LaTeX and CSV."""
+"""Tables of means with confidence intervals, for the console and as Markdown, LaTeX and CSV."""
 
 import csv
 import io
@@ -17,10 +17,10 @@ from deux.metrics.depth_errors import METRICS
 from deux.metrics.intervals import Estimate
 
 NO_VALUE = "–"
-"""What stands in a cell without a number."""
+"""Text of a cell without a number."""
 
 Mark = Literal["best", "second", "highlighted"]
-"""How a number stands out: the best and what a caption speaks of are bold, the second best is underlined."""
+"""Emphasis of a number: best and highlighted numbers are bold, the second best is underlined."""
 
 _MARKDOWN: dict[Mark | None, str] = {"best": "**{}**", "highlighted": "**{}**", "second": "<u>{}</u>", None: "{}"}
 _LATEX: dict[Mark | None, str] = {
@@ -57,11 +57,11 @@ class Column:
     """A column of numbers.
 
     Args:
-        title: what the numbers are.
-        unit: of the numbers as they are shown; empty for none.
-        digits: behind the decimal point.
-        factor: what the numbers are multiplied by to be shown, such as 100 for a fraction in per cent.
-        best: which end `ResultTable.ranked` looks for; None leaves the column without marks.
+        title: title of the column.
+        unit: unit of the displayed numbers; empty for none.
+        digits: number of decimals.
+        factor: factor from stored to displayed numbers, for example 100 for fractions in per cent.
+        best: whether the lowest or highest number is best, for `ResultTable.ranked`; None for no ranking.
     """
 
     title: str
@@ -81,10 +81,10 @@ class Cell:
     """A number of a table.
 
     Args:
-        estimate: the mean and its interval; None where there is no number.
-        mark: how it stands out.
-        seeds: the random seeds that the mean is over; empty for a number that no seed changes.
-        digits: behind the decimal point; None for those of its column.
+        estimate: the mean and its interval; None for an empty cell.
+        mark: emphasis of the number.
+        seeds: random seeds over which the mean is computed; empty for a number that does not depend on a seed.
+        digits: number of decimals; None for that of the column.
     """
 
     estimate: Estimate | None = None
@@ -98,9 +98,9 @@ class Row:
     """A row of a table.
 
     Args:
-        labels: its first cells, one for each of the table's label columns.
-        cells: its numbers: the table's columns, once for each of its groups.
-        ranked: whether it takes part in the ranking.
+        labels: text of the label columns.
+        cells: the numbers, one for each column of each group.
+        ranked: whether the row is included in the ranking.
     """
 
     labels: tuple[str, ...]
@@ -110,17 +110,17 @@ class Row:
 
 @dataclass(frozen=True)
 class ResultTable:
-    """A table of means with their 95 % intervals. Printing it with rich shows it on the console.
+    """A table of means with their 95 % intervals, which rich can print on the console.
 
     Args:
-        caption: what it shows, without a full stop.
-        label_columns: what the labels of a row are.
+        caption: caption without a full stop.
+        label_columns: headings of the label columns.
         columns: the columns of numbers.
-        parts: the rows, in parts with a line between them.
-        groups: the headings above the columns, which come once for each of them; ("",) for no heading.
-        name: of its files and its LaTeX label, such as "table1".
-        notes: what a reader has to know, a sentence each.
-        units_in_headings: whether the columns' headings say the units; the notes do otherwise.
+        parts: the rows, in parts that are separated by a line.
+        groups: headings of column groups, each of which repeats all columns; ("",) for no groups.
+        name: name of its files and its LaTeX label, for example "table1".
+        notes: footnotes, one sentence each.
+        units_in_headings: whether the headings include the units; otherwise the notes should.
     """
 
     caption: str
@@ -144,17 +144,17 @@ class ResultTable:
 
     @property
     def usual_seeds(self) -> tuple[int, ...]:
-        """The seeds that most numbers are over; a number over others says so, and has no rank."""
+        """The most frequent set of seeds; numbers with other seeds show these and are not ranked."""
         found = Counter(cell.seeds for row in self.rows for cell in row.cells if cell.seeds)
         return max(found, key=lambda seeds: (found[seeds], len(seeds))) if found else ()
 
     def ranked(self, by_part: bool = False, second: bool = True) -> "ResultTable":
-        """The table with its best and second best numbers marked, column by column; equal numbers share a rank.
+        """The table with the best and second best number of each column marked; equal numbers share a rank.
 
-        A seed may draw its own scenes, hard or easy ones, so means over other seeds than the usual ones have no rank.
+        Means over other seeds than `usual_seeds` are not ranked, since seeds may differ in the scenes they use.
 
         Args:
-            by_part: whether each part is ranked by itself.
+            by_part: whether each part is ranked separately.
             second: whether the second best is marked.
         """
         if not by_part:
@@ -163,24 +163,24 @@ class ResultTable:
         return replace(self, parts=tuple(self._ranked(part, second) for part in self.parts))
 
     def cell_text(self, index: int, cell: Cell) -> tuple[str, str]:
-        """A number as text: its mean, and what stands behind it: " ± 0.5 (seeds 0, 1)", or nothing.
+        """A number as text: its mean, and a suffix such as " ± 0.5 (seeds 0, 1)", which may be empty.
 
         Args:
-            index: the number's place among the row's cells.
-            cell: the number.
+            index: index of the cell in its row.
+            cell: the cell.
         """
         if cell.estimate is None:
             return NO_VALUE, ""
         column = self.columns[index % len(self.columns)]
         digits = column.digits if cell.digits is None else cell.digits
         mean, half_width = (f"{number * column.factor:z.{digits}f}" for number in cell.estimate)  # z: no "-0.0"
-        behind = "" if math.isnan(cell.estimate.half_width) else f" ± {half_width}"
+        suffix = "" if math.isnan(cell.estimate.half_width) else f" ± {half_width}"
         if cell.seeds not in ((), self.usual_seeds):
-            behind += f" ({plural('seed', len(cell.seeds))} {', '.join(map(str, cell.seeds))})"
-        return mean, behind
+            suffix += f" ({plural('seed', len(cell.seeds))} {', '.join(map(str, cell.seeds))})"
+        return mean, suffix
 
     def rich(self) -> Table:
-        """For the console."""
+        """The table as a rich table."""
         table = Table(title=_console_text(self.caption), caption="\n".join(map(_console_text, self.notes)) or None)
         for label in self.label_columns:
             table.add_column(_console_text(label), no_wrap=True)
@@ -196,7 +196,7 @@ class ResultTable:
         return self.rich()
 
     def markdown(self) -> str:
-        """The caption in bold, the table, and the notes."""
+        """The caption in bold, the table and the notes as Markdown."""
         headings = [*map(markdown_text, self.label_columns), *map(markdown_text, self._full_headings())]
         rule = [":--"] * len(self.label_columns) + ["--:"] * (len(self.columns) * len(self.groups))
         rows = [[*map(markdown_text, row.labels), *self._cells(row, _MARKDOWN, markdown_text)] for row in self.rows]
@@ -205,7 +205,7 @@ class ResultTable:
         return "\n".join([f"**{markdown_text(self.caption)}**", "", *lines, *notes]).rstrip() + "\n"
 
     def latex(self) -> str:
-        """A table environment; it needs the packages booktabs and graphicx."""
+        """The table as a LaTeX environment, which needs the packages booktabs and graphicx."""
         wide = "*" if len(self.groups) > 1 else ""
         columns = "l" * len(self.label_columns) + "r" * (len(self.columns) * len(self.groups))
         lines = [
@@ -230,7 +230,7 @@ class ResultTable:
         return "\n".join([*lines, f"\\end{{table{wide}}}", ""])
 
     def csv(self) -> str:
-        """A line for each row and group, with unrounded means, half widths of the intervals, and marks."""
+        """CSV with a line for each row and group: unrounded means, half widths of the intervals, and marks."""
         grouped, seeded = any(self.groups), bool(self.usual_seeds)
         labels = [*(label.lower() for label in self.label_columns), *(["columns"] if grouped else [])]
         labels += ["n", "seeds"] if seeded else []
@@ -259,7 +259,7 @@ class ResultTable:
                 if best and row.ranked and row.cells[index].seeds in comparable and row.cells[index].estimate
             }
             means = {number: mean for number, mean in means.items() if not math.isnan(mean)}
-            if len(means) < 2:  # nothing to be better than
+            if len(means) < 2:  # nothing to compare
                 continue
             marks: tuple[Mark, ...] = ("best", "second") if second else ("best",)
             order = dict(zip(sorted(set(means.values()), reverse=best == "highest"), marks, strict=False))
@@ -277,11 +277,11 @@ class ResultTable:
     def _cells(
         self, row: Row, marks: Mapping[Mark | None, str], escaped: Callable[[str], str], small: str = "{}"
     ) -> Iterator[str]:
-        """A row's numbers as text of one format."""
+        """The numbers of a row as text of one format."""
         for index, cell in enumerate(row.cells):
-            mean, behind = self.cell_text(index, cell)
+            mean, suffix = self.cell_text(index, cell)
             number = marks[cell.mark].format(escaped(mean))
-            yield number + (small.format(escaped(behind)) if behind else "")
+            yield number + (small.format(escaped(suffix)) if suffix else "")
 
     def _latex_headings(self) -> list[str]:
         labels, width = len(self.label_columns), len(self.columns)
@@ -296,14 +296,15 @@ class ResultTable:
 
 
 def error_columns() -> tuple[Column, ...]:
-    """The columns of the four depth errors."""
+    """The columns of the four depth error metrics."""
     return tuple(Column(metric.title, metric.unit, best="lowest") for metric in METRICS.values())
 
 
 def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Values as CSV; None becomes an empty field.
+    """Format values as CSV; None becomes an empty field.
 
-    Text that a spreadsheet would take for a formula, such as a name that begins with "=", gets an apostrophe in front.
+    Text that a spreadsheet would interpret as a formula, such as a name that begins with "=", is prefixed with an
+    apostrophe.
 
     Example:
         >>> csv_text(["scene", "area"], [["a", 1.5], ["=b", None]])
@@ -316,7 +317,7 @@ def csv_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def latex_text(text: str) -> str:
-    """Text as LaTeX shows it.
+    """Escape text for LaTeX.
 
     Example:
         >>> latex_text("sem_rec 100%")
@@ -326,14 +327,14 @@ def latex_text(text: str) -> str:
 
 
 def _scaled(estimate: Estimate | None, factor: float) -> tuple[float | None, float | None]:
-    """Mean and half width of the interval, None where there is none."""
+    """Scaled mean and half width, None where there is none."""
     if estimate is None:
         return None, None
     return estimate.mean * factor, None if math.isnan(estimate.half_width) else estimate.half_width * factor
 
 
 def markdown_text(text: str) -> str:
-    """Text as Markdown shows it: it begins no emphasis, code, HTML or link, and ends no cell of a table.
+    """Escape text for Markdown: emphasis, code, HTML, links and table cells.
 
     Example:
         >>> markdown_text("sem_rec *"), markdown_text("<b>"), markdown_text("[a](b)")
@@ -344,11 +345,11 @@ def markdown_text(text: str) -> str:
 
 
 def _no_formula(value: Any) -> Any:
-    """The value as a spreadsheet shows it, whatever it begins with."""
+    """The value with an apostrophe in front if a spreadsheet would interpret it as a formula."""
     if not isinstance(value, str):
         return value
     begins = value.startswith(("=", "+", "-", "@", "\t", "\r")) and not _NUMBER.fullmatch(value)
-    return f"'{printable(value)}" if begins else printable(value)  # a carriage return would begin a line of its own
+    return f"'{printable(value)}" if begins else printable(value)  # a carriage return would begin a new line
 
 
 def _console_text(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Base class of the learned explorers: a trained policy that acts on the map of what the robot has seen."""
+"""Base class of explorers with a trained policy."""
 
 from functools import cached_property
 from pathlib import Path
@@ -14,21 +14,21 @@ from deux.policies.policy_files import TrainedPolicy, load_policy, policy_identi
 
 
 class LearnedExplorer(Explorer):
-    """Maps what the sensor sees, and acts as a policy chooses from the map, or as the recovery does if it is stuck.
+    """Explorer that maps the sensor depth and chooses actions by a trained policy, or by the recovery when stuck.
 
-    The policy is shown every move that is really made, those of the recovery (`deux.mapping.recovery`) as well. A
-    subclass names the reward that its policy is trained for and the file with the weights that ship with it.
+    The policy observes all executed actions, including those of the recovery (`deux.mapping.recovery`). Subclasses set
+    the reward that the policy is trained for and the file of its shipped weights.
 
     Args:
-        weights: a policy file of `task=train_explorer`; None for the one that ships with the explorer.
-        greedy: whether the likeliest action is taken. Otherwise actions are drawn, as they were in training.
+        weights: policy file of `task=train_explorer`; None for the shipped one.
+        greedy: choose the most probable action instead of sampling, as in training.
     """
 
     reward: ClassVar[str]
     """Registered name of the reward that the policy is trained for."""
 
     shipped_weights: ClassVar[Path]
-    """The policy file that is used unless another one is named."""
+    """The default policy file."""
 
     needs = frozenset({Need.SENSOR_DEPTH})
 
@@ -38,30 +38,30 @@ class LearnedExplorer(Explorer):
 
     @cached_property
     def policy(self) -> TrainedPolicy:
-        """The trained policy, read when it is first asked for.
+        """The trained policy, loaded on first use.
 
         Raises:
-            DeuxError: there is no such policy file, or it is none.
+            DeuxError: the policy file is missing or damaged.
         """
         return load_policy(self._weights)
 
     def fingerprint(self) -> str:
-        """The hash of the policy file.
+        """Hash of the policy file.
 
         Raises:
-            DeuxError: there is no such file.
+            DeuxError: the policy file is missing.
         """
         return policy_identity(self._weights)
 
     def reset(self, episode: Episode) -> None:
-        """Begin an episode; raises DeuxError as `policy` does."""
+        """Begin an episode; raises DeuxError if the policy cannot be loaded."""
         self._rng = np.random.default_rng(episode.seed)
-        # A policy may also turn on the spot for ever, without touching anything.
+        # A policy may also turn in place forever, without any collision.
         self._recovery = Recovery(episode.robot, self._rng, most_confined=0)
         self._memory = ExplorationMemory(episode.camera, episode.robot, self.policy.crops, self.policy.resolution)
 
     def act(self, observation: Observation) -> Action:
-        """Map the frame; then the recovery chooses if the robot is stuck, otherwise the policy."""
+        """Add the frame to the map and return the action of the policy, or of the recovery if the robot is stuck."""
         assert observation.sensor_depth is not None
         self._memory.see(observation.sensor_depth, observation.pose, observation.collided)
         action = self._recovery.action(observation.pose, observation.collided)
@@ -72,7 +72,7 @@ class LearnedExplorer(Explorer):
 
     @torch.inference_mode()
     def _ask_policy(self) -> Action:
-        """The policy's move: the likeliest one if it is greedy, otherwise drawn by the probabilities."""
+        """The policy's action: the most probable one if `greedy`, otherwise sampled."""
         view = {name: torch.from_numpy(part)[None] for name, part in self._memory.view().items()}
         view = {name: part / 255.0 if part.dtype == torch.uint8 else part for name, part in view.items()}
         probabilities = self.policy.network(view)[0].softmax(dim=0).double().numpy()
@@ -81,6 +81,6 @@ class LearnedExplorer(Explorer):
         return MOVES[int(self._rng.choice(len(MOVES), p=probabilities / probabilities.sum()))]
 
     def map(self) -> ExplorerMap | None:
-        """The map as it stands; None before the first step."""
+        """The current map; None before the first step."""
         known = self._memory.occupancy
         return None if known.cells.size == 0 else ExplorerMap(known.frame, known.cells.copy())

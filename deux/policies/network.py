@@ -1,4 +1,4 @@
-"""Policy network of the learned explorers: from two crops of the map and the last action to the next action."""
+"""Policy network of the learned explorers, which maps two map crops and the last action to the next action."""
 
 from collections.abc import Mapping
 
@@ -13,9 +13,9 @@ FEATURES = 128
 
 
 class MapEncoder(nn.Module):
-    """A small convolutional network for each crop, and a linear layer from both and "body" to `FEATURES` features.
+    """Encoder with a small convolutional network for each crop and a linear layer that joins them with "body".
 
-    The maps hold where the robot has been, so there is no recurrent state.
+    It has no recurrent state, since the maps contain the visited positions.
 
     Args:
         pixels: edge of the crops in pixels, a multiple of 8.
@@ -29,7 +29,7 @@ class MapEncoder(nn.Module):
         self.join = nn.Sequential(nn.Linear(joined, FEATURES), nn.ReLU())
 
     def forward(self, view: Mapping[str, Tensor]) -> Tensor:
-        """From "near" and "far", N x 4 x pixels x pixels in [0, 1], and "body", N x 4, to N x 128 features."""
+        """Compute N x 128 features from "near" and "far", N x 4 x pixels x pixels in [0, 1], and "body", N x 4."""
         parts = [self.near(view["near"]), self.far(view["far"]), view["body"]]
         features: Tensor = self.join(torch.cat(parts, dim=1))
         return features
@@ -44,7 +44,7 @@ def _crop_network() -> nn.Sequential:
 
 
 class PolicyNetwork(nn.Module):
-    """The actor of a trained policy: the encoder and a linear layer to the logits of `MOVES`.
+    """Actor of a trained policy: the encoder and a linear layer for the logits of `MOVES`.
 
     Args:
         pixels: edge of the crops in pixels.
@@ -56,6 +56,6 @@ class PolicyNetwork(nn.Module):
         self.action = nn.Linear(FEATURES, len(MOVES))
 
     def forward(self, view: Mapping[str, Tensor]) -> Tensor:
-        """The logits of the moves, N x 3; arguments as of `MapEncoder`."""
+        """Compute the logits of the moves, N x 3; the arguments are those of `MapEncoder`."""
         logits: Tensor = self.action(self.encoder(view))
         return logits

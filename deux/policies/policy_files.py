@@ -1,4 +1,4 @@
-"""Policy files: a trained policy as safetensors, its training in the header. Reading one executes no code."""
+"""Policy files: weights as safetensors, with metadata in the header. Loading one executes no code."""
 
 import hashlib
 import json
@@ -15,9 +15,8 @@ from safetensors.numpy import save
 
 from deux.deployment.model_files import misfit
 from deux.environment.egocentric import Crops
-from deux.errors import DeuxError, check_range
+from deux.errors import DeuxError, check_range, error_text
 from deux.inference.weightless import without_weights
-from deux.io.arrays import said
 from deux.io.atomic import write_atomically
 from deux.io.json_files import checked_object, checked_record, decode_json
 from deux.memory_budget import check_memory
@@ -25,20 +24,20 @@ from deux.options import converted
 from deux.policies.network import PolicyNetwork
 
 POLICY_FILE = "policy.safetensors"
-"""Its name in a run folder."""
+"""Name of the policy file in a run folder."""
 
 _POLICY, _REWARD = "policy.", "reward."
 
 
 @dataclass(frozen=True)
 class TrainedPolicy:
-    """A trained policy, what it observes, and how it was trained.
+    """A trained policy with the parameters of its observations and its training.
 
     Args:
-        network: the policy, in evaluation mode.
-        crops: what it sees of the map.
-        resolution: edge of the map's cells in metres.
-        reward_state: what its reward learned in training; empty for most.
+        network: the policy network in evaluation mode.
+        crops: sizes of the map crops.
+        resolution: edge of the map cells in metres.
+        reward_state: learned state of the reward; empty for most rewards.
         made_by: reward, options, seeds, number of steps and learning curve of the training.
     """
 
@@ -50,7 +49,7 @@ class TrainedPolicy:
 
 
 def save_policy(path: Path, policy: TrainedPolicy) -> None:
-    """Write a policy file, whole or not at all; weights are kept in half precision.
+    """Write a policy file atomically, with weights in half precision.
 
     Raises:
         DeuxError: the disk is full or not writable.
@@ -66,7 +65,7 @@ def load_policy(path: Path) -> TrainedPolicy:
     """Read a policy file.
 
     Raises:
-        DeuxError: there is no such file, or it is no policy file.
+        DeuxError: the file is missing or not a policy file.
     """
     _check_present(path)
     try:
@@ -78,23 +77,23 @@ def load_policy(path: Path) -> TrainedPolicy:
         check_range("resolution", resolution, 0.0, ends=False)
         crops = checked_record(header["crops"], Crops, "crops")
         if broken := [name for name, value in tensors.items() if not np.isfinite(value).all()]:
-            raise ValueError(f"{broken[0]} holds NaN or infinity")
+            raise ValueError(f"{broken[0]} contains NaN or infinity")
         weights = {name: torch.from_numpy(value) for name, value in _under(_POLICY, tensors).items()}
-        with without_weights():  # an absurd number of pixels is found out before memory is taken for it
+        with without_weights():  # detects an absurd number of pixels before memory is allocated
             if problem := misfit(PolicyNetwork(crops.pixels), weights):
                 raise ValueError(f"it {problem}")
         network = PolicyNetwork(crops.pixels)
         network.load_state_dict(weights)
         return TrainedPolicy(network.eval(), crops, resolution, _under(_REWARD, tensors), header["made_by"])
-    except Exception as error:  # a file of anybody's, whose values may be of any type
-        raise DeuxError(f"{path} is no policy file as task=train_explorer writes it ({said(error)}).") from error
+    except Exception as error:  # values of an arbitrary file may have any type
+        raise DeuxError(f"{path} is not a policy file of task=train_explorer ({error_text(error)}).") from error
 
 
 def policy_identity(path: Path) -> str:
-    """The first sixteen hexadecimal digits of a policy file's SHA-256.
+    """First sixteen hexadecimal digits of a policy file's SHA-256.
 
     Raises:
-        DeuxError: there is no such file.
+        DeuxError: the file is missing.
     """
     _check_present(path)
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16]

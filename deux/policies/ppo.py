@@ -1,4 +1,4 @@
-"""Training a policy with stable-baselines3's PPO on the exploration environment."""
+"""Policy training with PPO of stable-baselines3 in the exploration environment."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -25,12 +25,12 @@ from deux.policies.training_state import CHECKPOINT_FILE, TrainingState, load_tr
 
 @dataclass
 class LearningCurve:
-    """Learning curve: one entry for each update, each a mean over the latest episodes.
+    """Learning curve with one entry for each update, a mean over the latest episodes.
 
     Args:
-        steps: steps of all environments so far.
-        reward: sum of an episode's rewards, as the reward gives them.
-        area: square metres of the map that an episode knew at its end.
+        steps: total number of steps of all environments.
+        reward: unnormalised sum of the rewards of an episode.
+        area: known area of the map at the end of an episode, square metres.
     """
 
     steps: list[int] = field(default_factory=list)
@@ -43,8 +43,8 @@ class TrainingResult:
     """Result of a training.
 
     Args:
-        network: the policy.
-        reward_state: what the first environment's reward learned.
+        network: the policy network.
+        reward_state: learned state of the reward in the first environment.
         curve: the learning curve.
     """
 
@@ -60,17 +60,17 @@ def train_policy(
     folder: Path,
     progress: Progress = ignore_progress,
 ) -> TrainingResult:
-    """Train a policy, or go on with the training whose checkpoint is in the folder.
+    """Train a policy, resuming from a checkpoint in the folder if there is one.
 
     Args:
-        settings: how.
-        make_environment: makes one environment; picklable where they are parallel.
-        seed: of the first weights, the episodes and the actions.
-        folder: for `checkpoint.pt`, and in `logs` the TensorBoard and CSV logs.
-        progress: told the number of steps.
+        settings: settings of PPO.
+        make_environment: creates an environment; must be picklable for parallel environments.
+        seed: random seed of the initial weights, the episodes and the actions.
+        folder: folder of `checkpoint.pt` and of `logs` with TensorBoard and CSV logs.
+        progress: callback for the number of steps.
 
     Raises:
-        DeuxError: the checkpoint is damaged or of another network; the disk is full.
+        DeuxError: the checkpoint is damaged or of another network, or the disk is full.
     """
     environments = _vectorised(settings, make_environment)
     try:
@@ -81,7 +81,7 @@ def train_policy(
 
 def _train(settings: PPOSettings, environments: VecEnv, seed: int, folder: Path, progress: Progress) -> TrainingResult:
     environments.seed(seed)
-    # Episodes that all begin together would show PPO one phase of an episode at a time.
+    # First episodes of different lengths, so that each rollout contains all phases of an episode.
     lengths = np.linspace(0, settings.episode, settings.environments + 1)[1:].astype(int)
     environments.set_options([{"steps": int(length)} for length in lengths])
     normalised = VecNormalize(environments, norm_obs=False, gamma=settings.discount)
@@ -93,7 +93,7 @@ def _train(settings: PPOSettings, environments: VecEnv, seed: int, folder: Path,
     left = settings.steps - learner.num_timesteps
     if left > 0:
         record = _Record(curve, settings, checkpoint, normalised, progress)
-        # A folder for each start: the library begins its CSV file anew.
+        # One folder for each start, since the logger overwrites its CSV file.
         logs = folder / "logs" / f"from_{learner.num_timesteps}"
         with closing(configure(str(logs), ["csv", "tensorboard"])) as logger:
             learner.set_logger(logger)
@@ -110,7 +110,7 @@ def _learner(settings: PPOSettings, environments: VecEnv, seed: int) -> PPO:
     return PPO(
         "MultiInputPolicy",
         environments,
-        # The last rollout may go beyond the steps that were asked for, and then less than nothing remains.
+        # The last rollout may exceed the number of steps, which makes the remaining progress negative.
         learning_rate=lambda remaining: settings.learning_rate * max(0.0, remaining),
         n_steps=settings.rollout,
         batch_size=settings.batch_size,
@@ -125,7 +125,7 @@ def _learner(settings: PPOSettings, environments: VecEnv, seed: int) -> PPO:
             "net_arch": [],
         },
         seed=seed,
-        device="cpu",  # the network is far too small for a graphics card to help
+        device="cpu",  # the network is too small to benefit from a GPU
     )
 
 
@@ -152,7 +152,7 @@ def _resume(checkpoint: Path, learner: PPO, normalised: VecNormalize, curve: Lea
         raise DeuxError(f"{checkpoint} is of another training ({cause}): delete it to train from zero.") from error
     learner.num_timesteps = state.steps
     assert learner.seed is not None
-    learner.set_random_seed(learner.seed + state.steps)  # not the episodes again that training began with
+    learner.set_random_seed(learner.seed + state.steps)  # do not repeat the first episodes
     returns = normalised.ret_rms
     returns.mean, returns.var, returns.count = np.array(state.returns[0]), np.array(state.returns[1]), state.returns[2]
     curve.steps, curve.reward, curve.area = state.curve
@@ -173,14 +173,14 @@ class _Record(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
-        """Every update but the last ends here; what it did is part of the checkpoint."""
+        """Save a checkpoint after the update that has just finished; the last one is saved in `_on_training_end`."""
         if self._updates and self._updates % self._settings.checkpoint == 0:
             self._save()
 
     def _on_rollout_end(self) -> None:
         self._updates += 1
         episodes = self.model.ep_info_buffer
-        # The first episodes are cut short: their sums are smaller than they would be.
+        # The first episodes are shortened, so that their sums are not comparable.
         whole = [episode for episode in episodes or () if episode["l"] == self._settings.episode]
         if whole:
             self._curve.steps.append(self.num_timesteps)
@@ -206,7 +206,7 @@ class _Record(BaseCallback):
 
 
 class _Extractor(BaseFeaturesExtractor):
-    """The encoder as a features extractor of stable-baselines3."""
+    """Features extractor of stable-baselines3 with a `MapEncoder`."""
 
     def __init__(self, observation_space: gymnasium.Space[Any], pixels: int) -> None:
         super().__init__(observation_space, FEATURES)

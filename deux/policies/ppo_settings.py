@@ -1,4 +1,4 @@
-"""Settings of PPO; in a module of their own, so that a command starts without stable-baselines3."""
+"""Settings of PPO, in a separate module so that they do not import stable-baselines3."""
 
 from dataclasses import dataclass
 
@@ -10,19 +10,19 @@ class PPOSettings:
     """Settings of PPO and its episodes.
 
     Args:
-        steps: steps of all environments together.
-        episode: steps in an episode.
-        environments: environments that run in lock-step.
-        parallel: whether each environment gets a process of its own; slower on few cores.
+        steps: total number of steps of all environments.
+        episode: number of steps in an episode.
+        environments: number of environments.
+        parallel: whether each environment runs in a separate process; slower on few cores.
         rollout: steps of each environment between two updates.
-        batch_size: of the gradient steps.
-        epochs: passes over each rollout.
-        learning_rate: of Adam at the beginning; it falls linearly to 0.
-        discount: gamma.
-        gae: lambda of the generalised advantage estimate.
-        clip: of the probability ratio.
+        batch_size: batch size of the gradient steps.
+        epochs: number of passes over each rollout.
+        learning_rate: initial learning rate of Adam, which decreases linearly to 0.
+        discount: discount factor gamma.
+        gae: lambda of the generalised advantage estimation.
+        clip: clip range of the probability ratio.
         entropy: weight of the entropy bonus.
-        checkpoint: updates between two checkpoints.
+        checkpoint: number of updates between two checkpoints.
     """
 
     steps: int = 500_000

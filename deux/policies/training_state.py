@@ -1,4 +1,4 @@
-"""Checkpoints of a policy's training. Reading one executes no code."""
+"""Checkpoints of policy training. Loading one executes no code."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -14,19 +14,19 @@ from deux.io.atomic import write_atomically
 from deux.io.torch_files import read_torch
 
 CHECKPOINT_FILE = "checkpoint.pt"
-"""Its name in a run folder."""
+"""Name of the checkpoint in a run folder."""
 
 
 @dataclass(frozen=True)
 class TrainingState:
-    """State that a training resumes from; episodes that were under way begin anew.
+    """State from which training resumes; unfinished episodes are restarted.
 
     Args:
-        policy: the policy's weights, as stable-baselines3 names them.
-        optimiser: Adam's state.
-        steps: steps of all environments so far.
-        returns: mean, variance and count of the discounted returns, by which rewards are normalised.
-        rewards: what each environment's reward learned.
+        policy: state dictionary of the stable-baselines3 policy.
+        optimiser: state dictionary of Adam.
+        steps: total number of steps of all environments.
+        returns: mean, variance and count of the discounted returns, for reward normalisation.
+        rewards: learned state of each environment's reward.
         curve: steps, rewards and areas of the learning curve.
     """
 
@@ -39,7 +39,7 @@ class TrainingState:
 
 
 def save_training_state(path: Path, state: TrainingState) -> None:
-    """Write a checkpoint, whole or not at all."""
+    """Write a checkpoint atomically."""
     content = {field.name: getattr(state, field.name) for field in fields(state)}
     content["rewards"] = [{name: torch.tensor(value) for name, value in reward.items()} for reward in state.rewards]
     buffer = io.BytesIO()
@@ -51,17 +51,17 @@ def load_training_state(path: Path) -> TrainingState:
     """Read a checkpoint.
 
     Raises:
-        DeuxError: it is damaged.
+        DeuxError: the checkpoint is damaged.
     """
     try:
         content = read_torch(path)
         content["rewards"] = [{name: value.numpy() for name, value in reward.items()} for reward in content["rewards"]]
         state = TrainingState(**content)
         if type(state.steps) is not int or not isinstance(state.policy, Mapping):
-            raise ValueError("its steps are no number, or its policy is no dictionary")
+            raise ValueError("its steps are not an integer, or its policy is not a dictionary")
         if not isinstance(state.optimiser, Mapping) or len(state.returns) != 3 or len(state.curve) != 3:
-            raise ValueError("its optimiser is no dictionary, or its returns or its curve are no three values")
+            raise ValueError("its optimiser is not a dictionary, or its returns or curve do not have three values")
         return state
-    except Exception as error:  # values of any type in the place of those that are expected
+    except Exception as error:  # values of an arbitrary file may have any type
         cause = " ".join(str(error).split()[:20]) or type(error).__name__
         raise DeuxError(f"{path} is damaged ({cause}): delete it to train from zero.") from error

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from deux.command_record import IDENTITY_FILE, RECORD_FOLDER
-from deux.errors import DeuxError
-from deux.io.arrays import said
+from deux.errors import DeuxError, error_text
 from deux.io.folder_walk import walk
 from deux.io.json_files import read_json
 from deux.io.yaml_files import read_yaml
@@ -147,7 +146,7 @@ def read_identity(path: Path) -> dict[str, Any] | None:
         conditions(identity)
         return identity
     except Exception as error:  # options may have any type, on which `conditions` fails in many ways
-        problem = said(error)
+        problem = error_text(error)
         raise DeuxError(f"the configuration of the run {path} is damaged ({problem}): delete the folder.") from error
 
 

@@ -1,4 +1,4 @@
-"""The inside of a building: the part of a floor that lies under its ceilings, as opposed to gardens and terrain."""
+"""The interior of a building: the part of a floor plan that is under ceilings, without gardens and terrain."""
 
 from __future__ import annotations
 
@@ -6,29 +6,28 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-CEILING = 20.0  # metres above a floor within which its ceiling is, in halls and churches too
-HOLE = 0.5  # metres; half the width of holes in a ceiling, as scans have them, that are inside all the same
-SKYLIGHT = 0.1  # greatest area of a larger hole, as a fraction of what is covered, if it has covered floor all round
-WING = 0.3  # least part of a building that stands by itself, as a fraction of the largest one
-COVERED = 0.3  # fraction of the floor that is under the ceilings of a building
-LEAST_BUILDING = 10.0  # square metres under one roof that make a building, however much floor is around it
+CEILING = 20.0  # metres; the greatest height of a ceiling above its floor, such as in halls and churches
+HOLE = 0.5  # metres; half the width of holes in ceilings, common in scans, that are closed
+SKYLIGHT = 0.1  # greatest area of a larger hole surrounded by covered floor, as a fraction of the covered area
+WING = 0.3  # least area of a separate part of a building, as a fraction of the largest part
+COVERED = 0.3  # least fraction of the floor that is covered if the scene contains a building
+LEAST_BUILDING = 10.0  # square metres of connected covered floor that make a building even if most floor is uncovered
 
 
 def inside_building(floor: np.ndarray, covered: np.ndarray, resolution: float) -> np.ndarray | None:
-    """Which cells of a floor plan are inside a building.
+    """Find the cells of a floor plan that are inside a building.
 
-    There is a building if at least `COVERED` of the floor is covered. On a large ground it is less: then there is one
-    if `LEAST_BUILDING` is covered in one piece and fills at least half of the floor in the rectangle around it.
-
-    Of separate covered pieces those count that have `WING` of the largest one's area.
+    There is a building if at least `COVERED` of the floor is covered. For a building on a large terrain it suffices
+    that a connected piece of `LEAST_BUILDING` is covered and fills at least half of the floor in its bounding
+    rectangle. Separate covered pieces belong to the building if they have at least `WING` of the largest one's area.
 
     Args:
         floor: rows x columns bool, the cells where there is floor.
-        covered: rows x columns bool, those of them that have a ceiling within `CEILING` above.
+        covered: rows x columns bool, the floor cells that have a ceiling within `CEILING` above.
         resolution: edge of a cell in metres.
 
     Returns:
-        Rows x columns bool; None if there is no building, as in scans without ceiling.
+        Rows x columns bool; None if there is no building, for example in scans without ceilings.
     """
     covered = covered & floor
     if not (floor & ~covered).any():
@@ -49,7 +48,7 @@ def inside_building(floor: np.ndarray, covered: np.ndarray, resolution: float) -
 
 
 def _large_pieces(covered: np.ndarray) -> np.ndarray:
-    """The connected pieces that have `WING` of the largest one's area at least: no trees, bus stops and kennels."""
+    """The connected pieces with at least `WING` of the largest one's area, which excludes trees, bus stops, kennels."""
     pieces, count = ndimage.label(covered)
     sizes = np.bincount(pieces.ravel(), minlength=count + 1)
     sizes[0] = 0
@@ -58,13 +57,13 @@ def _large_pieces(covered: np.ndarray) -> np.ndarray:
 
 
 def _distance(cells: np.ndarray) -> np.ndarray:
-    """Distance in cells from each of the true ones to the nearest false one, 0 for the false ones."""
+    """Distance in cells from each true cell to the nearest false cell; 0 for false cells."""
     distance: np.ndarray = cv2.distanceTransform(cells.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return distance
 
 
 def _stands_out(floor: np.ndarray, covered: np.ndarray, resolution: float) -> bool:
-    """Whether the largest covered piece of a floor is large enough, and compact enough, for a building."""
+    """Whether the largest covered piece of a floor is large and compact enough to be a building."""
     pieces, count = ndimage.label(covered)
     if count == 0:
         return False

@@ -1,4 +1,4 @@
-"""The true free floor of a scene: where the centre of a robot can be."""
+"""The free space of a floor: the positions that the centre of a robot can reach."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from deux.contracts import Robot
 
 FINENESS = 3  # columns along a cell's edge; odd, so that the middle one is at the cell's centre
-REACH = 2.0  # metres above and below a floor that belong to it where there is no other floor
-SPLIT = 0.6  # metres from a floor's height within which any part of it must come: split levels do, tables do not
-LEAST_LEVEL = 4.0  # square metres; smaller parts that the robot cannot reach, such as table tops, are not told of
-TOLERANCE = 1e-4  # metres: distances on the grid are exact but for rounding
+REACH = 2.0  # metres above and below a floor that belong to it if there is no other floor
+SPLIT = 0.6  # metres; every part of a floor comes this near to its height: split levels do, tables do not
+LEAST_LEVEL = 4.0  # square metres; smaller unreachable parts, such as table tops, are not reported
+TOLERANCE = 1e-4  # metres; for rounding errors of distances on the grid
 LARGEST = 40e6  # columns of the fine grid, 11,000 m2: about 2 GB
 _COLUMN_BYTES = 50
 
@@ -35,11 +35,11 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class UnreachedLevel:
-    """A level of a floor that is free but too high or too low for the robot to get to.
+    """A free level of a floor that is too high or too low for the robot to reach.
 
     Args:
-        rise: how much higher it lies than the part where the robot is, metres.
-        area: free square metres.
+        rise: its height above the robot's part of the floor, metres.
+        area: its free area in square metres.
     """
 
     rise: float
@@ -48,13 +48,13 @@ class UnreachedLevel:
 
 @dataclass(frozen=True)
 class FloorSurvey:
-    """What is known of one floor.
+    """The free space of one floor, and the parts of the floor that it does not include.
 
     Args:
-        space: the free floor.
-        unreached: the large levels that are no part of it, the largest first.
-        apart: square metres of its height that are no part of it either, behind closed doors and narrow passages.
-        outside: square metres that the robot could get to, but that are left out since they are outside the building.
+        space: the free space.
+        unreached: the large levels that the robot cannot climb to, the largest first.
+        apart: square metres of the floor's height that cannot be reached, behind closed doors and narrow passages.
+        outside: square metres that could be reached but are excluded because they are outside the building.
     """
 
     space: FreeSpace
@@ -70,7 +70,7 @@ def free_space(
     resolution: float = 0.05,
     caster: RayCaster | None = None,
 ) -> FreeSpace:
-    """Find the largest connected part of a scene's only floor on which the robot fits; see `survey_floor`."""
+    """Find the largest connected free part of the only floor of a scene; see `survey_floor`."""
     return survey_floor(mesh, floor_height, robot, resolution, caster).space
 
 
@@ -85,38 +85,38 @@ def survey_floor(
     region: Box | None = None,
     start: tuple[float, float] | None = None,
 ) -> FloorSurvey:
-    """Find a connected part of a floor on which the robot fits, as Recast's navigation meshes do.
+    """Find a connected free part of a floor, by the method of Recast's navigation meshes.
 
-    Surfaces belong to a floor up to half the way to the next floor above and below, or `REACH` where there is none, so
-    stairs, ramps and low steps are free as far as that. The robot stands and steps as `walkable_surface` says. What it
-    cannot step to, a drop too, grows by its radius. It stays inside the building, as `inside_building` says, unless
-    `region` is given or `start` lies outside.
+    A floor includes the surfaces up to half the distance to the next floor above and below, or up to `REACH` if there
+    is none, so that stairs, ramps and low steps are part of it. Where the robot can stand and step is determined by
+    `walkable_surface`. Obstacles, including drops, are dilated by the robot's radius. The free space is limited to the
+    inside of the building (`inside_building`), unless `region` is given or `start` is outside.
 
-    All places count from the mesh's origin; sentences name them in the world.
+    All positions are relative to the mesh's origin; error messages give world positions.
 
     Args:
         mesh: the scene.
         floor_height: y of the floor, metres.
         robot: its radius, height and greatest climb.
         resolution: edge of a cell in metres.
-        caster: rays against `mesh`, where there is one already.
+        caster: a ray caster of `mesh` to reuse.
         other_floors: y of the scene's other floors, metres.
-        bounds: the part of the scene that is looked at; None for all of it.
-        region: where the robot's centre stays; None for no bound.
-        start: x and z of a point in the part that is taken; None for the largest one.
+        bounds: the part of the scene to map; None for all of it.
+        region: bounds of the robot's centre; None for no bounds.
+        start: x and z of a point in the part to choose; None for the largest part.
 
     Raises:
         DeuxError: the robot fits nowhere, or not at `start`; or the scene is too large.
     """
     frame = _frame(mesh, resolution, region or bounds, robot.radius)
     heights, clearance, surfaces = _standing_room(mesh, frame, robot, floor_height, other_floors)
-    # With half a cell at least, an obstacle without thickness parts the cells on its two sides.
+    # A radius of at least half a cell keeps the cells on both sides of a thin obstacle apart.
     free = clearance > max(robot.radius, resolution / 2) + TOLERANCE
     if region is not None:
         free &= _cells_in(frame, region)
     inside = free
     if region is None and free.any():
-        inside = free & _where_it_lives(caster or RayCaster(mesh), frame, heights, free, start)
+        inside = free & _inside(caster or RayCaster(mesh), frame, heights, free, start)
     parts = _parts_near(inside, heights, floor_height)
     if not parts.any():
         where = "" if region is None else f" of the region {_region_in_world(region, mesh)}"
@@ -129,7 +129,7 @@ def survey_floor(
     sizes[0] = 0
     chosen = int(sizes.argmax()) if start is None else _part_at(frame, parts, start, mesh)
     taken = parts == chosen
-    # Surfaces that cannot be reached, such as table tops, are obstacles through and through.
+    # Surfaces that cannot be reached, such as table tops, are obstacles with no clearance.
     clearance[~np.isin(surfaces, np.unique(surfaces[taken]))] = 0.0
     space = FreeSpace(frame, taken, clearance, floor_height, np.where(taken, heights, np.float32(np.nan)))
     unreached, apart = _left_out(parts, sizes * resolution**2, chosen, heights, robot.max_climb)
@@ -140,29 +140,31 @@ def survey_floor(
 def _standing_room(
     mesh: SceneMesh, frame: GridFrame, robot: Robot, floor_height: float, other_floors: Sequence[float]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """World y of the surface at each cell's centre, NaN where there is none, and metres to the nearest obstacle.
+    """Compute height, clearance and connected surface of each cell's centre, rows x columns each.
 
-    Also the number of the connected surface that each cell's centre is on: rows x columns, 0 where it is on none.
+    Returns:
+        World y of the surface, NaN if there is none; metres to the nearest obstacle; number of the connected surface,
+        0 if there is none.
     """
     below = max((y for y in other_floors if y < floor_height), default=floor_height - 2 * REACH)
     above = min((y for y in other_floors if y > floor_height), default=floor_height + 2 * REACH)
     resolution = frame.resolution / FINENESS
     fine = GridFrame(frame.origin_x, frame.origin_z, frame.rows * FINENESS, frame.columns * FINENESS, resolution)
     surface = walkable_surface(mesh, fine, robot, floor_height, (below + floor_height) / 2, (above + floor_height) / 2)
-    # Beyond the grid there is no floor either.
+    # Outside of the grid there is no floor.
     passable = np.pad(~surface.blocked, 1).astype(np.uint8)
     distance = cv2.distanceTransform(passable, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
-    # On the fine grid: an edge of one column, between a table top and the floor, may be at no cell's centre.
+    # On the fine grid, because an edge between a table top and the floor may be only one column wide.
     surfaces = cv2.connectedComponents(passable, connectivity=4)[1][1:-1, 1:-1]
     middle = slice(FINENESS // 2, None, FINENESS)
     clearance = distance[middle, middle] * np.float32(resolution)
     return surface.height[middle, middle], clearance, surfaces[middle, middle]
 
 
-def _where_it_lives(
+def _inside(
     caster: RayCaster, frame: GridFrame, heights: np.ndarray, free: np.ndarray, start: tuple[float, float] | None
 ) -> np.ndarray:
-    """The free cells that are inside the building; all of them if there is none or the start lies outside."""
+    """The free cells inside the building; all free cells if there is no building or the start is outside."""
     covered = _covered(caster, frame, heights, free)
     if start is not None and not covered[frame.cell(*start)]:
         return free
@@ -171,9 +173,9 @@ def _where_it_lives(
 
 
 def _parts_near(free: np.ndarray, heights: np.ndarray, floor_height: float) -> np.ndarray:
-    """The connected parts of the free cells, numbered from 1, rows x columns.
+    """Label the connected parts of the free cells from 1, rows x columns.
 
-    What comes nowhere near the floor's height, such as a roof that no stairs lead to, is another floor or none.
+    Parts that are nowhere within `SPLIT` of the floor's height, such as a roof without stairs, are left out (0).
     """
     parts: np.ndarray = ndimage.label(free)[0]
     count = int(parts.max())
@@ -184,7 +186,7 @@ def _parts_near(free: np.ndarray, heights: np.ndarray, floor_height: float) -> n
 
 
 def _frame(mesh: SceneMesh, resolution: float, region: Box | None, radius: float) -> GridFrame:
-    """The grid over the scene, or over a region of it and as much around that as the robot's body reaches."""
+    """The grid over the scene, or over a region of it with a margin for the robot's body."""
     bounds = mesh.bounds.astype(np.float64)
     low, high = bounds[0, [0, 2]], bounds[1, [0, 2]]
     if region is not None:
@@ -192,27 +194,27 @@ def _frame(mesh: SceneMesh, resolution: float, region: Box | None, radius: float
         asked_low, asked_high = np.array(region[:2]) - margin, np.array(region[2:]) + margin
         if (asked_low >= high).any() or (asked_high <= low).any():
             raise DeuxError(
-                f"the region {_region_in_world(region, mesh)} is not in the scene: that reaches from "
+                f"the region {_region_in_world(region, mesh)} is not in the scene, which extends from "
                 f"{_place_in_world(low, mesh)} to {_place_in_world(high, mesh)}."
             )
         low, high = np.where(asked_low > low, asked_low, low), np.minimum(asked_high, high)
-    # A thousandth of a cell, left over by rounding, makes no new cell.
+    # The tolerance of a thousandth of a cell avoids a new cell because of rounding.
     columns, rows = np.maximum(np.ceil((high - low) / resolution - 1e-3), 1).astype(int)
     if int(columns) * int(rows) * FINENESS**2 > LARGEST:
         raise DeuxError(
-            f"the floor of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m is too large for a map: bound it by "
+            f"the floor of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m is too large for a map: limit it by "
             "scenes.region=[x_min, z_min, x_max, z_max]."
         )
     check_memory(
         _COLUMN_BYTES * int(columns) * int(rows) * FINENESS**2,
         f"the floor of {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m",
-        "bound it by scenes.region=[x_min, z_min, x_max, z_max]",
+        "limit it by scenes.region=[x_min, z_min, x_max, z_max]",
     )
     return GridFrame(float(low[0]), float(low[1]), int(rows), int(columns), resolution)
 
 
 def _centres(frame: GridFrame) -> tuple[np.ndarray, np.ndarray]:
-    """World x of the columns' centres, and world z of the rows' as rows x 1."""
+    """x of the columns' centres, and z of the rows' centres as rows x 1, metres."""
     x = frame.origin_x + (np.arange(frame.columns) + 0.5) * frame.resolution
     z = frame.origin_z + (np.arange(frame.rows) + 0.5) * frame.resolution
     return x, z[:, None]
@@ -235,7 +237,7 @@ def _covered(caster: RayCaster, frame: GridFrame, heights: np.ndarray, free: np.
 
 
 def _part_at(frame: GridFrame, parts: np.ndarray, start: tuple[float, float], mesh: SceneMesh) -> int:
-    """The number of the connected part (rows x columns, 0 = none) in which a point lies."""
+    """The label of the connected part (rows x columns, 0 = none) that contains a point."""
     rows, columns = frame.cells(*start)
     if frame.contains(rows, columns) and parts[rows, columns] > 0:
         return int(parts[rows, columns])
@@ -249,7 +251,7 @@ def _part_at(frame: GridFrame, parts: np.ndarray, start: tuple[float, float], me
 
 
 def _place_in_world(place: Sequence[float] | np.ndarray, mesh: SceneMesh) -> str:
-    """A text such as "x=1.00, z=-2.50" of a point that counts from the mesh's origin."""
+    """Format a point given relative to the mesh's origin by its world position, such as "x=1.00, z=-2.50"."""
     return f"x={place[0] + mesh.origin[0]:.2f}, z={place[1] + mesh.origin[2]:.2f}"
 
 
@@ -259,7 +261,7 @@ def _region_in_world(region: Box, mesh: SceneMesh) -> list[float]:
 
 
 def _connected(cells: np.ndarray, some: np.ndarray) -> np.ndarray:
-    """The parts of a mask that have cells in common with some of it."""
+    """The connected parts of a mask that contain any of the given cells."""
     parts = ndimage.label(cells)[0]
     return np.isin(parts, np.unique(parts[some]))
 
@@ -267,10 +269,17 @@ def _connected(cells: np.ndarray, some: np.ndarray) -> np.ndarray:
 def _left_out(
     parts: np.ndarray, areas: np.ndarray, chosen: int, heights: np.ndarray, climb: float
 ) -> tuple[tuple[UnreachedLevel, ...], float]:
-    """What is large of the parts, numbered in rows x columns and with their areas in m2, that are not the chosen one.
+    """Summarise the large parts other than the chosen one.
+
+    Args:
+        parts: rows x columns, labels of the connected parts.
+        areas: area of each part in m2, by its label.
+        chosen: label of the chosen part.
+        heights: rows x columns, world y in metres.
+        climb: the robot's greatest climb in metres.
 
     Returns:
-        The levels that are more than a climb away, and the area in m2 of the others, which something else parts.
+        The levels that are farther away than a climb, and the area in m2 of the others.
     """
     ground = float(np.median(heights[parts == chosen]))
     large = [part for part in np.argsort(-areas, kind="stable") if areas[part] >= LEAST_LEVEL and part != chosen]

@@ -1,6 +1,6 @@
-"""Heightfield of a mesh, as Recast makes one: what each column of a grid is filled with, and where a robot can stand.
+"""Solid heightfield of a mesh as in Recast: the filled spans of each grid column, and where a robot can stand.
 
-Reference: M. Mononen, Recast Navigation (the solid heightfield, its walkable spans, and the walkable climb).
+Reference: M. Mononen, Recast Navigation (solid heightfield, walkable spans, walkable climb).
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 SLOPE = math.cos(math.radians(45.0))
 """Least |cosine| between a walkable surface's normal and the vertical, as in Habitat-Sim's navigation mesh."""
 
-TOUCH = 1e-4  # of a cell: what overlaps a column by less only touches it
-STEEP = 0.05  # |cosine| to the vertical below which a triangle's heights in a column are found by clipping
-TOLERANCE = 1e-4  # metres, for the rounding of heights that are equal to the robot's measures
+TOUCH = 1e-4  # fraction of a cell; a triangle that overlaps a column by less only touches it
+STEEP = 0.05  # |cosine| to the vertical below which a triangle's heights in a column are computed by clipping
+TOLERANCE = 1e-4  # metres; for rounding errors when heights are compared with the robot's dimensions
 
 
 @dataclass(frozen=True)
 class WalkableSurface:
-    """One surface in each column of a grid on which a robot's feet could be, the one nearest to a given height.
+    """The surface in each column of a grid on which a robot can stand, the one nearest to a given height.
 
     Args:
-        height: rows x columns float32, world y in metres, NaN where there is none.
-        blocked: rows x columns bool: there is none, or a neighbour cannot be stepped to from the lower of the two.
+        height: rows x columns float32, world y in metres, NaN if there is none.
+        blocked: rows x columns bool, whether there is no surface or the robot cannot step onto it from a neighbour.
     """
 
     height: np.ndarray
@@ -39,14 +39,14 @@ class WalkableSurface:
 
 
 class Spans(NamedTuple):
-    """The filled parts of all columns, as linked lists from the lowest to the highest.
+    """The filled spans of all columns, as linked lists from the lowest to the highest.
 
     Args:
-        first: rows x columns int32, index of each column's lowest span, -1 where it is empty.
+        first: rows x columns int32, index of each column's lowest span, -1 if it is empty.
         following: S int32, index of the next higher span of the same column, -1 at the last.
         low: S float32, world y of the bottom.
         high: S float32, world y of the top.
-        level: S float32, world y of the highest walkable surface in it, -inf where there is none.
+        level: S float32, world y of the highest walkable surface in the span, -inf if there is none.
     """
 
     first: np.ndarray
@@ -61,18 +61,19 @@ def walkable_surface(
 ) -> WalkableSurface:
     """Find where a robot can stand and step.
 
-    All triangles are cut by the columns, upright ones too. Surfaces of a column with less than `robot.height` between
-    them are one span; the robot stands on its top if a surface there, or at most `robot.max_climb` below, slopes by 45
-    degrees at most. The direction in which a triangle faces is not used, since files disagree about it. Between two
-    neighbouring columns the robot passes if their tops differ by at most `robot.max_climb` and its height fits.
+    All triangles, including vertical ones, are rasterised into the columns. Surfaces of a column with gaps of less than
+    `robot.height` form one span. The robot can stand on its top if a surface at the top, or at most `robot.max_climb`
+    below, has a slope of at most 45 degrees. The orientation of triangles, which is not reliable in files, is not used.
+    The robot can step between neighbouring columns if their tops differ by at most `robot.max_climb` and there is room
+    for its height.
 
     Args:
         mesh: the scene.
-        frame: the columns.
+        frame: the grid of columns.
         robot: its height and greatest climb.
-        near: world y in metres; where a robot can stand on several tops of a column, the one nearest to it counts.
-        low: world y of the lowest tops that count.
-        high: world y of the highest tops that count.
+        near: world y in metres; of several tops in a column the nearest to it is used.
+        low: world y of the lowest top to use.
+        high: world y of the highest top to use.
     """
     grid = (frame.origin_x, frame.origin_z, frame.resolution)
     band, gap = (low - TOLERANCE, high + robot.height), robot.height - TOLERANCE
@@ -100,22 +101,22 @@ def _rasterise(
     gap: float,
     spans: Spans,
 ) -> bool:
-    """Fill the columns with all triangles that reach into a band of heights.
+    """Rasterise all triangles that reach into a band of heights.
 
     Args:
         vertices: V x 3.
         faces: F x 3.
-        grid: x and z of the grid's outer corner and the edge of a column.
+        grid: x and z of the grid's outer corner, and the edge of a column.
         band: lower and upper height.
-        gap: spans that are nearer to each other than this become one.
-        spans: of empty columns; takes the result.
+        gap: spans that are nearer to each other than this are merged.
+        spans: empty columns; receives the result.
 
     Returns:
-        Whether there was room for all spans.
+        Whether the capacity was sufficient for all spans.
     """
     rows, columns = spans.first.shape
     used = 0
-    # Polygons in units of columns: (x, y, z) of up to 3 + 4 corners.
+    # Polygons in units of columns, (x, y, z) of up to 3 + 4 corners.
     polygon, strip, piece, other = np.empty((8, 3)), np.empty((8, 3)), np.empty((8, 3)), np.empty((8, 3))
     for face in faces:
         for corner in range(3):
@@ -164,7 +165,7 @@ def _extent(polygon: np.ndarray, count: int, axis: int) -> tuple[float, float]:
 
 @compiled(nogil=True)
 def _touched(polygon: np.ndarray, count: int, axis: int, cells: int) -> tuple[int, int]:
-    """First and last of the cells along an axis that a polygon reaches into by more than `TOUCH`."""
+    """First and last cell along an axis that a polygon overlaps by more than `TOUCH`."""
     least, greatest = _extent(polygon, count, axis)
     if greatest - least > 2.0 * TOUCH:
         least, greatest = least + TOUCH, greatest - TOUCH
@@ -175,7 +176,7 @@ def _touched(polygon: np.ndarray, count: int, axis: int, cells: int) -> tuple[in
 
 @compiled(nogil=True)
 def _plane(polygon: np.ndarray, cell: float) -> tuple[float, float, float]:
-    """Rise of a triangle's plane for each column along x and along z, and |cosine| of its normal to the vertical."""
+    """Slope of a triangle's plane per column along x and along z, and |cosine| of its normal to the vertical."""
     ux, uy, uz = polygon[1, 0] - polygon[0, 0], polygon[1, 1] - polygon[0, 1], polygon[1, 2] - polygon[0, 2]
     vx, vy, vz = polygon[2, 0] - polygon[0, 0], polygon[2, 1] - polygon[0, 1], polygon[2, 2] - polygon[0, 2]
     nx, ny, nz = (uy * vz - uz * vy) * cell, (uz * vx - ux * vz) * cell * cell, (ux * vy - uy * vx) * cell
@@ -187,33 +188,33 @@ def _plane(polygon: np.ndarray, cell: float) -> tuple[float, float, float]:
 
 @compiled(nogil=True)
 def _between(polygon: np.ndarray, count: int, result: np.ndarray, scratch: np.ndarray, axis: int, cell: int) -> int:
-    """The part of a convex polygon within one cell along an axis; returns the number of its corners."""
+    """Clip a convex polygon to one cell along an axis; returns the number of its corners."""
     count = _half(polygon, count, scratch, axis, float(cell), 1.0)
     return _half(scratch, count, result, axis, cell + 1.0, -1.0)
 
 
 @compiled(nogil=True)
 def _half(polygon: np.ndarray, count: int, result: np.ndarray, axis: int, border: float, side: float) -> int:
-    """The part of a convex polygon on one side of a border: Sutherland and Hodgman's algorithm (1974)."""
-    kept = 0
+    """Clip a convex polygon to one side of a border (Sutherland and Hodgman 1974); returns the number of corners."""
+    corners = 0
     for corner in range(count):
         after = corner + 1 if corner + 1 < count else 0
         here, there = side * (polygon[corner, axis] - border), side * (polygon[after, axis] - border)
         if here >= 0.0:
             for i in range(3):
-                result[kept, i] = polygon[corner, i]
-            kept += 1
+                result[corners, i] = polygon[corner, i]
+            corners += 1
         if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
             fraction = here / (here - there)
             for i in range(3):
-                result[kept, i] = polygon[corner, i] + fraction * (polygon[after, i] - polygon[corner, i])
-            kept += 1
-    return kept
+                result[corners, i] = polygon[corner, i] + fraction * (polygon[after, i] - polygon[corner, i])
+            corners += 1
+    return corners
 
 
 @compiled(nogil=True)
 def _insert(spans: Spans, used: int, row: int, column: int, low: float, high: float, level: float, gap: float) -> int:
-    """Fill a part of a column, joined with what is nearer than `gap`; returns the number of spans in use."""
+    """Insert a span into a column, merged with spans nearer than `gap`; returns the number of spans in use."""
     before, span = -1, spans.first[row, column]
     while span >= 0 and spans.high[span] <= low - gap:
         before, span = span, spans.following[span]
@@ -239,7 +240,7 @@ def _insert(spans: Spans, used: int, row: int, column: int, low: float, high: fl
 
 @compiled(nogil=True)
 def _nearest_tops(spans: Spans, near: float, low: float, high: float, climb: float) -> tuple[np.ndarray, np.ndarray]:
-    """In each column the walkable top nearest to a height, NaN where there is none, and the bottom of what is above."""
+    """The walkable top of each column nearest to a height, NaN if there is none, and the bottom of the span above."""
     tops: np.ndarray = np.full(spans.first.shape, np.nan, np.float32)
     ceilings: np.ndarray = np.full(spans.first.shape, np.inf, np.float32)
     for row in range(tops.shape[0]):
@@ -258,7 +259,7 @@ def _nearest_tops(spans: Spans, near: float, low: float, high: float, climb: flo
 
 @compiled(nogil=True)
 def _blocked(tops: np.ndarray, ceilings: np.ndarray, climb: float, height: float) -> np.ndarray:
-    """Columns without a top, and of each pair of neighbours between which the robot cannot pass the higher one."""
+    """Columns without a top, and the higher one of each pair of neighbours between which the robot cannot step."""
     blocked = np.isnan(tops)
     for row in range(tops.shape[0]):
         for column in range(tops.shape[1]):
@@ -268,7 +269,7 @@ def _blocked(tops: np.ndarray, ceilings: np.ndarray, climb: float, height: float
                     continue
                 there = tops[row + down, column + right]
                 room = min(ceilings[row, column], ceilings[row + down, column + right]) - max(here, there)
-                if abs(here - there) > climb or room < height:  # never where one of them is NaN
+                if abs(here - there) > climb or room < height:  # false if one of them is NaN
                     if here > there:
                         blocked[row, column] = True
                     else:

@@ -1,12 +1,12 @@
-"""A mesh as a scene: its floors are found, and what is unlikely about it is said."""
+"""Construction of a scene from a mesh: finds its floors, and warns of missing colours and implausible sizes."""
 
-import functools
 import logging
 
 import numpy as np
 
 from deux.contracts import Floor, Scene, SceneMesh
 from deux.errors import DeuxError
+from deux.log_once import warn_once
 from deux.mesh_files.mesh_extent import describe_size, unit_advice
 from deux.scenes.floor import HEADROOM, find_floors
 from deux.scenes.ray_caster import RayCaster
@@ -14,21 +14,21 @@ from deux.scenes.ray_caster import RayCaster
 log = logging.getLogger(__name__)
 
 LIKELY_CEILING = (1.0, 30.0)
-"""Metres between the floor and the ceiling, outside which a mesh is hardly in metres."""
+"""Plausible heights of the ceiling above the floor, in metres; outside of them the mesh is probably not in metres."""
 
 _SAMPLES = 2000
-_LEVEL = 0.1  # metres from the floor's height within which a surface is the floor's
+_LEVEL = 0.1  # metres from the floor's height within which a surface belongs to the floor
 
 
 def mesh_scene(name: str, mesh: SceneMesh, identity: str, where: str, scale: float = 1.0) -> Scene:
-    """Find the floors of a mesh and warn, once in each process, of what makes it useless: no colours, a wrong unit.
+    """Find the floors of a mesh, and warn once in each process if it has no colours or is probably in a wrong unit.
 
     Args:
         name: the scene's name.
         mesh: geometry and appearance.
-        identity: as of `SceneReference`.
-        where: the scene's file, for the messages.
-        scale: metres per unit of the file that were assumed, for the advice.
+        identity: see `SceneReference`.
+        where: the scene's file, for messages.
+        scale: metres per unit of the file that were assumed, for messages.
 
     Raises:
         DeuxError: the mesh has no floor.
@@ -43,11 +43,13 @@ def mesh_scene(name: str, mesh: SceneMesh, identity: str, where: str, scale: flo
         raise DeuxError(f"{where}: {sentence}.") from error
     ceiling = _ceiling(mesh, floors[0], caster)
     if LIKELY_CEILING[1] < ceiling < np.inf:
-        _warn_once(f"{where}: the ceiling is {ceiling:.2g} m above the floor: {unit_advice(mesh.bounds, scale)}.")
+        warn_once(log, f"{where}: the ceiling is {ceiling:.2g} m above the floor: {unit_advice(mesh.bounds, scale)}.")
     elif _LEVEL < np.ptp(mesh.bounds[:, 1]) < LIKELY_CEILING[0]:
-        _warn_once(f"{where} is {describe_size(mesh.bounds)} large: {unit_advice(mesh.bounds, scale)}.")
+        warn_once(log, f"{where} is {describe_size(mesh.bounds)} large: {unit_advice(mesh.bounds, scale)}.")
     if not has_colors(mesh):
-        _warn_once(f"{where} has no colours: all its images are of one single colour, which teaches no depth.")
+        warn_once(
+            log, f"{where} has no colours: models cannot learn depth from its images, which have a single colour."
+        )
     up = mesh.origin[1]
     return Scene(name, mesh, tuple(Floor(floor.height + up, floor.area) for floor in floors), identity)
 
@@ -65,9 +67,9 @@ def has_colors(mesh: SceneMesh) -> bool:
 
 
 def _ceiling(mesh: SceneMesh, floor: Floor, caster: RayCaster) -> float:
-    """The median height in metres of what is above the floor, at places spread evenly over it; infinite outdoors.
+    """The median height of the ceiling above the floor in metres, at random points of the floor; infinite outdoors.
 
-    What is nearer than `HEADROOM` is furniture, or the inside of what stands on the floor.
+    Surfaces nearer than `HEADROOM` are ignored as furniture.
     """
     low, high = mesh.bounds
     origins = np.random.default_rng(0).uniform(low, high, (_SAMPLES, 3))
@@ -77,8 +79,3 @@ def _ceiling(mesh: SceneMesh, floor: Floor, caster: RayCaster) -> float:
     above = caster.cast(origins, up).distance[on_floor] + _LEVEL
     above = above[above > HEADROOM]
     return float(np.median(above)) if len(above) else np.inf
-
-
-@functools.cache
-def _warn_once(sentence: str) -> None:
-    log.warning("%s", sentence)

@@ -1,4 +1,4 @@
-"""The object instances of a labelled scene: which faces of one label belong to the same chair."""
+"""Object instances of a labelled scene: which faces with the same label belong to the same object."""
 
 from dataclasses import dataclass
 
@@ -13,16 +13,16 @@ NO_OBJECTS = frozenset(
     {"wall", "floor", "ceiling", "door frame", "door", "window", "stairs", "column", "beam", "railing"}
     | {"unlabeled", "undefined"}
 )
-"""Names of labels whose faces belong to no object: the building's, and those that say nothing."""
+"""Labels that are not objects: parts of the building, and unlabelled faces."""
 
 
 @dataclass(frozen=True)
 class SceneObjects:
-    """Which object each face belongs to.
+    """The object instances of a scene.
 
     Args:
-        face_object: F int32, index into `labels`, -1 where a face belongs to no object.
-        labels: the label of each object, by name.
+        face_object: F int32, index into `labels`, -1 if the face belongs to no object.
+        labels: the name of each object's label.
     """
 
     face_object: np.ndarray
@@ -30,12 +30,12 @@ class SceneObjects:
 
 
 def find_objects(mesh: SceneMesh, gap: float = 0.05) -> SceneObjects:
-    """Tell the objects of a scene apart: as the mesh does, or faces of one label belong together where they are near.
+    """Segment a scene into objects: by the mesh's own instances, or by connecting nearby faces with the same label.
 
-    Where the mesh has no `face_object`, space is divided into cubes with edges of `gap`. Faces of one label that pass
-    through the same cube, or through cubes that touch, are of one object, and so are all that are joined in this way.
-    Surfaces of one label less than a `gap` apart are thus always one object (the legs and the seat of a chair, the
-    books of a row) and those more than two apart never are.
+    If the mesh has no `face_object`, space is divided into cubes with edges of `gap`. Faces with the same label that
+    pass through the same cube or touching cubes are connected, and connected faces are one object. So surfaces with the
+    same label that are less than a `gap` apart are always one object (the legs and the seat of a chair, the books of a
+    row), and those more than two gaps apart are not, unless others connect them.
 
     Args:
         mesh: the scene.
@@ -49,13 +49,13 @@ def find_objects(mesh: SceneMesh, gap: float = 0.05) -> SceneObjects:
     if mesh.face_object is not None:
         return _given_objects(mesh, mesh.face_object, faces)
     points, owner = _surface_points(mesh.triangles[faces].astype(np.float64), gap)
-    # Labels are two units apart in a coordinate of their own, so that cubes of different labels never touch.
+    # In the first coordinate labels are two units apart, so that cubes of different labels never touch.
     cubes = np.column_stack([2 * mesh.face_label[faces][owner], np.floor(points / gap).astype(np.int64)])
     cubes, cube_of_point = np.unique(cubes, axis=0, return_inverse=True)
     touching = cKDTree(cubes).query_pairs(1.0, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(touching)), touching.T), (len(cubes), len(cubes)))
     count, object_of_cube = connected_components(links, directed=False)
-    # A face's neighbouring points are less than a gap apart, so all of its cubes are of one object.
+    # Neighbouring points of a face are less than a gap apart, so all of its cubes are connected.
     face_object[faces[owner]] = object_of_cube[cube_of_point.ravel()]
     label_of_object = np.empty(count, np.int64)
     label_of_object[object_of_cube] = cubes[:, 0] // 2
@@ -63,12 +63,12 @@ def find_objects(mesh: SceneMesh, gap: float = 0.05) -> SceneObjects:
 
 
 def _given_objects(mesh: SceneMesh, numbers: np.ndarray, labelled: np.ndarray) -> SceneObjects:
-    """The objects that the mesh itself tells apart, each with the label of its first face.
+    """The object instances that the mesh defines, each with the label of its first face.
 
     Args:
         mesh: the scene.
-        numbers: the object of each face, F, any numbers, -1 for none.
-        labelled: the faces whose label may be an object's.
+        numbers: F, the object number of each face, -1 for none.
+        labelled: the faces whose label can be an object's.
     """
     faces = labelled[numbers[labelled] >= 0]
     _, first, index = np.unique(numbers[faces], return_index=True, return_inverse=True)
@@ -78,7 +78,7 @@ def _given_objects(mesh: SceneMesh, numbers: np.ndarray, labelled: np.ndarray) -
 
 
 def _surface_points(triangles: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points on triangles (F x 3 x 3), no neighbours farther apart than `spacing`; P x 3, and each one's triangle."""
+    """Sample points on F x 3 x 3 triangles at most `spacing` apart; returns P x 3 points and the triangle of each."""
     edges = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2)
     pieces = np.maximum(np.ceil(edges.max(axis=1) / spacing), 1).astype(np.int64)
     points, owners = [], []

@@ -1,4 +1,4 @@
-"""Scenes prepared on disk: the arrays of a scene as they are used, which open at once and which processes share."""
+"""Prepared scenes: a cache on disk of the arrays of loaded scenes, which are memory-mapped."""
 
 import hashlib
 import json
@@ -13,36 +13,35 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import Floor, Material, Scene, SceneMesh
-from deux.errors import DeuxError
+from deux.errors import DeuxError, error_text
 from deux.geometry.texture_pyramids import TexturePyramids
-from deux.io.arrays import said
 from deux.io.atomic import write_failure
 from deux.io.json_files import read_json_object
 
 log = logging.getLogger(__name__)
 
 VERSION = 2
-"""To be raised with every change of the readers or of the floors, so that what was prepared before is made anew."""
+"""Increase this with every change of the mesh readers or of the floor detection, to invalidate the cache."""
 
 _ARRAYS = ("vertices", "faces", "uv", "face_material", "face_label", "vertex_colors")
 _DESCRIPTION = "scene.json"
 
 
 def prepared_scene(folder: Path | None, identity: str, make: Callable[[], Scene]) -> Scene:
-    """Open a scene that was prepared before, or else make it, prepare it and open it.
+    """Open a scene from the cache; if it is not there, load it and add it first.
 
-    A prepared scene takes about 100 bytes for each triangle and 4 bytes for each pixel of its textures. It lies in a
-    folder of its own that is named by its identity and the version of the readers, and appears whole or not at all.
-    Its arrays are mapped and not read: pages that no frame needs stay on disk, and all processes of a machine share
-    those that are in memory. Where nothing can be written the scene is used as it was made, which is said.
+    A prepared scene takes about 100 bytes for each triangle and 4 bytes for each texel. Its folder, which is created
+    atomically, is named after its identity and the version of the format. Its arrays are memory-mapped: pages that no
+    frame needs are not read, and all processes of a machine share the others. If the folder cannot be written, a
+    warning is logged and the loaded scene is returned.
 
     Args:
-        folder: where prepared scenes are kept; None prepares nothing.
-        identity: as of `SceneReference`; it holds all options that change the scene.
+        folder: the cache folder; None for no cache.
+        identity: see `SceneReference`; it includes all options that change the scene.
         make: loads the scene.
 
     Raises:
-        DeuxError: the scene cannot be loaded, or what was prepared of it is damaged.
+        DeuxError: the scene cannot be loaded, or the prepared scene is damaged.
     """
     if folder is None:
         return make()
@@ -56,15 +55,15 @@ def prepared_scene(folder: Path | None, identity: str, make: Callable[[], Scene]
             return scene
         size = sum(file.stat().st_size for file in place.iterdir())
         log.info("The scene %s is prepared in %s, which takes %d MB.", scene.name, place, size // 1_000_000)
-        del scene  # its memory is given back before the prepared one takes its place
+        del scene  # frees its memory before the prepared scene is opened
     try:
         return _open(place)
     except Exception as error:  # a damaged array or description, of any kind
-        raise DeuxError(f"the prepared scene {place} is damaged ({said(error)}): delete the folder.") from error
+        raise DeuxError(f"the prepared scene {place} is damaged ({error_text(error)}): delete the folder.") from error
 
 
 def _write(scene: Scene, place: Path) -> None:
-    """Write all arrays beside the place, then give the folder its name."""
+    """Write all arrays to a temporary folder, then rename it."""
     mesh = scene.mesh
     place.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
@@ -84,10 +83,10 @@ def _write(scene: Scene, place: Path) -> None:
             "origin": mesh.origin,
         }
         (temporary / _DESCRIPTION).write_text(json.dumps(description))
-        temporary.chmod(0o755)  # temporary folders are closed to others
+        temporary.chmod(0o755)  # mkdtemp creates folders that other users cannot read
         os.rename(temporary, place)
     except OSError:
-        if not (place / _DESCRIPTION).is_file():  # else another process was first, with the same
+        if not (place / _DESCRIPTION).is_file():  # otherwise another process has prepared the same scene
             raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -115,14 +114,14 @@ def _open(place: Path) -> Scene:
 
 
 def pyramid_textures(materials: Sequence[Material], pyramids: TexturePyramids) -> tuple[Material, ...]:
-    """The materials with the textures that the mip pyramids hold, not copied."""
+    """The materials with the textures of the mip pyramids, as views."""
     shown = [pyramids.texture(k) for k in range(len(pyramids.sizes))]
     pairs = zip(materials, pyramids.material_texture.tolist(), strict=True)
     return tuple(material if k < 0 else replace(material, texture=shown[k]) for material, k in pairs)
 
 
 def _mapped(path: Path) -> np.ndarray:
-    """The array in a file, its pages shared with all processes until one of them writes to a page."""
-    if np.load(path, mmap_mode="r").size == 0:  # an empty file section cannot be mapped
+    """Memory-map the array in a file (copy-on-write)."""
+    if np.load(path, mmap_mode="r").size == 0:  # empty arrays cannot be mapped
         return np.load(path)
     return np.load(path, mmap_mode="c").view(np.ndarray)

@@ -1,4 +1,4 @@
-"""Ray casting against a mesh, by Embree."""
+"""Ray casting against a mesh with Embree."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,16 +10,16 @@ from embreex.mesh_construction import TriangleMesh
 
 from deux.contracts import SceneMesh
 
-APART = 0.005  # metres
+APART = 0.005  # metres; surfaces on a vertical ray that are nearer to each other count as one
 
 
 @dataclass(frozen=True)
 class Hits:
-    """The first surface that each of N rays meets.
+    """The first hit of each of N rays.
 
     Args:
-        distance: N float32, in units of the direction's length; infinite where the ray meets nothing.
-        face: N int32, index into the mesh's faces, -1 where the ray meets nothing.
+        distance: N float32, in units of the direction's length; infinite if the ray hits nothing.
+        face: N int32, index of the mesh's face, -1 if the ray hits nothing.
         barycentric: N x 2 float32, (u, v): the point is (1 - u - v) a + u b + v c of the face's corners a, b, c.
     """
 
@@ -29,23 +29,23 @@ class Hits:
 
 
 class RayCaster:
-    """Casts rays at a mesh. The bounding volume hierarchy is built at the first cast, once in each process.
+    """Casts rays at a mesh. The bounding volume hierarchy is built at the first cast.
 
-    A copy that travels to another process carries the mesh alone and builds its own hierarchy there.
+    A pickled copy contains only the mesh, and builds its own hierarchy.
 
     Args:
-        mesh: the triangles; both of their sides stop a ray.
+        mesh: the triangles; rays hit both of their sides.
     """
 
     def __init__(self, mesh: SceneMesh) -> None:
         self.mesh = mesh
 
     def cast(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
-        """Find what each ray meets first.
+        """Find the first hit of each ray.
 
         Args:
             origins: N x 3, metres.
-            directions: N x 3, of any length: with directions whose z is 1 in the camera's axes the distance is depth.
+            directions: N x 3, of any length. If their z is 1 in camera axes, the distance is the depth.
         """
         starts = np.ascontiguousarray(origins, dtype=np.float32)
         found = self._embree.run(starts, np.ascontiguousarray(directions, dtype=np.float32), output=1)
@@ -60,31 +60,31 @@ class RayCaster:
 
         Args:
             points: N x 2, world x and z in metres.
-            most: surfaces that are looked for on each vertical.
+            most: greatest number of surfaces on each vertical.
 
         Returns:
-            K x N float64, their world y, NaN where there are no more; and K x N int32, their faces, -1 likewise.
+            K x N float64, world y of the surfaces, NaN if a vertical has fewer; and K x N int32, their faces, else -1.
         """
         top = float(self.mesh.bounds[1, 1]) + 1.0
         origins = np.stack([points[:, 0], np.full(len(points), top), points[:, 1]], axis=-1)
-        going = np.arange(len(points))
+        active = np.arange(len(points))
         heights: list[np.ndarray] = []
         faces: list[np.ndarray] = []
         for _ in range(most):
-            hits = self.cast(origins[going], np.broadcast_to(np.array([0.0, -1.0, 0.0]), (len(going), 3)))
-            met = hits.face >= 0
-            going = going[met]
-            if not going.size:
+            hits = self.cast(origins[active], np.broadcast_to(np.array([0.0, -1.0, 0.0]), (len(active), 3)))
+            hit = hits.face >= 0
+            active = active[hit]
+            if not active.size:
                 break
             height, face = np.full(len(points), np.nan), np.full(len(points), -1, np.int32)
-            # From the corners: exact on a level surface, where a float32 distance is not.
-            a, b, c = self.mesh.vertices[self.mesh.faces[hits.face[met]], 1].astype(np.float64).T
-            u, v = hits.barycentric[met].T
-            height[going] = a + u * (b - a) + v * (c - a)
-            face[going] = hits.face[met]
+            # Interpolated from the corners, which is exact on level surfaces, unlike the float32 distance.
+            a, b, c = self.mesh.vertices[self.mesh.faces[hits.face[hit]], 1].astype(np.float64).T
+            u, v = hits.barycentric[hit].T
+            height[active] = a + u * (b - a) + v * (c - a)
+            face[active] = hits.face[hit]
             heights.append(height)
             faces.append(face)
-            origins[going, 1] = height[going] - APART
+            origins[active, 1] = height[active] - APART
         return np.array(heights).reshape(-1, len(points)), np.array(faces, np.int32).reshape(-1, len(points))
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The floors of a scene on which a robot lives, as its `SceneArea` chooses them, and the free space of each."""
+"""The floors of a scene that its `SceneArea` selects, and the free space of each."""
 
 import functools
 import logging
@@ -6,48 +6,47 @@ import logging
 from deux.contracts import Floor, Robot, Scene, SceneArea
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace
+from deux.log_once import warn_once
 from deux.scenes.floor import building_bounds
 from deux.scenes.free_space import Box, FloorSurvey, survey_floor
 from deux.scenes.ray_caster import RayCaster
 
-TOLD = 10.0  # square metres of floor that is left out of which the log tells, or a tenth of the room that is left
-LARGE = 2500.0  # square metres; of larger scenes only the building is mapped, if there is one
+REPORTED = 10.0  # square metres of excluded floor above which a warning is logged, or a tenth of the free space if less
+LARGE = 2500.0  # square metres; in larger scenes only the building is mapped, if there is one
 
 log = logging.getLogger(__name__)
 
 
 class SceneFloors:
-    """Chooses the floors and finds their free space, each once.
+    """Selects the floors of a scene and computes their free space, once for each floor.
 
-    A mesh that is far from the world's origin has an origin of its own, from which bodies and rays count.
-
-    Where one floor has to be chosen among several, all of them are surveyed at once; otherwise a floor is surveyed when
-    it is asked for. The log says which floors there are and what the robot cannot reach.
+    If a floor has to be chosen among several, all of them are surveyed in the constructor; otherwise a floor is
+    surveyed on first use. Warnings tell which floors there are and which parts the robot cannot reach.
 
     Args:
-        scene: with all its floors.
-        area: which of them the robot lives on, and where.
-        robot: its body.
-        caster: rays against the scene's mesh.
+        scene: the scene.
+        area: selects the floors, and a part of them.
+        robot: the robot's body.
+        caster: a ray caster of the scene's mesh.
 
     Raises:
-        DeuxError: there is no such floor, or the robot fits nowhere on those that there are.
+        DeuxError: there is no such floor, or the robot fits on none of the floors.
     """
 
     def __init__(self, scene: Scene, area: SceneArea, robot: Robot, caster: RayCaster) -> None:
         self._scene, self._area, self._robot, self._caster = scene, area, robot, caster
         self._surveys: dict[Floor, FloorSurvey] = {}
         self.floors = self._chosen()
-        """The floors on which the robot lives, the main one first."""
-        self._say_taken()
+        """The selected floors, the main one first."""
+        self._warn_of_floors()
 
     def free_space(self, number: int) -> FreeSpace:
-        """The free space of a floor, by its number among `floors`; raises as `mesh_space`."""
+        """The free space of a floor in world positions, by the floor's index in `floors`; raises as `mesh_space`."""
         space, origin = self.mesh_space(number), self._scene.mesh.origin
         return space.moved(*origin) if any(origin) else space
 
     def mesh_space(self, number: int) -> FreeSpace:
-        """The free space of a floor as seen from the mesh's origin.
+        """The free space of a floor relative to the mesh's origin, by the floor's index in `floors`.
 
         Raises:
             DeuxError: there is no such floor, or the robot fits nowhere on it.
@@ -58,28 +57,31 @@ class SceneFloors:
             raise DeuxError(
                 f"{self._scene.name} has no floor {number}: its floors are numbered 0 to {count - 1}, at {listed}."
             )
-        found = self._survey(self.floors[number])
-        for level in found.unreached:
-            _say_once(
+        survey = self._survey(self.floors[number])
+        for level in survey.unreached:
+            warn_once(
+                log,
                 f"{self._scene.name}: a level {abs(level.rise):.2f} m {'higher' if level.rise > 0 else 'lower'} of "
-                f"{level.area:.0f} m2 cannot be reached: robot.max_climb is {self._robot.max_climb}."
+                f"{level.area:.0f} m2 cannot be reached: robot.max_climb is {self._robot.max_climb}.",
             )
-        self._say_left_out(found)
-        return found.space
+        self._warn_of_excluded_floor(survey)
+        return survey.space
 
-    def _say_left_out(self, found: FloorSurvey) -> None:
-        """Log how much floor is left out though it is of the same height."""
-        room = found.space.area
-        told = f"{self._scene.name}: beside the {room:.0f} m2 where the robot lives"
-        if self._area.start is None and found.apart > min(TOLD, room / 10):
-            _say_once(
-                f"{told}, {found.apart:.0f} m2 cannot be reached, such as behind closed doors or passages too narrow "
-                f"for robot.radius={self._robot.radius}: scenes.start=[x, z] takes another part."
+    def _warn_of_excluded_floor(self, survey: FloorSurvey) -> None:
+        """Warn if a large area of the same height is excluded from the free space."""
+        free = survey.space.area
+        beginning = f"{self._scene.name}: beside the {free:.0f} m2 of free space"
+        if self._area.start is None and survey.apart > min(REPORTED, free / 10):
+            warn_once(
+                log,
+                f"{beginning}, {survey.apart:.0f} m2 cannot be reached, such as behind closed doors or passages too "
+                f"narrow for robot.radius={self._robot.radius}: choose another part by scenes.start=[x, z].",
             )
-        if found.outside > min(TOLD, room / 10):
-            _say_once(
-                f"{told}, {found.outside:.0f} m2 have no ceiling and are taken for outside: "
-                "scenes.region=[x_min, z_min, x_max, z_max] takes all that is within it."
+        if survey.outside > min(REPORTED, free / 10):
+            warn_once(
+                log,
+                f"{beginning}, {survey.outside:.0f} m2 have no ceiling and are considered outdoors: include them by "
+                "scenes.region=[x_min, z_min, x_max, z_max].",
             )
 
     def _chosen(self) -> tuple[Floor, ...]:
@@ -87,29 +89,29 @@ class SceneFloors:
         if isinstance(asked, int):
             if not 0 <= asked < len(every):
                 raise DeuxError(
-                    f"{self._scene.name} has no floor {asked}: counted from the lowest its floors are "
+                    f"{self._scene.name} has no floor {asked}: its floors, from the lowest, are "
                     f"{self._listed()}; choose one with scenes.floor=0 to {len(every) - 1}, largest or all."
                 )
             return (sorted(every, key=lambda floor: floor.height)[asked],)
         if len(every) == 1:
             return every
-        room = {floor: found.space.area for floor in every if (found := self._try_survey(floor)) is not None}
-        if not room:
-            # The main floor's reason stands for the others'.
-            self._survey(every[0])
-        return tuple(room) if asked == "all" else (max(room, key=lambda floor: room[floor]),)
+        areas = {floor: survey.space.area for floor in every if (survey := self._try_survey(floor)) is not None}
+        if not areas:
+            self._survey(every[0])  # raises the main floor's error
+        return tuple(areas) if asked == "all" else (max(areas, key=lambda floor: areas[floor]),)
 
-    def _say_taken(self) -> None:
-        """Log which floors there are and on which of them the robot lives, if there are several."""
+    def _warn_of_floors(self) -> None:
+        """Log which floors there are and which of them are used, if there are several."""
         count = len(self._scene.floors)
         if count > 1:
-            lives = " and ".join(self._room(floor) for floor in self.floors)
-            _say_once(
-                f"{self._scene.name} has {count} floors, {self._listed()}: the robot lives at {lives} "
-                f"(scenes.floor={self._area.floor})."
+            used = " and ".join(self._free_area(floor) for floor in self.floors)
+            warn_once(
+                log,
+                f"{self._scene.name} has {count} floors, {self._listed()}: the robot explores the floor at {used} "
+                f"(scenes.floor={self._area.floor}).",
             )
 
-    def _room(self, floor: Floor) -> str:
+    def _free_area(self, floor: Floor) -> str:
         if floor not in self._surveys:
             return _described(floor)
         return f"{_described(floor)}, of which {self._surveys[floor].space.area:.0f} m2 are free"
@@ -149,7 +151,7 @@ class SceneFloors:
 
     @functools.cached_property
     def _bounds(self) -> Box | None:
-        """The rectangle around the building where the scene is much larger than a building."""
+        """The bounding rectangle of the building if the scene is much larger than a building, otherwise None."""
         low, high = self._scene.mesh.bounds.astype(float)[:, [0, 2]]
         if self._area.region is not None or self._area.start is not None or (high - low).prod() <= LARGE:
             return None
@@ -157,10 +159,4 @@ class SceneFloors:
 
 
 def _described(floor: Floor) -> str:
-    return f"{round(floor.height, 2) + 0.0:.2f} m ({floor.area:.0f} m2)"  # + 0.0: no minus before a zero
-
-
-@functools.cache
-def _say_once(sentence: str) -> None:
-    """Log a sentence, once in each process: an episode's simulator is not the first one of its scene."""
-    log.warning(sentence)
+    return f"{round(floor.height, 2) + 0.0:.2f} m ({floor.area:.0f} m2)"  # + 0.0 avoids "-0.00"

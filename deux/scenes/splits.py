@@ -1,4 +1,4 @@
-"""Checks of the splits of a scene source: no scene twice, none in two splits, none missing."""
+"""Checks of the splits of a scene source: no duplicate scenes, no scene in two splits, no missing scenes."""
 
 import logging
 from collections import Counter
@@ -22,7 +22,7 @@ def _itself(item: Hashable) -> Hashable:
 
 
 def make_splits(scenes: Mapping[str, Sequence[SceneReference]]) -> SceneSplits:
-    """The splits of a source, by the names in `SPLITS`.
+    """Make the splits of a source from the scenes of each split, by its name.
 
     Raises:
         DeuxError: a split lists a scene twice.
@@ -30,35 +30,35 @@ def make_splits(scenes: Mapping[str, Sequence[SceneReference]]) -> SceneSplits:
     for split, references in scenes.items():
         name, count = Counter(scene.name for scene in references).most_common(1)[0] if references else ("", 0)
         if count > 1:
-            raise DeuxError(f"scenes.{split} lists {name} {count} times: once is enough.")
+            raise DeuxError(f"scenes.{split} lists {name} {count} times: list it once.")
     return SceneSplits(**{split: tuple(scenes.get(split, ())) for split in SPLITS})
 
 
 def splits_of(source: SceneSource) -> SceneSplits:
-    """The scenes that a source's options ask for, as its `splits` gives them.
+    """Call `SceneSource.splits` and check its result.
 
     Raises:
-        DeuxError: it gives something else than tuples of references to scenes.
+        DeuxError: the result is not a `SceneSplits` of tuples of `SceneReference`.
     """
     found: object = source.splits()
     if not isinstance(found, SceneSplits):
         raise broken_contract(source, kind_of(found), "a deux.contracts.SceneSplits", "splits")
     for split in SPLITS:
         scenes: object = getattr(found, split)
-        odd = [kind_of(scenes)]
+        invalid = [kind_of(scenes)]
         if isinstance(scenes, tuple):
-            odd = [f"{kind_of(one)} in a tuple" for one in scenes if not isinstance(one, SceneReference)]
-        if odd:
+            invalid = [f"{kind_of(one)} in a tuple" for one in scenes if not isinstance(one, SceneReference)]
+        if invalid:
             wanted = "a tuple of deux.contracts.SceneReference"
-            raise broken_contract(source, f"{odd[0]} as {split}", wanted, "splits")
+            raise broken_contract(source, f"{invalid[0]} as {split}", wanted, "splits")
     return found
 
 
 def identity_of(scene: SceneReference) -> str:
-    """The identity of a scene, which is part of datasets' names.
+    """The identity of a scene, which is part of the names of datasets.
 
     Raises:
-        DeuxError: it is no text.
+        DeuxError: it is not a string.
     """
     found: object = scene.identity
     if isinstance(found, str):
@@ -73,13 +73,13 @@ def check_disjoint(
     advice: str = "",
     content: Callable[[Any], Hashable] = _itself,
 ) -> None:
-    """Check that no item is in two splits, under one name or two.
+    """Check that no item is in two splits, under the same name or different names.
 
     Args:
-        splits: the items of each split, hashable.
-        noun: how the message calls an item.
-        advice: what else can be done about it; it ends the message.
-        content: items of which it is equal are the same, such as copies of a file and links to it.
+        splits: the hashable items of each split.
+        noun: the noun for an item in the message.
+        advice: the end of the message, such as another remedy.
+        content: a key that is equal for equal items, such as copies of a file and links to it.
 
     Raises:
         DeuxError: an item is in two splits.
@@ -100,9 +100,10 @@ def check_disjoint(
 
 
 def check_apart(splits: SceneSplits) -> None:
-    """Check that no scene is in two splits, under one name or two; parts of a scene that are apart are two scenes.
+    """Check that no scene is in two splits, under the same name or different names.
 
-    Scenes in files are told apart by the files' places: their identity takes as long as reading them.
+    Different areas of the same scene are different scenes. Scenes in files are compared by the paths of their files,
+    because their identity takes as long as reading them.
 
     Raises:
         DeuxError: a scene is in two splits.
@@ -124,30 +125,30 @@ def _content(scene: SceneReference) -> Hashable:
 def each_once(
     splits: Mapping[str, Sequence[T]], noun: str, content: Callable[[T], Hashable]
 ) -> dict[str, tuple[T, ...]]:
-    """The splits without items that are in one of them a second time under another name, each of which is said.
+    """Remove items that are in the same split under another name, with a warning for each.
 
     Args:
         splits: the items of each split.
-        noun: how the message calls an item.
-        content: as of `check_disjoint`.
+        noun: the noun for an item in the message.
+        content: see `check_disjoint`.
     """
-    kept: dict[str, tuple[T, ...]] = {}
+    unique: dict[str, tuple[T, ...]] = {}
     for split, items in splits.items():
         first: dict[Hashable, T] = {}
         for item in items:
             if first.setdefault(content(item), item) != item:
                 log.warning(
-                    "%s %s of scenes.%s is the same as %s: it is taken once.", noun, item, split, first[content(item)]
+                    "%s %s of scenes.%s is the same as %s: it is used once.", noun, item, split, first[content(item)]
                 )
-        kept[split] = tuple(item for item in items if first[content(item)] == item)
-    return kept
+        unique[split] = tuple(item for item in items if first[content(item)] == item)
+    return unique
 
 
 def check_not_empty(splits: SceneSplits, needed: Sequence[str]) -> None:
-    """Check that there are scenes in the splits that are needed.
+    """Check that the needed splits have scenes.
 
     Raises:
-        DeuxError: one of them names no scene.
+        DeuxError: a needed split is empty.
     """
     for split in needed:
         if not getattr(splits, split):

@@ -1,4 +1,4 @@
-"""The robot's body on the floor: a disc that slides along straight walls and never leaves the free floor."""
+"""Motion of the robot's body: a disc that slides along straight walls and stays on the free floor."""
 
 import math
 from typing import NamedTuple
@@ -9,24 +9,24 @@ from deux.compilation import compiled
 from deux.geometry.grid import FreeSpace, GridFrame
 from deux.simulator.wall_segments import is_clear, wall_segments
 
-MARGIN = 1e-6  # cells from a wall at which the body comes to rest
-SLACK = 1e-5  # cells behind a wall, or beyond its end, at which it still stops the body
-TILE = 8  # cells; walls are looked up by square tiles of the grid
-LEG = 4.0  # cells that the body moves at most between two looks at the tiles
-MOST_LEGS = 200  # of one move; it takes a few, so that this only guards against rounding
+MARGIN = 1e-6  # cells; distance from a wall at which the body stops
+SLACK = 1e-5  # cells behind a wall, or beyond its end, up to which the wall still stops the body
+TILE = 8  # cells; edge of the square tiles by which nearby walls are looked up
+LEG = 4.0  # cells; greatest distance between two lookups
+MOST_LEGS = 200  # bound on the legs of one move, which takes a few; a guard against endless loops by rounding
 
 
 class Walls(NamedTuple):
-    """The walls around the free floor, in cells, ready for motion.
+    """The walls around the free floor, in cells, indexed by tiles.
 
     Args:
-        free: rows x columns bool, true where the centre of the body may be; a ring of cells around the grid is false.
-        starts: S x 2 float64, as (x, y).
+        free: rows x columns bool, the cells where the centre of the body may be; padded by one cell on all sides.
+        starts: S x 2 float64, (x, y) of the walls' starts.
         directions: S x 2 float64, unit vectors; the floor is on the side of (-uy, ux).
         lengths: S float64.
-        first: index into `near` of each tile's first wall, row by row of tiles, and the number of walls at the end.
-        near: indices of walls that a body may touch by a leg from a point in the tile.
-        tiles_across: tiles in a row of tiles.
+        first: index in `near` of each tile's first wall, in row-major order, and the number of walls at the end.
+        near: indices of the walls that a body in the tile may hit within one leg.
+        tiles_across: number of tiles in a row.
     """
 
     free: np.ndarray
@@ -39,14 +39,14 @@ class Walls(NamedTuple):
 
 
 class Body:
-    """A disc on the free floor. The cells are those where its centre may be, so it is handled as a point.
+    """A disc on the free floor, simulated as a point because free cells are those where its centre may be.
 
-    It moves like Habitat-Sim's agent: straight on as far as it can, and then along the walls to the place that is
-    nearest to where it was told to go. Walls are those of `wall_segments`. The floor's cells reach a little behind
-    slanted walls; a body that was put there goes to the nearest place before the wall first.
+    It moves like Habitat-Sim's agent: straight ahead as far as possible, and then along the walls to the point nearest
+    to the target. The walls are those of `wall_segments`. Free cells extend slightly behind slanted walls; a body there
+    moves to the nearest point in front of the wall first.
 
     Args:
-        free_space: where it may be.
+        free_space: the free floor.
     """
 
     def __init__(self, free_space: FreeSpace) -> None:
@@ -60,19 +60,19 @@ class Body:
         return bool(self._frame.contains(rows, columns) and self._free[rows, columns])
 
     def move(self, x: float, z: float, yaw: float, distance: float) -> tuple[float, float, bool]:
-        """Move forward, sliding along what is in the way.
+        """Move forward, sliding along walls.
 
         Along a wall at an angle to the heading the body moves by `distance` x cos(angle), as in Habitat-Sim.
 
         Args:
-            x: world x of the centre in metres; a body that is not on free floor stays where it is.
+            x: world x of the centre in metres; a body that is not on free floor does not move.
             z: world z of the centre in metres.
             yaw: heading in radians, 0 looks along -Z, positive to the left.
-            distance: how far to go in metres.
+            distance: the distance to move in metres.
 
         Returns:
-            World x and z of where the body comes to rest, and whether it moved less than it was told to, which a
-            slide does too: |moved|^2 + 1e-5 < |asked|^2.
+            World x and z after the move, and whether the body collided, sliding included: |moved|^2 + 1e-5 <
+            distance^2.
         """
         cell = self._frame.resolution
         column, row = (x - self._frame.origin_x) / cell, (z - self._frame.origin_z) / cell
@@ -86,7 +86,7 @@ class Body:
 
 def _walls(free: np.ndarray) -> Walls:
     starts, ends = wall_segments(free)
-    # A ring of cells is added, so that no look at a cell can be outside the array.
+    # Padding by one cell, so that lookups never leave the array.
     padded, starts, along = np.pad(free, 1), starts + 1.0, ends - starts
     lengths = np.linalg.norm(along, axis=1)
     tiles_down, tiles_across = (math.ceil(size / TILE) for size in padded.shape)
@@ -95,8 +95,8 @@ def _walls(free: np.ndarray) -> Walls:
 
 
 def _tiles(starts: np.ndarray, along: np.ndarray, tiles_down: int, tiles_across: int) -> tuple[np.ndarray, np.ndarray]:
-    """`Walls.first` and `Walls.near`: which of S walls are near which tile; a few are farther away than necessary."""
-    # Points on each wall, a tile's edge apart at most; every place on it is within half of that of one of them.
+    """Compute `Walls.first` and `Walls.near` for S walls; a few of the walls are farther away than necessary."""
+    # Points on each wall, at most a tile's edge apart: every place on it is within half of that of one of them.
     steps = np.ceil(np.linalg.norm(along, axis=1) / TILE).astype(np.int64)
     wall = np.repeat(np.arange(len(starts)), steps + 1)
     number = np.arange(len(wall)) - np.repeat(np.cumsum(steps + 1) - (steps + 1), steps + 1)
@@ -114,8 +114,8 @@ def _tiles(starts: np.ndarray, along: np.ndarray, tiles_down: int, tiles_across:
 
 @compiled(nogil=True)
 def _move(walls: Walls, x: float, y: float, dx: float, dy: float) -> tuple[float, float]:
-    """Move a point by (dx, dy), in cells; returns where it comes to rest."""
-    x, y = x + 1.0, y + 1.0  # the ring of cells
+    """Move a point by (dx, dy), in cells; returns its position afterwards."""
+    x, y = x + 1.0, y + 1.0  # the padding
     rows, columns = walls.free.shape
     if not (0.0 <= x < columns and 0.0 <= y < rows and walls.free[math.floor(y), math.floor(x)]):
         return x - 1.0, y - 1.0
@@ -133,8 +133,8 @@ def _move(walls: Walls, x: float, y: float, dx: float, dy: float) -> tuple[float
 def _approach(
     walls: Walls, x: float, y: float, to_x: float, to_y: float, from_x: float, from_y: float, distance: float
 ) -> tuple[float, float]:
-    """Bring a point as near to (to_x, to_y) as walls permit, and not farther than `distance` from (from_x, from_y)."""
-    wall = -1  # along which it slides
+    """Move a point as near to (to_x, to_y) as the walls permit, at most `distance` away from (from_x, from_y)."""
+    wall = -1  # the wall along which it slides
     for _ in range(MOST_LEGS):
         left_x, left_y = to_x - x, to_y - y
         left = math.hypot(left_x, left_y)
@@ -159,13 +159,13 @@ def _approach(
                 break
             wall = hit
         elif leg == end:
-            wall = -1  # round the corner there may be a straight way again
+            wall = -1  # beyond the wall's end the straight way may be free again
     return x, y
 
 
 @compiled(nogil=True)
 def _leads_into(walls: Walls, wall: int, other: int, left_x: float, left_y: float) -> bool:
-    """Whether the way along `wall`, with (left_x, left_y) left to go, leads behind the `other` one."""
+    """Whether sliding along `wall`, with the remaining way (left_x, left_y), leads behind the `other` wall."""
     ux, uy = walls.directions[wall]
     other_ux, other_uy = walls.directions[other]
     return (left_x * ux + left_y * uy) * (uy * other_ux - ux * other_uy) < 0.0
@@ -173,9 +173,9 @@ def _leads_into(walls: Walls, wall: int, other: int, left_x: float, left_y: floa
 
 @compiled(nogil=True)
 def _to_circle(x: float, y: float, heading_x: float, heading_y: float, radius: float) -> float:
-    """How far a point goes along a heading until it leaves the circle around the origin; it is not outside."""
+    """Distance from a point inside the circle around the origin, along a heading, to the circle."""
     along = x * heading_x + y * heading_y
-    # The margin is for rounding: a straight way ends on the circle.
+    # The margin is for rounding errors: a straight way ends on the circle.
     return math.sqrt(max(0.0, along * along + radius * radius - x * x - y * y)) - along + 1e-9
 
 
@@ -183,7 +183,7 @@ def _to_circle(x: float, y: float, heading_x: float, heading_y: float, radius: f
 def _first_wall(
     walls: Walls, x: float, y: float, heading_x: float, heading_y: float, leg: float, left_out: int
 ) -> tuple[int, float]:
-    """The wall that stops a point first within `leg` cells, -1 for none, and how far it goes until then."""
+    """The first wall that a point hits within `leg` cells, -1 for none, and the distance to it."""
     hit, way = -1, leg
     tile = int(y / TILE) * walls.tiles_across + int(x / TILE)
     for wall in walls.near[walls.first[tile] : walls.first[tile + 1]]:
@@ -204,7 +204,7 @@ def _first_wall(
 
 @compiled(nogil=True)
 def _before_walls(walls: Walls, x: float, y: float) -> tuple[float, float]:
-    """The nearest place to a point on free cells that is not behind a wall: the same place in most cases."""
+    """The place nearest to a point on free cells that is not behind a wall; usually the point itself."""
     nearest, side = math.inf, 0.0
     place_x, place_y = x, y
     tile = int(y / TILE) * walls.tiles_across + int(x / TILE)
@@ -215,11 +215,11 @@ def _before_walls(walls: Walls, x: float, y: float) -> tuple[float, float]:
         along = min(max(from_x * ux + from_y * uy, 0.0), walls.lengths[wall])
         wall_x, wall_y = walls.starts[wall, 0] + along * ux, walls.starts[wall, 1] + along * uy
         distance = math.hypot(wall_x - x, wall_y - y)
-        # Of two walls that meet in the nearest place, the one that is farther aside decides.
+        # If two walls meet at the nearest place, the one whose line is farther away decides.
         if distance > nearest + 1e-9 or (distance > nearest - 1e-9 and abs(before) <= abs(side)):
             continue
         if before < 0.0 and not is_clear(walls.free, x, y, wall_x, wall_y):
-            continue  # the back of another room's wall
+            continue  # a wall of another room, seen from behind
         nearest, side = distance, before
         place_x, place_y = wall_x - MARGIN * uy, wall_y + MARGIN * ux
     return (place_x, place_y) if side < 0.0 else (x, y)

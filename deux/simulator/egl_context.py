@@ -1,4 +1,4 @@
-"""Off-screen rendering of pyrender scenes by EGL, with corrections of what pyrender 0.1.45 gets wrong."""
+"""Off-screen rendering of pyrender scenes by EGL, with workarounds for errors of pyrender 0.1.45."""
 
 import os
 import sys
@@ -14,25 +14,22 @@ import numpy as np
 from deux.errors import DeuxError
 
 REMEDY = "install the Debian packages libegl1 and libgl1, or set simulator.renderer=embree."
-"""What a user can do who has no OpenGL."""
+"""The advice in messages if OpenGL is missing."""
 
 NO_PYRENDER = (3, 12)
-"""The first version of Python with which pyrender draws no textures."""
+"""The first version of Python in which pyrender does not work."""
 
 _creator: int | None = None
-"""The process that made the first context."""
+"""The id of the process that created the first context."""
 
 
 def check_not_forked(renderer: str) -> None:
-    """Refuse to use OpenGL in a process that was forked from one that has a context.
+    """Raise DeuxError in a process that was forked from one with an OpenGL context.
 
-    Mesa would wait forever for threads that the fork has left behind.
+    Mesa would wait forever for threads that do not exist in the forked process.
 
     Args:
-        renderer: the name of the renderer that is about to use it.
-
-    Raises:
-        DeuxError: this process was forked so.
+        renderer: the name of the renderer, for the message.
     """
     if _creator not in (None, os.getpid()):
         raise DeuxError(
@@ -42,16 +39,16 @@ def check_not_forked(renderer: str) -> None:
 
 
 def remember_process() -> None:
-    """Note that this process has an OpenGL context."""
+    """Record that this process has an OpenGL context; see `check_not_forked`."""
     global _creator
     _creator = os.getpid()
 
 
 def load_triton() -> None:
-    """Load torch's compiler before OpenGL.
+    """Load Triton before OpenGL.
 
-    torch loads it with its first optimizer. It has an LLVM of its own, as Mesa has, and loading it after Mesa's crashes
-    the process.
+    Torch would load it with its first optimizer. Triton and Mesa both contain LLVM, and loading Triton's after Mesa's
+    crashes the process.
     """
     with suppress(ImportError):
         import triton._C.libtriton  # noqa: F401
@@ -67,15 +64,15 @@ def load_pyrender() -> ModuleType:
         least = ".".join(map(str, NO_PYRENDER))
         raise DeuxError(
             f"simulator.renderer=pyrender does not work with Python {least} or later, because of PyOpenGL 3.1.0, which "
-            "pyrender 0.1.45 asks for: set simulator.renderer=gl or simulator.renderer=embree."
+            "pyrender 0.1.45 requires: set simulator.renderer=gl or simulator.renderer=embree."
         )
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
     load_triton()
-    # pyrender imports its viewer too, and that needs a library of X11 unless pyglet is told that there is no screen.
+    # pyrender imports its viewer, which needs an X11 library unless pyglet is in headless mode.
     os.environ.setdefault("PYGLET_HEADLESS", "true")
     try:
         import pyrender
-    # What a missing library raises depends on which one it is: PyOpenGL looks up names in the None that it loaded.
+    # The error depends on the missing library: PyOpenGL raises AttributeError for some of them.
     except (ImportError, AttributeError) as cause:
         raise DeuxError(f"simulator.renderer=pyrender cannot load OpenGL ({cause}): {REMEDY}") from cause
     module: ModuleType = pyrender
@@ -83,17 +80,16 @@ def load_pyrender() -> ModuleType:
 
 
 class EGLContext:
-    """An OpenGL context without a window. It belongs to the thread that made it.
+    """An off-screen OpenGL context, to be used only by the thread that created it.
 
-    Used in place of `pyrender.OffscreenRenderer`, which when it is deleted shuts down the display that every other
-    context of the process needs.
+    It replaces `pyrender.OffscreenRenderer`, whose deletion terminates the EGL display of all contexts in the process.
 
     Args:
         width: width of the image in pixels.
         height: height of the image in pixels.
 
     Raises:
-        DeuxError: the machine offers no such context, or this process was forked from one that has a context.
+        DeuxError: a context cannot be created, or this process was forked from one that has a context.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -106,7 +102,7 @@ class EGLContext:
         try:
             self._platform = EGLPlatform(width, height)
             self._platform.init_context()
-            # pyrender hands over textures without padding, but OpenGL expects rows of a multiple of four bytes.
+            # pyrender uploads textures without padding, but OpenGL's default alignment of rows is four bytes.
             glPixelStorei(GL_UNPACK_ALIGNMENT, 1)
             self._renderer = pyrender.Renderer(width, height)
         except (AssertionError, IndexError, ArgumentError, Error) as cause:
@@ -115,20 +111,20 @@ class EGLContext:
         weakref.finalize(self, _release, self._platform, self._renderer).atexit = False
 
     def render(self, scene: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Draw a `pyrender.Scene` unlit, both sides of each face.
+        """Render a `pyrender.Scene` unlit and without face culling.
 
         Returns:
             H x W x 3 uint8, and H x W float32 metres, 0 = none.
 
         Raises:
-            DeuxError: the driver refuses to draw.
+            DeuxError: OpenGL reports an error.
         """
         from OpenGL.error import Error
         from OpenGL.GL import glRenderbufferStorage
         from pyrender import RenderFlags
 
-        # pyrender draws with four samples a pixel and keeps the depth of the first, which is off the pixel's centre by
-        # (-0.125, +0.375): millimetres on slanted surfaces. One sample lies at the centre.
+        # pyrender renders four samples per pixel and returns the depth of the first, which is (-0.125, +0.375) pixels
+        # away from the pixel's centre: an error of millimetres on slanted surfaces. A single sample is at the centre.
         def single_sample(target: int, samples: int, storage: int, width: int, height: int) -> None:
             glRenderbufferStorage(target, storage, width, height)
 
@@ -138,16 +134,16 @@ class EGLContext:
             with patch("pyrender.renderer.glRenderbufferStorageMultisample", single_sample):
                 color, depth = self._renderer.render(scene, flags)
         except (ArgumentError, Error) as cause:
-            # These errors hold pointers and cannot be sent from a worker process.
-            said = " ".join(str(cause).split())
+            # These errors contain pointers and cannot be pickled by a worker process.
+            reason = " ".join(str(cause).split())
             raise DeuxError(
-                f"OpenGL refuses to draw ({said}): set simulator.renderer=gl or simulator.renderer=embree."
+                f"OpenGL cannot render ({reason}): set simulator.renderer=gl or simulator.renderer=embree."
             ) from cause
         return np.ascontiguousarray(color), np.ascontiguousarray(depth)
 
 
 def _release(platform: Any, renderer: Any) -> None:
-    """Free a context and what lies in it, but leave the display to the others."""
+    """Free a context and its objects, but not the display, which other contexts use."""
     from OpenGL.EGL import eglDestroyContext
 
     platform.make_current()

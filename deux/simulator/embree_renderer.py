@@ -1,4 +1,4 @@
-"""Rendering by ray casting on the CPU: exact depth, filtered textures, no system library."""
+"""Rendering by ray casting with Embree on the CPU: exact depth, filtered textures, no system libraries."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from deux.simulator.shading import Surfaces, prepare_surfaces, shade
 
 
 class EmbreeRenderer:
-    """Casts one ray through each pixel's centre with Embree and looks up the colour of what it hits.
+    """Casts one ray through the centre of each pixel, and shades the surface that it hits.
 
     Args:
-        mesh: what is drawn.
-        camera: the camera that sees it.
-        caster: rays against `mesh`, where there is one already.
+        mesh: the scene's mesh.
+        camera: the camera.
+        caster: a ray caster of `mesh` to reuse.
     """
 
     def __init__(self, mesh: SceneMesh, camera: Camera, caster: RayCaster | None = None) -> None:
@@ -30,17 +30,13 @@ class EmbreeRenderer:
         self._set_camera(camera)
 
     def another(self, camera: Camera) -> EmbreeRenderer:
-        """A renderer of the same mesh as another camera sees it; rays and textures are shared."""
+        """A renderer of the same mesh for another camera; it shares the ray caster and the textures."""
         renderer = copy.copy(self)
         renderer._set_camera(camera)
         return renderer
 
     def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
-        """Render from N x 4 x 4 camera-to-world matrices; without colours the textures are not touched.
-
-        Each pose is cast by itself: the rays of 4 or 16 poses in one call take as long at best, and a quarter longer
-        with images of 400 x 400 pixels.
-        """
+        """Render from N x 4 x 4 camera-to-world matrices, one pose at a time (casting several at once is slower)."""
         return [self._render(pose, colors, faces) for pose in poses]
 
     def _set_camera(self, camera: Camera) -> None:
@@ -62,7 +58,7 @@ class EmbreeRenderer:
         """The camera's rotation, its rays in the world, and what they hit."""
         rotation = np.ascontiguousarray(pose[:3, :3], dtype=np.float32)
         rays, origins = _world_rays(self._rays, rotation, pose[:3, 3].astype(np.float32))
-        # The camera's rays are one metre deep, not one metre long: the distance is the depth along the optical axis.
+        # The rays have a depth of 1, not a length of 1: their distance is the depth along the optical axis.
         return rotation, rays, self._model.caster.cast(origins, rays)
 
     def _depth(self, hits: Hits) -> np.ndarray:
@@ -73,7 +69,7 @@ class EmbreeRenderer:
 
 @dataclass
 class _Model:
-    """A mesh with what rendering needs of it, for all cameras that see it; colours are prepared on first use."""
+    """A mesh with its ray caster and surfaces, shared by all cameras; the surfaces are prepared on first use."""
 
     mesh: SceneMesh
     caster: RayCaster
@@ -83,10 +79,10 @@ class _Model:
         return prepare_surfaces(self.mesh)
 
 
-# By hand and not `rays @ rotation.T`: BLAS keeps its threads spinning for long after so small a product.
+# Not `rays @ rotation.T`: after a product this small, BLAS threads keep spinning for long.
 @compiled(nogil=True)
 def _world_rays(rays: np.ndarray, rotation: np.ndarray, centre: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Turn camera rays (N x 3 float32) into the world; also their origins, the camera's centre N times."""
+    """Rotate camera rays, N x 3 float32, into the world; returns directions and origins (the centre N times)."""
     directions = np.empty_like(rays)
     origins = np.empty_like(rays)
     for i in range(len(rays)):

@@ -1,4 +1,4 @@
-"""Clusters of neighbouring triangles, and which of them a camera may see."""
+"""Clusters of neighbouring triangles, with frustum and occlusion culling."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from deux.compilation import compiled
 from deux.contracts import SceneMesh
 from deux.geometry.camera import Camera
 
-_MARGIN = 1e-3  # metres by which boxes are taken to be larger, more than rounding in float32 moves a corner
-_LARGE = 0.5  # metres; the length of a triangle's box from which on it is large
-_NEAREST = 0.1  # share of the small triangles in view that are drawn first
-_TILE = 8  # pixels
+_MARGIN = 1e-3  # metres by which bounding boxes are enlarged, more than float32 rounding errors of corners
+_LARGE = 0.5  # metres; triangles with a larger bounding box count as large
+_NEAREST = 0.1  # fraction of the small triangles in view that are drawn first
+_TILE = 8  # pixels; edge of the tiles for occlusion culling
 
 
 class Clusters(NamedTuple):
-    """Triangles sorted such that neighbours in space follow each other, in C clusters.
+    """C clusters of neighbouring triangles, which are contiguous in a sorted order of all triangles.
 
     Args:
-        order: F int64, the mesh's face at each place of the sorted order.
-        first: C int64, the place at which each cluster begins.
+        order: F int64, the mesh's face at each position of the sorted order.
+        first: C int64, the position at which each cluster begins.
         size: C int64, number of its triangles.
-        large: C bool, whether its triangles are large: walls, floors and ceilings, which hide the most.
+        large: C bool, whether its triangles are large: walls, floors and ceilings, which occlude the most.
         center: C x 3 float64, centre of its bounding box in metres.
         extent: C x 3 float64, half the size of the box.
     """
@@ -37,9 +37,9 @@ class Clusters(NamedTuple):
 
 
 def make_clusters(mesh: SceneMesh, most: int = 64) -> Clusters:
-    """Halve the mesh at the median of its longest axis until no part has more than `most` triangles (a k-d tree).
+    """Cluster a mesh with a k-d tree: it is halved at the median of its longest axis, down to `most` triangles.
 
-    Triangles longer than `_LARGE` are in clusters of their own, as the boxes of small ones would grow by them.
+    Triangles larger than `_LARGE` are in separate clusters, because they would enlarge the boxes of small ones.
     """
     triangles = mesh.triangles
     large = np.ptp(triangles, axis=1).max(axis=1, initial=0.0) > _LARGE
@@ -70,21 +70,21 @@ def _halve(triangles: np.ndarray, chosen: np.ndarray, most: int) -> list[np.ndar
 
 
 def likely_occluders(clusters: Clusters, numbers: np.ndarray) -> np.ndarray:
-    """Which clusters are drawn first, because they may hide others: large triangles, and the nearest of the small ones.
+    """Select the clusters to draw first because they may occlude others: large triangles, and the nearest small ones.
 
     Args:
-        clusters: the triangles.
-        numbers: clusters that a camera may see, the nearest first.
+        clusters: the clusters.
+        numbers: N int64, indices of the clusters in view, the nearest first.
 
     Returns:
-        A mask of `numbers`.
+        N bool, a mask of `numbers`.
     """
     small = np.where(clusters.large[numbers], 0, clusters.size[numbers])
     return np.asarray(clusters.large[numbers] | (np.cumsum(small) <= _NEAREST * small.sum()))
 
 
 class Frustum:
-    """The part of space that a camera sees, without bounds in depth.
+    """The view frustum of a camera, unbounded in depth.
 
     Args:
         camera: the camera.
@@ -97,29 +97,29 @@ class Frustum:
         self._normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)  # inwards, in camera axes
 
     def within(self, clusters: Clusters, pose: np.ndarray) -> np.ndarray:
-        """Find the clusters whose boxes reach into the frustum, the nearest first.
+        """Find the clusters whose bounding boxes intersect the frustum, the nearest first.
 
         Args:
-            clusters: the triangles.
+            clusters: the clusters.
             pose: 4 x 4 camera-to-world.
 
         Returns:
-            Their numbers, int64.
+            Their indices, int64.
         """
         normals = self._normals @ pose[:3, :3].T
         return _within(clusters.center, clusters.extent, normals, np.ascontiguousarray(pose[:3, 3]))
 
     def not_hidden(self, clusters: Clusters, numbers: np.ndarray, pose: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """Drop the clusters whose boxes lie behind what is drawn already (N. Greene et al., SIGGRAPH 1993).
+        """Drop the clusters whose bounding boxes are behind the depth drawn so far (Greene et al., SIGGRAPH 1993).
 
         Args:
-            clusters: the triangles.
-            numbers: clusters that have not been drawn yet.
+            clusters: the clusters.
+            numbers: indices of clusters that have not been drawn yet.
             pose: 4 x 4 camera-to-world.
-            depth: H x W float32 metres, as drawn so far; 0 where there is nothing.
+            depth: H x W float32 metres, the depth drawn so far, 0 = none.
 
         Returns:
-            Those of `numbers` that may show in a pixel, in the same order.
+            The indices of clusters that may be visible, in the same order.
         """
         camera_from_world = np.linalg.inv(pose)
         camera = self._camera
@@ -130,8 +130,8 @@ class Frustum:
 
 @compiled(nogil=True)
 def _within(center: np.ndarray, extent: np.ndarray, normals: np.ndarray, eye: np.ndarray) -> np.ndarray:
-    """Boxes on the inner side of all planes through `eye`, by their distance to it."""
-    found = np.empty(len(center), np.int64)
+    """Indices of the boxes that reach to the inner side of all planes through `eye`, sorted by their distance to it."""
+    indices = np.empty(len(center), np.int64)
     distance = np.empty(len(center), np.float64)
     count = 0
     for i in range(len(center)):
@@ -148,14 +148,14 @@ def _within(center: np.ndarray, extent: np.ndarray, normals: np.ndarray, eye: np
             squared = 0.0
             for axis in range(3):
                 squared += max(0.0, abs(center[i, axis] - eye[axis]) - extent[i, axis]) ** 2
-            found[count], distance[count] = i, squared
+            indices[count], distance[count] = i, squared
             count += 1
-    return found[:count][np.argsort(distance[:count], kind="mergesort")]
+    return indices[:count][np.argsort(distance[:count], kind="mergesort")]
 
 
 @compiled(nogil=True)
 def _farthest(depth: np.ndarray) -> np.ndarray:
-    """The greatest depth in each tile of 8 x 8 pixels; infinite where there is nothing in one of them."""
+    """The greatest depth in each tile of 8 x 8 pixels; infinite if any of its pixels has no depth."""
     rows, columns = (depth.shape[0] + _TILE - 1) // _TILE, (depth.shape[1] + _TILE - 1) // _TILE
     farthest = np.zeros((rows, columns), np.float32)
     for row in range(depth.shape[0]):
@@ -176,7 +176,7 @@ def _hidden(
     lens: np.ndarray,
     farthest: np.ndarray,
 ) -> np.ndarray:
-    """Whether each box lies behind the farthest depth of all tiles that its image reaches into."""
+    """Whether each box is behind the farthest depth of all tiles that its projection touches."""
     hidden = np.zeros(len(numbers), np.bool_)
     rows, columns = farthest.shape
     corner = np.empty(3)

@@ -1,4 +1,4 @@
-"""OpenGL contexts of moderngl without a window: on the graphics card by EGL, or on the CPU by Mesa."""
+"""Off-screen OpenGL contexts of moderngl by EGL, on a GPU or, with Mesa, on the CPU."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from deux.simulator.egl_context import REMEDY, check_not_forked, load_triton, re
 if TYPE_CHECKING:
     import moderngl
 
-_VERSION = 430  # multi-draw from a buffer; the newest that Mesa and every driver of the last ten years have
+_VERSION = 430  # for indirect multi-draw; supported by Mesa and all drivers of the last ten years
 
 
 def load_moderngl() -> ModuleType:
@@ -35,11 +35,11 @@ def load_moderngl() -> ModuleType:
 class GLContext:
     """An OpenGL context that is current only inside `with`, so that any thread may use it, one at a time.
 
-    What is made in it is freed with it, and when it is no longer referred to.
+    Its objects are freed with the context, or by garbage collection.
 
     Raises:
-        DeuxError: moderngl or the system's OpenGL libraries are missing, the machine offers no such context, or this
-            process was forked from one that has a context.
+        DeuxError: moderngl or the system's OpenGL libraries are missing, a context cannot be created, or this process
+            was forked from one that has a context.
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class GLContext:
             raise DeuxError(f"simulator.renderer=gl cannot make an EGL context ({cause}): {REMEDY}") from cause
         remember_process()
         self.on_cpu = any(name in self.gl.info["GL_RENDERER"] for name in ("llvmpipe", "softpipe"))
-        self.gl.gc_mode = "context_gc"  # what is dropped outside `with` waits for the next `with`
+        self.gl.gc_mode = "context_gc"  # objects that are deleted outside `with` are freed by the next `with`
         self.gl.__exit__(None, None, None)
         weakref.finalize(self, _release, self.gl).atexit = False
 

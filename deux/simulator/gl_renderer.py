@@ -1,4 +1,4 @@
-"""Rendering by rasterisation with moderngl, on the graphics card where there is one."""
+"""Rendering by rasterisation with moderngl, on a GPU if there is one."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from deux.simulator.renderers import RenderedImage
 if TYPE_CHECKING:
     import moderngl
 
-NEAR_PLANE = 0.05  # metres; nearer surfaces are cut away, and the order of farther ones gets less sure as it shrinks
-_AT_ONCE = 16  # images that are drawn before the first of them is read
+NEAR_PLANE = 0.05  # metres; nearer surfaces are clipped; a smaller value reduces the precision of the depth buffer
+_AT_ONCE = 16  # images that are rendered before the first of them is read
 
 
 class GLRenderer:
-    """Draws a scene by OpenGL. The context is made by the first `render`, in the process that calls it.
+    """Renders a mesh by OpenGL. The context is created by the first call of `render`, in the calling process.
 
     Args:
-        mesh: what is drawn.
-        camera: the camera that sees it.
-        caster: not used, as OpenGL casts no rays.
+        mesh: the scene's mesh.
+        camera: the camera.
+        caster: not used.
 
     Raises:
         DeuxError: moderngl is not installed.
@@ -42,13 +42,13 @@ class GLRenderer:
         self._set_camera(camera)
 
     def another(self, camera: Camera) -> GLRenderer:
-        """A renderer of the same mesh as another camera sees it; the context and all that is in it are shared."""
+        """A renderer of the same mesh for another camera; it shares the OpenGL context and its objects."""
         renderer = copy.copy(self)
         renderer._set_camera(camera)
         return renderer
 
     def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
-        """Render from N x 4 x 4 camera-to-world matrices; while one image is read, others are still drawn.
+        """Render from N x 4 x 4 camera-to-world matrices; reading an image overlaps with rendering others.
 
         Raises:
             DeuxError: the system's OpenGL libraries are missing, or this process was forked from one that uses them.
@@ -79,7 +79,7 @@ class GLRenderer:
         matrices = [self._clip_from_camera @ np.linalg.inv(pose) for pose in poses]
         gl.enable_only(gl.DEPTH_TEST)
         if scene.context.on_cpu:
-            # Vertices and hidden surfaces cost more there than to look what the nearest ones have left open.
+            # On the CPU, occlusion culling costs less than processing the vertices and pixels of hidden surfaces.
             likely = [likely_occluders(clusters, numbers) for numbers in seen]
             scene.draw(targets, matrices, [numbers[first] for numbers, first in zip(seen, likely, strict=True)])
             seen = [
@@ -91,7 +91,7 @@ class GLRenderer:
 
 
 class _Model:
-    """A mesh, and what OpenGL needs of it, for all cameras that see it; made on first use."""
+    """A mesh and its OpenGL objects, shared by all cameras; these are created on first use."""
 
     def __init__(self, mesh: SceneMesh) -> None:
         self.mesh = mesh
@@ -102,7 +102,7 @@ class _Model:
 
 
 def _projection(camera: Camera, mesh: SceneMesh) -> np.ndarray:
-    """The matrix from camera axes to clip space, whose y points down as the image's rows do."""
+    """The 4 x 4 matrix from camera axes to clip space, whose y points down like the rows of images."""
     near = NEAR_PLANE
     far = max(camera.max_depth, float(np.linalg.norm(np.diff(mesh.bounds, axis=0)))) + 1.0
     x, y = 2 * camera.focal_length / camera.width, 2 * camera.focal_length / camera.height

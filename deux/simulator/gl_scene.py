@@ -1,4 +1,4 @@
-"""A mesh in the memory of OpenGL: corners, textures, and the draw calls of its clusters of triangles."""
+"""A mesh as OpenGL buffers and textures, and the draw calls of its clusters of triangles."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from deux.simulator.textures import pack_textures
 if TYPE_CHECKING:
     import moderngl
 
-_SIDE = 4096  # texels of a row, and rows of a layer, of the texture that holds all others; the shader knows it too
+_SIDE = 4096  # texels of a row, and rows of a layer, of the texture that contains all textures; as in the shader
 _CORNER = np.dtype([("position", "3f4"), ("uv", "2f4"), ("tint", "4u1"), ("texture", "2i4"), ("vertex_color", "4u1")])
-_BLOCK = 256  # rows that are converted at once; layers are a multiple of it
-_WHITE = np.full((1, 1, 3), 255, np.uint8)  # the texture of materials that have none
+_BLOCK = 256  # rows that are converted at once; divides the rows of a layer
+_WHITE = np.full((1, 1, 3), 255, np.uint8)  # the texture of materials without a texture
 
 
 class GLScene:
-    """One mesh in an OpenGL context, made once for all cameras.
+    """A mesh in an OpenGL context, shared by all cameras.
 
     Args:
-        mesh: what is drawn.
+        mesh: the scene's mesh.
 
     Raises:
-        DeuxError: there is no OpenGL, or its memory is too small for the textures.
+        DeuxError: OpenGL is not available, or its memory is too small for the textures.
     """
 
     def __init__(self, mesh: SceneMesh) -> None:
@@ -54,13 +54,13 @@ class GLScene:
         clusters: Sequence[np.ndarray],
         new: bool = True,
     ) -> None:
-        """Draw into each target; inside the context.
+        """Render N images; the context must be current.
 
         Args:
-            targets: what is drawn into; all of one kind, and at least as many as images.
-            clip_from_world: the 4 x 4 matrix of each image.
-            clusters: the numbers of the clusters that each image shows, in the order in which they are drawn.
-            new: whether new images begin; otherwise this is drawn beside what is there.
+            targets: at least N render targets, all with the same attachments.
+            clip_from_world: N 4 x 4 matrices.
+            clusters: indices of the clusters of each image, in the order of drawing.
+            new: whether to clear the targets first.
         """
         program, mesh = self._program(targets[0].colors, targets[0].faces)
         commands = self.context.gl.buffer(self._commands(np.concatenate(clusters)).tobytes() or bytes(1))
@@ -73,16 +73,16 @@ class GLScene:
             first += len(numbers)
 
     def _commands(self, clusters: np.ndarray) -> np.ndarray:
-        """What `glMultiDrawElementsIndirect` reads to draw these clusters in this order, N x 5 uint32."""
+        """The commands of `glMultiDrawElementsIndirect` that draw N clusters in this order, N x 5 uint32."""
         commands = np.zeros((len(clusters), 5), np.uint32)
         commands[:, 0] = 3 * self.clusters.size[clusters]
         commands[:, 1] = 1
         commands[:, 2] = 3 * self.clusters.first[clusters]
-        commands[:, 4] = clusters  # the instance, from which the shader knows the cluster's first face
+        commands[:, 4] = clusters  # the instance, which selects the cluster's first face
         return commands
 
     def _program(self, colors: bool, faces: bool) -> tuple[Any, moderngl.VertexArray]:
-        """The program that draws depth and what is asked for, and the mesh as its input."""
+        """The program that renders depth, and optionally colours and faces, with its vertex array."""
         if (colors, faces) not in self._programs:
             self._programs[colors, faces] = self._make_program(colors, faces)
         self._texels.use(0)
@@ -106,9 +106,9 @@ class GLScene:
 
 
 def _corners(mesh: SceneMesh, clusters: Clusters, pyramids: TexturePyramids) -> tuple[np.ndarray, np.ndarray]:
-    """The mesh's distinct corners in the order in which they are first drawn, and the corners of each face.
+    """The vertex buffer with duplicate corners removed, in the order of first use, and the index buffer.
 
-    Corners at a vertex that look like the one that comes last there share an entry with it; any other has its own.
+    Of the corners at a vertex only those equal to the last one are merged, which is sufficient and fast.
     """
     vertex = mesh.faces[clusters.order].reshape(-1)
     material = np.repeat(mesh.face_material[clusters.order], 3)
@@ -127,25 +127,25 @@ def _corners(mesh: SceneMesh, clusters: Clusters, pyramids: TexturePyramids) -> 
     shared = last[vertex]
     bits = corners.view(np.int32).reshape(len(corners), -1)
     entry = np.where((bits == bits[shared]).all(axis=1), shared, entry)
-    kept, first_use, number = np.unique(entry, return_index=True, return_inverse=True)
+    entries, first_use, number = np.unique(entry, return_index=True, return_inverse=True)
     drawn = np.argsort(first_use)
     place = np.empty_like(drawn)
     place[drawn] = np.arange(len(drawn))
-    return corners[kept[drawn]], place[number].astype(np.uint32)
+    return corners[entries[drawn]], place[number].astype(np.uint32)
 
 
 def _texture_of_material(pyramids: TexturePyramids) -> np.ndarray:
-    """The number of each material's texture, and its width | height << 16; M x 2 int32."""
+    """The index of each material's texture, and its width | height << 16; M x 2 int32."""
     sizes = np.concatenate([pyramids.sizes, [_WHITE.shape[:2]]])
     number = np.asarray(pyramids.material_texture)
     return np.stack([np.where(number < 0, len(pyramids.sizes), number), sizes[number, 1] | sizes[number, 0] << 16], 1)
 
 
 def _upload_level_starts(gl: moderngl.Context, pyramids: TexturePyramids) -> moderngl.Texture:
-    """A table of where each level of each texture begins, in texels; its last row is the white one."""
+    """Upload the first texel of each level of each texture; the last row is the white texture."""
     starts = np.pad(np.asarray(pyramids.offsets) // 3, ((0, 1), (0, 1)), constant_values=-1)
     starts[-1] = len(pyramids.texels) // 3
-    # The level beyond the last one is read with weight 0.
+    # The shader reads the level beyond the last one with weight 0.
     starts = np.maximum.accumulate(starts, axis=1).astype(np.int32)
     table = gl.texture(starts.shape[::-1], 1, starts.tobytes(), dtype="i4")
     table.filter = gl.NEAREST, gl.NEAREST
@@ -153,7 +153,7 @@ def _upload_level_starts(gl: moderngl.Context, pyramids: TexturePyramids) -> mod
 
 
 def _upload_texels(gl: moderngl.Context, pyramids: TexturePyramids) -> moderngl.TextureArray:
-    """All pyramids one after the other, row by row and layer by layer, as RGBA; at the end the white texture."""
+    """Upload the texels of all pyramids as RGBA, row by row and layer by layer, with the white texture at the end."""
     texels = pyramids.texels.reshape(-1, 3)
     rows = -(-(len(texels) + 1) // _SIDE)
     height = min(rows, _SIDE)
@@ -162,10 +162,10 @@ def _upload_texels(gl: moderngl.Context, pyramids: TexturePyramids) -> moderngl.
         texture = gl.texture_array(size, 4)
     except Exception as cause:  # moderngl raises plain exceptions
         raise DeuxError(
-            f"simulator.renderer=gl has no room for {len(texels):,} texels ({cause}): set simulator.renderer=embree."
+            f"simulator.renderer=gl cannot store {len(texels):,} texels ({cause}): set simulator.renderer=embree."
         ) from cause
     texture.filter = gl.NEAREST, gl.NEAREST
-    # One texel beyond the last is the white texture.
+    # The texel after the last one is the white texture.
     for row in range(0, rows, _BLOCK):
         count = min(_BLOCK, rows - row)
         part = texels[row * _SIDE : (row + count) * _SIDE]

@@ -1,4 +1,4 @@
-"""The shaders of the renderer `gl`: depth, colours as `deux.simulator.shading` defines them, and numbers of faces."""
+"""The shaders of the renderer `gl`: depth, colours as in `deux.simulator.shading`, and indices of faces."""
 
 _VERTEX = """
 uniform mat4 clip_from_world;
@@ -103,11 +103,11 @@ void main() {
 
 
 def shaders(colors: bool, faces: bool, vertex_colors: bool) -> tuple[str, str]:
-    """The sources of the vertex shader and of the fragment shader.
+    """The source code of the vertex shader and the fragment shader.
 
     Args:
-        colors: whether the second attachment is drawn, RGBA in [0, 1].
-        faces: whether the last attachment is drawn, the place of the face in the order in which faces are drawn.
+        colors: whether the second attachment is colours, RGBA in [0, 1].
+        faces: whether the last attachment is faces, by their position in the order of drawing.
         vertex_colors: whether vertices have colours.
     """
     defines = ["#version 430"]

@@ -1,4 +1,4 @@
-"""The memory of OpenGL that an image is drawn into, and reading it."""
+"""OpenGL framebuffers, and reading images from them."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 class RenderTarget:
-    """What one image is drawn into.
+    """The framebuffer of one image.
 
     Args:
         gl: the context, which must be current at each call.
-        camera: whose image it is.
-        colors: whether colours are drawn beside the depth.
-        faces: whether the numbers of faces are drawn.
+        camera: the camera, which determines the size.
+        colors: whether it has an attachment for colours beside the depth.
+        faces: whether it has an attachment for faces.
     """
 
     def __init__(self, gl: moderngl.Context, camera: Camera, colors: bool, faces: bool) -> None:
@@ -35,27 +35,27 @@ class RenderTarget:
         self.frame = gl.framebuffer(attachments, gl.depth_renderbuffer(size))
 
     def begin(self, new: bool) -> None:
-        """Draw into this from now on.
+        """Make this framebuffer the target of drawing.
 
         Args:
-            new: whether a new image begins, with nothing in it.
+            new: whether to clear it.
         """
         self.frame.use()
         if new:
             self.frame.clear(depth=1.0)
 
     def depth(self) -> np.ndarray:
-        """The depth that is drawn so far, H x W float32 metres, 0 where there is nothing."""
+        """The depth drawn so far, H x W float32 metres, 0 = none."""
         depth = np.empty((self._depth.height, self._depth.width), np.float32)
         self._depth.read_into(depth)
         return depth
 
     def read(self, camera: Camera, face_order: np.ndarray) -> RenderedImage:
-        """Wait until the image is drawn and copy it to arrays of its own.
+        """Wait for the image and copy it to arrays.
 
         Args:
-            camera: whose range the depth is limited to.
-            face_order: the mesh's face at each place of the order in which faces are drawn.
+            camera: the camera, to whose range the depth is limited.
+            face_order: the mesh's face at each position of the order of drawing.
         """
         shape = camera.height, camera.width
         depth = self.depth()

@@ -1,4 +1,4 @@
-"""The built-in simulator: a robot in a scene that is a mesh, without physics or noise."""
+"""The built-in simulator: a robot in a mesh scene, without physics or noise."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -24,20 +24,19 @@ NO_COLORS = np.zeros((0, 0, 3), np.uint8)
 class MeshSimulator(Simulator):
     """One robot in one scene that can be loaded as a mesh.
 
-    The robot moves exactly as it is told, slides along walls and keeps its camera level, `robot.camera_height` above
-    the surface that it stands on: on stairs and ramps it rises with the floor. Renderers, free floors and objects are
-    made on first use; of a scene with several floors the free floors are made at once, as they decide which one
-    `scene.area` chooses.
+    The robot executes actions exactly, slides along walls and keeps its camera level, `robot.camera_height` above the
+    surface under it, also on stairs and ramps. Renderers, free spaces and objects are computed on first use; only if
+    the scene has several floors are their free spaces computed at once, to choose a floor by `scene.area`.
 
     Args:
-        scene: where the robot is; it is loaded at once.
-        camera: its camera.
-        robot: its body and motion.
-        colors: whether colours will be asked for; a scene without its textures takes a tenth of the memory.
-        renderer: what draws: Embree's rays on the CPU, or OpenGL by moderngl or pyrender, which need system libraries.
+        scene: the scene, which is loaded at once.
+        camera: the robot's camera.
+        robot: the robot's body and motion.
+        colors: whether colours will be rendered; without textures a scene takes a tenth of the memory.
+        renderer: Embree's ray casting on the CPU, or OpenGL by moderngl or pyrender, which need system libraries.
 
     Raises:
-        DeuxError: the scene cannot be loaded, or has no such floor as `scene.area` asks for.
+        DeuxError: the scene cannot be loaded, or has no such floor as `scene.area` selects.
     """
 
     def __init__(
@@ -57,11 +56,11 @@ class MeshSimulator(Simulator):
         self.scene, self.camera, self.robot = scene, camera, robot
         self.floors, self.label_names = shared.floors.floors, shared.scene.mesh.label_names
         self._shared = shared
-        self._place: tuple[float, float, float, int] | None = None  # x and z from the mesh's origin, yaw, floor
+        self._state: tuple[float, float, float, int] | None = None  # x and z from the mesh's origin, yaw, floor
 
     @property
     def object_labels(self) -> tuple[str, ...]:
-        """The label of each object; they are told apart when they are first asked for."""
+        """The label of each object; objects are segmented on first use."""
         return self._shared.objects.labels
 
     def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
@@ -74,14 +73,14 @@ class MeshSimulator(Simulator):
         here_x, here_z = x - origin_x, z - origin_z
         if not self._shared.body(floor).stands_at(here_x, here_z):
             raise DeuxError(
-                f"the robot cannot stand at x={x:.3f}, z={z:.3f} in {self.scene.name}: the point is not on the free "
-                f"floor, take one of simulator.free_space() or of random_starts()."
+                f"the robot cannot stand at x={x:.3f}, z={z:.3f} in {self.scene.name}, which is not on the free "
+                f"floor: choose a point of simulator.free_space() or random_starts()."
             )
-        self._place = (here_x, here_z, yaw, floor)
+        self._state = (here_x, here_z, yaw, floor)
 
     def step(self, action: Action) -> bool:
-        """Carry out one action; true if the robot touched something and moved less than it was told to."""
-        x, z, yaw, floor = self._standing
+        """Carry out one action; true if the robot collided and moved less than the action's distance."""
+        x, z, yaw, floor = self._current_state
         collided = False
         if action == Action.FORWARD:
             x, z, collided = self._shared.body(floor).move(x, z, yaw, self.robot.forward_step)
@@ -89,19 +88,19 @@ class MeshSimulator(Simulator):
             yaw += math.radians(self.robot.turn_angle)
         elif action == Action.RIGHT:
             yaw -= math.radians(self.robot.turn_angle)
-        self._place = (x, z, yaw, floor)
+        self._state = (x, z, yaw, floor)
         return collided
 
     @property
     def pose(self) -> np.ndarray:
-        """The camera's present camera-to-world matrix, 4 x 4 float64."""
-        x, z, yaw, floor = self._standing
+        """The camera's current camera-to-world matrix, 4 x 4 float64."""
+        x, z, yaw, floor = self._current_state
         mesh_x, mesh_y, mesh_z = self._shared.scene.mesh.origin
         height = self._shared.floors.mesh_space(floor).height_at(x, z) + self.robot.camera_height
         return camera_pose(x + mesh_x, height + mesh_y, z + mesh_z, yaw)
 
     def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
-        """What the camera records at each of N x 4 x 4 poses; the robot stays where it is.
+        """Render the camera's frames at N x 4 x 4 camera-to-world poses; the robot does not move.
 
         Raises:
             DeuxError: the renderer's system libraries are missing.
@@ -113,7 +112,7 @@ class MeshSimulator(Simulator):
         return [self._frame(image, pose, channels) for image, pose in zip(images, poses, strict=True)]
 
     def free_space(self, floor: int = 0) -> FreeSpace:
-        """The connected free part of a floor that `scene.area` chooses. Privileged: no agent sees it unasked.
+        """The connected free part of a floor that `scene.area` selects. Privileged information for explorers.
 
         Raises:
             DeuxError: the robot fits nowhere on it, or there is no such floor.
@@ -121,16 +120,16 @@ class MeshSimulator(Simulator):
         return self._shared.floors.free_space(floor)
 
     def another(self, camera: Camera | None = None) -> "MeshSimulator":
-        """A further robot in the same scene, with this camera or another one; what is loaded is shared, not copied."""
+        """A further robot in the same scene, with this camera or another one; both share the loaded scene."""
         simulator = MeshSimulator.__new__(MeshSimulator)
         simulator._begin(self.scene, camera or self.camera, self.robot, self._shared)
         return simulator
 
     @property
-    def _standing(self) -> tuple[float, float, float, int]:
-        if self._place is None:
+    def _current_state(self) -> tuple[float, float, float, int]:
+        if self._state is None:
             raise DeuxError(f"the robot is not in {self.scene.name} yet: call reset() with a place first.")
-        return self._place
+        return self._state
 
     def _frame(self, image: RenderedImage, pose: np.ndarray, channels: Channels) -> Frame:
         labels = objects = None
@@ -143,9 +142,9 @@ class MeshSimulator(Simulator):
 
 @dataclass
 class _SharedScene:
-    """A loaded scene and what is made of it on first use, for all robots in it and all their cameras.
+    """A loaded scene and everything computed from it on first use, shared by all robots in it and their cameras.
 
-    Bodies and renderers count places from the mesh's origin, for which float32 is fine enough, not from the world's.
+    Bodies and renderers use positions relative to the mesh's origin, for which float32 is precise enough.
     """
 
     reference: SceneReference
@@ -180,7 +179,7 @@ class _SharedScene:
     def objects(self) -> SceneObjects:
         return find_objects(self.scene.mesh)
 
-    # Face -1, "none", is the last one.
+    # The last entry is for face -1, "none".
     @cached_property
     def label_of_face(self) -> np.ndarray:
         return np.append(self.scene.mesh.face_label, -1).astype(np.int32)

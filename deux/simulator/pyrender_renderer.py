@@ -1,4 +1,4 @@
-"""Rendering by rasterisation with pyrender, on the graphics card where there is one."""
+"""Rendering by rasterisation with pyrender, on a GPU if there is one."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from deux.scenes.ray_caster import RayCaster
 from deux.simulator.egl_context import EGLContext, load_pyrender
 from deux.simulator.renderers import RenderedImage
 
-NEAR_PLANE = 0.05  # metres; nearer surfaces are cut away, and depth gets coarser in proportion as it shrinks
+NEAR_PLANE = 0.05  # metres; nearer surfaces are clipped; a smaller value reduces the precision of the depth
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # camera axes: OpenGL's y points up, its z backwards
 
 
 class PyrenderRenderer:
-    """Draws a scene by OpenGL. The context is made by the first `render`, in the process and thread that calls it.
+    """Renders a mesh by OpenGL. The context is created by the first call of `render`, in the calling thread.
 
     Args:
-        mesh: what is drawn.
-        camera: the camera that sees it.
-        caster: not used, as OpenGL casts no rays.
+        mesh: the scene's mesh.
+        camera: the camera.
+        caster: not used.
 
     Raises:
         DeuxError: the system's OpenGL libraries are missing.
@@ -41,7 +41,7 @@ class PyrenderRenderer:
         lens = pyrender.IntrinsicsCamera(
             camera.focal_length,
             camera.focal_length,
-            # OpenGL counts from the edge of the first pixel, not from its centre.
+            # In OpenGL the origin is the edge of the first pixel, not its centre.
             camera.width / 2,
             camera.height / 2,
             znear=NEAR_PLANE,
@@ -50,11 +50,11 @@ class PyrenderRenderer:
         self._lens = self._scene.add(lens)
 
     def another(self, camera: Camera) -> PyrenderRenderer:
-        """A renderer of the same mesh as another camera sees it, with an OpenGL context and textures of its own."""
+        """A renderer of the same mesh for another camera, with a separate OpenGL context and textures."""
         return PyrenderRenderer(self._mesh, camera)
 
     def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
-        """Render from N x 4 x 4 camera-to-world matrices; OpenGL draws the colours all the same."""
+        """Render from N x 4 x 4 camera-to-world matrices; without `colors`, colours are rendered but not returned."""
         return [self._render(pose, colors, faces) for pose in poses]
 
     def _render(self, pose: np.ndarray, colors: bool, faces: bool) -> RenderedImage:
@@ -66,7 +66,7 @@ class PyrenderRenderer:
         return RenderedImage(depth, rgb if colors else None, self._draw_faces() if faces else None)
 
     def _draw_faces(self) -> np.ndarray:
-        """Draw the scene again, each face in a colour of its own, as the camera stands."""
+        """Render the scene again from the current pose with a unique colour for each face."""
         assert self._context is not None
         if self._face_surface is None:
             self._face_surface = _face_surface(self._mesh)
@@ -78,7 +78,7 @@ class PyrenderRenderer:
 
 
 def _colored_surfaces(mesh: SceneMesh) -> Any:
-    """The mesh in as many pieces as it has textures: each piece costs a draw call, each copy of a texture memory."""
+    """The mesh in one piece for each texture, to save draw calls and copies of textures."""
     pyrender = load_pyrender()
     textures = {id(material.texture): material.texture for material in mesh.materials}
     texture_of_face = np.array([id(material.texture) for material in mesh.materials])[mesh.face_material]
@@ -104,7 +104,7 @@ def _colored_surfaces(mesh: SceneMesh) -> Any:
 
 
 def _face_surface(mesh: SceneMesh) -> Any:
-    """The mesh in one piece, each face of the one colour that spells its number + 1 in base 256."""
+    """The mesh in one piece, with the index of each face + 1 as its colour, in base 256."""
     pyrender = load_pyrender()
     number = np.repeat(np.arange(1, len(mesh.faces) + 1), 3)
     code = np.stack([number & 255, number >> 8 & 255, number >> 16 & 255], axis=-1)

@@ -1,4 +1,4 @@
-"""What the renderers have in common, and how one is made by its name."""
+"""The interface of the renderers, and their factory."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ RENDERERS = {
     "gl": "deux.simulator.gl_renderer:GLRenderer",
     "pyrender": "deux.simulator.pyrender_renderer:PyrenderRenderer",
 }
-"""The renderers by name, imported only when chosen, so that one works without the other's libraries."""
+"""The renderers by name, imported only when chosen, so that each works without the libraries of the others."""
 
 
 class RenderedImage(NamedTuple):
-    """What a camera sees.
+    """A rendered image.
 
     Args:
-        depth: H x W float32, metres along the optical axis; 0 where there is nothing in the camera's range.
-        rgb: H x W x 3 uint8, black where the camera sees nothing; None unless asked for.
-        face: H x W int32, the mesh's face that each pixel shows, -1 where there is none; None unless asked for.
+        depth: H x W float32, metres along the optical axis; 0 if there is no surface in the camera's range.
+        rgb: H x W x 3 uint8, black if there is no surface; None unless requested.
+        face: H x W int32, index of the mesh's face at each pixel, -1 for none; None unless requested.
     """
 
     depth: np.ndarray
@@ -35,16 +35,16 @@ class RenderedImage(NamedTuple):
 
 
 class Renderer(Protocol):
-    """Draws one mesh as one camera sees it: surfaces unlit, both sides visible."""
+    """Renders one mesh for one camera: unlit, with both sides of surfaces visible."""
 
     def render(self, poses: np.ndarray, colors: bool = True, faces: bool = False) -> list[RenderedImage]:
-        """Render from N x 4 x 4 camera-to-world matrices (OpenCV camera axes, metres), and only what is asked for.
+        """Render from N x 4 x 4 camera-to-world matrices (OpenCV camera axes, metres).
 
-        An image depends on its own pose alone, to the last bit.
+        An image depends only on its own pose, bit by bit, and not on the other poses.
         """
 
     def another(self, camera: Camera) -> Renderer:
-        """A renderer of the same mesh as another camera sees it; what can be shared is not prepared again."""
+        """A renderer of the same mesh for another camera; prepared data are shared if possible."""
 
 
 def make_renderer(name: str, mesh: SceneMesh, camera: Camera, caster: RayCaster | None = None) -> Renderer:
@@ -52,9 +52,9 @@ def make_renderer(name: str, mesh: SceneMesh, camera: Camera, caster: RayCaster 
 
     Args:
         name: one of `RENDERERS`.
-        mesh: what is drawn.
-        camera: the camera that sees it.
-        caster: rays against `mesh`, where there is one already.
+        mesh: the scene's mesh.
+        camera: the camera.
+        caster: a ray caster of `mesh` to reuse.
 
     Raises:
         DeuxError: the name is unknown, or the renderer's system libraries are missing.

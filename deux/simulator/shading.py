@@ -1,4 +1,4 @@
-"""Unlit shading of ray hits: texture x base colour x vertex colour of the triangle that each ray hit."""
+"""Unlit shading of ray hits: texture x base colour x vertex colour."""
 
 import math
 from typing import NamedTuple
@@ -10,18 +10,18 @@ from deux.contracts import SceneMesh
 from deux.geometry.texture_pyramids import TexturePyramids
 from deux.simulator.textures import pack_textures, trilinear_lookup
 
-_BLOCK = 100_000  # triangles whose float64 arrays are in memory at once
+_BLOCK = 100_000  # triangles that are processed at once in float64, to limit memory
 
 
 class Surfaces(NamedTuple):
-    """What shading needs to know of F triangles and M materials.
+    """The inputs of shading for F triangles and M materials.
 
     Args:
         uv: F x 3 x 2 float32, texture coordinates of the corners.
         normal: F x 3 float32, unit normals.
-        uv_gradient: F x 2 x 3 float32, how u and v change per metre in the triangle's plane.
+        uv_gradient: F x 2 x 3 float32, gradients of u and v per metre in the triangle's plane.
         material: F int32.
-        corner_color: F x 3 x 3 uint8, colours of the corners; 0 x 3 x 3 where the mesh has none.
+        corner_color: F x 3 x 3 uint8, colours of the corners; 0 x 3 x 3 if the mesh has none.
         base_color: M x 3 float32, 0 to 255.
         textures: the materials' textures.
     """
@@ -36,8 +36,8 @@ class Surfaces(NamedTuple):
 
 
 def prepare_surfaces(mesh: SceneMesh) -> Surfaces:
-    """Compute what shading needs from a mesh, once per scene."""
-    # A lookup at a coordinate that is not a number would read outside the texture.
+    """Compute the inputs of shading from a mesh."""
+    # A lookup at NaN would read outside of the texture.
     uv = np.nan_to_num(mesh.uv, posinf=0.0, neginf=0.0)
     normal = np.empty((len(mesh.faces), 3), np.float32)
     gradient = np.empty((len(mesh.faces), 2, 3), np.float32)
@@ -57,13 +57,13 @@ def prepare_surfaces(mesh: SceneMesh) -> Surfaces:
 
 
 def _normal_and_gradient(corners: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals (F x 3) of triangles, and how u and v change per metre in their planes (F x 2 x 3), float64."""
+    """Unit normals of triangles (F x 3), and gradients of u and v per metre in their planes (F x 2 x 3), float64."""
     corners, uv = corners.astype(np.float64), uv.astype(np.float64)
     first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     normal = np.cross(first, second)
-    # No ray hits a triangle without area; the lower bound only keeps its gradient finite.
+    # The bound keeps the gradient of triangles without area finite; no ray hits them.
     squared = np.maximum((normal**2).sum(axis=1, keepdims=True), 1e-30)
-    # The dual basis of the two edges: it turns a step in the plane into a step in barycentric coordinates.
+    # The dual basis of the two edges transforms a step in the plane to a step in barycentric coordinates.
     dual = np.stack([np.cross(second, normal), np.cross(normal, first)], axis=1) / squared[..., None]
     gradient = np.einsum("fec,fex->fcx", uv[:, 1:] - uv[:, :1], dual)
     return normal / np.sqrt(squared), gradient
@@ -80,19 +80,19 @@ def mip_level(
     height: int,
     width: int,
 ) -> float:
-    """Binary logarithm of a pixel's footprint in texels: the level of detail as OpenGL defines it.
+    """The mip level at a hit as OpenGL defines it: the binary logarithm of a pixel's footprint in texels.
 
-    The hit point P = depth x ray stays in the triangle's plane when the ray moves on by one pixel, so
-    dP/dx = depth (right - ray (normal . right) / (normal . ray)); the texture coordinates move by gradient . dP/dx.
+    When the ray moves by one pixel, the hit point P = depth x ray stays in the triangle's plane, so
+    dP/dx = depth (right - ray (normal . right) / (normal . ray)); the texture coordinates change by gradient . dP/dx.
     The footprint is the longer of the steps along x and along y.
 
     Args:
-        ray: 3, the pixel's direction in the world, one metre deep.
-        right: 3, how `ray` changes to the next pixel on the right.
-        down: 3, how `ray` changes to the next pixel below.
+        ray: 3, the pixel's direction in the world, with a depth of 1.
+        right: 3, the difference of `ray` to the next pixel on the right.
+        down: 3, the difference of `ray` to the next pixel below.
         depth: depth of the hit in metres.
         normal: 3, the triangle's normal.
-        gradient: 2 x 3, how u and v change per metre.
+        gradient: 2 x 3, gradients of u and v per metre.
         height: height of the texture in texels.
         width: width of the texture in texels.
     """
@@ -101,7 +101,7 @@ def mip_level(
         facing = 1e-6
     u_ray = gradient[0, 0] * ray[0] + gradient[0, 1] * ray[1] + gradient[0, 2] * ray[2]
     v_ray = gradient[1, 0] * ray[0] + gradient[1, 1] * ray[1] + gradient[1, 2] * ray[2]
-    longest = 1e-12  # squared; the logarithm of 0 is no level
+    longest = 1e-12  # squared; above 0 for the logarithm
     for step in (right, down):
         slope = (normal[0] * step[0] + normal[1] * step[1] + normal[2] * step[2]) / facing
         du = gradient[0, 0] * step[0] + gradient[0, 1] * step[1] + gradient[0, 2] * step[2] - slope * u_ray
@@ -120,16 +120,16 @@ def shade(
     down: np.ndarray,
     surfaces: Surfaces,
 ) -> np.ndarray:
-    """Colours of N hits, N x 3 uint8; black where `face` is -1.
+    """Compute the colours of N hits, N x 3 uint8; black if `face` is -1.
 
     Args:
         face: N int32, the triangle hit.
         barycentric: N x 2 float32, weights of the triangle's second and third corner.
         depth: N float32, metres.
-        rays: N x 3 float32, directions in the world, one metre deep.
-        right: 3 float32, how a ray changes to the next pixel on the right.
-        down: 3 float32, how a ray changes to the next pixel below.
-        surfaces: the scene.
+        rays: N x 3 float32, directions in the world, with a depth of 1.
+        right: 3 float32, the difference of a ray to the next pixel on the right.
+        down: 3 float32, the difference of a ray to the next pixel below.
+        surfaces: the surfaces of the scene.
     """
     textures = surfaces.textures
     colors = np.zeros((face.size, 3), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""The factory of simulators: which one is made, with which camera and robot."""
+"""The factory of simulators with a given camera and robot."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -10,12 +10,12 @@ from deux.registry import PluginChoice
 
 @dataclass(frozen=True)
 class Simulation:
-    """Makes the simulators of scenes; it travels to other processes.
+    """Makes simulators of scenes; it can be sent to other processes.
 
     Args:
         camera: the robots' camera.
-        robot: their body and motion.
-        simulator: the simulator with its options.
+        robot: the robots' body and motion.
+        simulator: the simulator plugin with its options.
     """
 
     camera: Camera
@@ -23,7 +23,7 @@ class Simulation:
     simulator: PluginChoice
 
     def make(self, scene: SceneReference, colors: bool = True) -> Simulator:
-        """A robot in a scene, which is loaded.
+        """Make the simulator of a scene, which is loaded.
 
         Raises:
             DeuxError: the scene cannot be loaded.
@@ -32,7 +32,7 @@ class Simulation:
         return made
 
     def description(self) -> dict[str, Any]:
-        """All that frames depend on besides scene and pose, as JSON values."""
+        """Everything that frames depend on besides scene and pose, as JSON values."""
         return {
             "camera": asdict(self.camera),
             "robot": asdict(self.robot),

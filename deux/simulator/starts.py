@@ -7,28 +7,28 @@ import numpy as np
 from deux.errors import DeuxError, sizes
 from deux.geometry.grid import FreeSpace
 
-PREFERRED_CLEARANCE = 0.3  # metres: from here the camera does not begin with its nose at a wall
+PREFERRED_CLEARANCE = 0.3  # metres; starts keep this distance from obstacles if possible
 
 
 def random_starts(free_space: FreeSpace, count: int, rng: np.random.Generator) -> list[tuple[float, float, float]]:
-    """Draw places on the free floor, uniformly where there is some room around the robot.
+    """Draw random poses, uniformly from the free cells with enough clearance.
 
-    That is a clearance of `PREFERRED_CLEARANCE`, or of the floor's median clearance where that is less.
+    The clearance must be at least `PREFERRED_CLEARANCE`, or the floor's median clearance if that is less.
 
     Args:
         free_space: the free floor.
-        count: how many.
-        rng: decides everything; the same generator state gives the same places.
+        count: number of poses.
+        rng: the random generator.
 
     Returns:
-        (x, z, yaw): world metres, anywhere in a free cell, and radians in [-pi, pi).
+        (x, z, yaw) of each: world metres, anywhere in a free cell, and radians in [-pi, pi).
 
     Raises:
         DeuxError: no cell is free.
     """
     if not free_space.free.any():
         size = sizes(free_space.free.shape)
-        raise DeuxError(f"the free space of {size} cells has no free one: the robot fits nowhere on this floor.")
+        raise DeuxError(f"none of the {size} cells of the free space is free: the robot fits nowhere on this floor.")
     median = float(np.median(free_space.clearance[free_space.free]))
     roomy = free_space.free & (free_space.clearance >= min(PREFERRED_CLEARANCE, median))
     cells = np.argwhere(roomy)[rng.integers(roomy.sum(), size=count)]

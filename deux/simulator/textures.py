@@ -1,4 +1,4 @@
-"""The mip pyramids of all textures of a scene, and trilinear lookup into them."""
+"""Mip pyramids of a scene's textures, and trilinear texture lookup."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from deux.geometry.texture_pyramids import TexturePyramids, pack_pyramids
 
 
 def pack_textures(materials: Sequence[Material]) -> TexturePyramids:
-    """Build the pyramids of all textures of `materials`; a texture that several share is stored once."""
+    """Build the mip pyramids of all textures of the materials; a shared texture is stored once."""
     textures: list[np.ndarray] = []
     index: dict[int, int] = {}
     material_texture = [-1] * len(materials)
@@ -27,7 +27,7 @@ def pack_textures(materials: Sequence[Material]) -> TexturePyramids:
 def bilinear_lookup(
     texels: np.ndarray, offset: int, height: int, width: int, s: float, t: float
 ) -> tuple[float, float, float]:
-    """Colour (0 to 255) at texture coordinates (s, t) in one level that starts at `offset`, repeated, t up.
+    """Colour (0 to 255) at texture coordinates (s, t) in one level that starts at `offset`; repeated, with t up.
 
     Texel (row, column) has its centre at s = (column + 0.5) / width, t = 1 - (row + 0.5) / height.
     """
@@ -56,7 +56,7 @@ def bilinear_lookup(
 def trilinear_lookup(
     texels: np.ndarray, offsets: np.ndarray, height: int, width: int, s: float, t: float, level: float
 ) -> tuple[float, float, float]:
-    """Colour (0 to 255) between the two levels of one texture's pyramid (`offsets`: L) around `level`."""
+    """Colour (0 to 255), interpolated between the two levels around `level`; `offsets` are those of the L levels."""
     last = 0
     while max(height, width) >> (last + 1) > 0:
         last += 1

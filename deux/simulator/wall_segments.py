@@ -1,7 +1,7 @@
-"""The walls around the free floor as straight segments, which a slide along them needs: cells have stairs instead.
+"""The walls around the free floor as straight segments, along which the robot slides instead of staircases of cells.
 
-As in Recast, the border of the free cells is traced and simplified. Unlike there, it is simplified towards the floor:
-the segments enclose no place outside the free cells, and part nothing that the free cells join.
+As in Recast, the border of the free cells is traced and simplified. Unlike in Recast, it is simplified towards the
+floor: the segments do not enclose positions outside of the free cells, and keep connected free cells connected.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from skimage.measure import find_contours
 
 from deux.compilation import compiled
 
-TOLERANCE = 0.9  # cells; less than 1, by which one cell that is set back deviates
-LARGEST_DEVIATION = 0.7  # cells from a line to the borders of the cells along it; a straight wall's deviate by 0.5
+TOLERANCE = 0.9  # cells; less than 1, the deviation of a single recessed cell
+LARGEST_DEVIATION = 0.7  # cells from a line to the borders of cells along it; at a straight wall these deviate by 0.5
 SHORTEST = 3.0  # cells; the shortest line that is fitted to a contour
-FARTHEST_CORNER = 1.0  # cells from the contour's corners to where two lines, made longer, meet
-INSET = 1e-4  # cells from the segments to the border of the free cells, so that rounding cannot matter
+FARTHEST_CORNER = 1.0  # cells from the contour's corners to the intersection of two lines
+INSET = 1e-4  # cells from the segments to the border of the free cells, as a margin for rounding errors
 
 
 def wall_segments(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Straight segments around the free cells of a grid, closed loops all of them.
+    """Approximate the borders of the free cells of a grid by closed loops of straight segments.
 
     A stretch of a contour that deviates by at most `TOLERANCE` from a chord becomes a line, fitted by least squares
-    and then moved towards the floor until the contour is behind it. Where a line would leave the free cells or cross
-    another one, as in passages a cell wide, the contour stays as it is, except that the corner cells of the floor are
-    halved: what slides on stairs then meets slopes, and never a riser that stands across its way.
+    and then moved towards the floor until the contour is behind it. If a line would leave the free cells or cross
+    another one, for example in passages one cell wide, the contour is kept, except that convex corners of the floor are
+    bevelled: a robot that slides along a staircase of cells then meets slopes and is not stopped by risers.
 
     Args:
         free: rows x columns bool.
@@ -38,7 +38,7 @@ def wall_segments(free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         row <= y < row + 1. The floor is on the side of (-uy, ux), where (ux, uy) is the direction of a segment.
     """
     padded = np.pad(free, 1)
-    # Cells that touch at a corner only are apart.
+    # Cells that touch only at a corner are not connected.
     traced = find_contours(padded.astype(np.float64), 0.5, fully_connected="low")
     contours = [_Contour(loop[:-1, ::-1] - 0.5) for loop in traced]
     loops = [contour.segments() for contour in contours]
@@ -57,11 +57,11 @@ _NO_SEGMENTS = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int64)
 
 
 class _Form(IntEnum):
-    """How a line ends: what is tried first has the highest number."""
+    """How a line ends, in the order in which forms are tried from the highest value down."""
 
     WHOLE = 0
-    SHORTENED = 1  # by a cell on either side: what slides from the contour to the line shall meet no riser either
-    TO_CORNER = 2  # where it meets the next line, if there is one
+    SHORTENED = 1  # by one cell at both ends, so that a robot sliding from the contour to the line meets no riser
+    TO_CORNER = 2  # at the intersection with the next line, if there is one
 
 
 @dataclass
@@ -69,10 +69,10 @@ class _Piece:
     """A stretch of a contour that becomes a line.
 
     Args:
-        borders: numbers of the borders of cells that it replaces, one after the other.
+        borders: consecutive indices of the cell borders that it replaces.
         start: 2, the line's first point.
         end: 2, its last point.
-        form: where it ends.
+        form: how it ends.
     """
 
     borders: np.ndarray
@@ -82,7 +82,7 @@ class _Piece:
 
     @property
     def ends(self) -> tuple[np.ndarray, np.ndarray]:
-        """Its first and last point, shortened as its form says."""
+        """The first and last point, shortened unless the form is `WHOLE`."""
         if self.form == _Form.WHOLE:
             return self.start, self.end
         cell = (self.end - self.start) / np.linalg.norm(self.end - self.start)
@@ -93,13 +93,13 @@ class _Contour:
     """One closed contour of the free cells.
 
     Args:
-        middles: M x 2, the middles of the M cell borders that it consists of, the free cells on the side of (-uy, ux).
+        middles: M x 2, the midpoints of its M cell borders; the free cells are on the side of (-uy, ux).
     """
 
     def __init__(self, middles: np.ndarray) -> None:
         self._middles = middles
         following = np.roll(middles, -1, axis=0)
-        # Two borders meet at a corner of cells: each gives the coordinate in which it lies on the grid.
+        # Each of two borders that meet at a corner determines the coordinate in which it is on a grid line.
         gridded, following_gridded = middles % 1.0 == 0.0, following % 1.0 == 0.0
         either = np.where(gridded, middles, following)
         corners = np.where(gridded == following_gridded, (middles + following) / 2.0, either)
@@ -113,37 +113,38 @@ class _Contour:
         self.pieces = self._find_pieces()
 
     def segments(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Starts and ends (S x 2), and the piece that is to change if a segment is wrong, -1 for none."""
-        kept = np.ones(len(self._positions), dtype=bool)
+        """Starts and ends, S x 2, and the piece to simplify less if the segment is invalid, S, -1 for none."""
+        on_contour = np.ones(len(self._positions), dtype=bool)
         ends: list[tuple[float, np.ndarray, int]] = []  # of lines: position along the contour, point, piece
         corners = [self._corner(number) for number in range(len(self.pieces))]
         for number, piece in enumerate(self.pieces):
             first, last = self._span(piece)
-            kept &= ~_between(self._positions, first, last)
+            on_contour &= ~_between(self._positions, first, last)
             start, end = piece.ends
             if corners[number - 1] is None:
                 ends.append((first, start, number))
             corner = corners[number]
             if corner is not None:
                 end = corner
-                kept &= ~_between(self._positions, last, self._span(self.pieces[(number + 1) % len(self.pieces)])[0])
+                after, _ = self._span(self.pieces[(number + 1) % len(self.pieces)])
+                on_contour &= ~_between(self._positions, last, after)
             ends.append((last, end, number))
-        order = np.argsort([*self._positions[kept], *(position for position, _, _ in ends)], kind="stable")
-        points = np.array([*self._points[kept], *(point for _, point, _ in ends)])[order]
-        pieces = np.array([-1] * int(kept.sum()) + [number for _, _, number in ends])[order]
+        order = np.argsort([*self._positions[on_contour], *(position for position, _, _ in ends)], kind="stable")
+        points = np.array([*self._points[on_contour], *(point for _, point, _ in ends)])[order]
+        pieces = np.array([-1] * int(on_contour.sum()) + [number for _, _, number in ends])[order]
         apart = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1) > INSET / 10.0
         points, pieces = points[apart], pieces[apart]
-        # From the contour to a line it is the line that can change.
+        # A segment from the contour to a line is assigned to the line.
         return points, np.roll(points, -1, axis=0), np.where(pieces >= 0, pieces, np.roll(pieces, -1))
 
     def _span(self, piece: _Piece) -> tuple[float, float]:
         """The positions along the contour at which a piece begins and ends."""
-        # Corner i is at position i, the middle of border i half a border before it.
+        # Corner i is at position i, the midpoint of border i half a border before it.
         first, last = (piece.borders[[0, -1]] - 0.5) % len(self._middles)
         return first, last
 
     def simplify_less(self, wrong: np.ndarray) -> None:
-        """Take the next form of pieces, given by their numbers; those that have been through all are halved."""
+        """Change pieces, given by their indices, to their next form; pieces in the last form are halved."""
         pieces = []
         for number, piece in enumerate(self.pieces):
             if number in wrong and piece.form == _Form.WHOLE:
@@ -155,23 +156,23 @@ class _Contour:
         self.pieces = pieces
 
     def _halve_corner_cells(self, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The contour without lines: positions along it (N) and its points (N x 2)."""
+        """The contour with bevelled convex corners: N positions along it, and N x 2 points."""
         count = len(corners)
         number = np.arange(count, dtype=np.float64)
-        inner, outer = self._turn > 0.0, self._turn < 0.0  # corners of the floor, of what stands on it
+        inner, outer = self._turn > 0.0, self._turn < 0.0  # convex corners of the floor, and of obstacles
         positions, points = [number[outer]], [self._corners[outer]]
         for side in (-1, 1):
             beyond = np.roll(np.arange(count), -side)
             reach = np.where(inner[beyond], 0.5, 1.0)
-            kept = inner & ~outer[beyond]
+            bevelled = inner & ~outer[beyond]
             border = np.arange(count) if side < 0 else beyond
             place = corners + side * reach[:, None] * self._direction[border] + INSET * self._normal[border]
-            positions.append((number + side * reach)[kept] % count)
-            points.append(place[kept])
+            positions.append((number + side * reach)[bevelled] % count)
+            points.append(place[bevelled])
         return np.concatenate(positions), np.concatenate(points)
 
     def _find_pieces(self) -> list[_Piece]:
-        """The stretches between the points of Douglas and Peucker's simplification, joined where one line will do."""
+        """The stretches between the points of the Douglas-Peucker simplification, merged if one line fits both."""
         approximated = cv2.approxPolyDP(self._middles.astype(np.float32), TOLERANCE, True)[:, 0]
         index = {(x, y): number for number, (x, y) in enumerate(self._middles.tolist())}
         breaks = sorted(index[x, y] for x, y in approximated.tolist())
@@ -184,7 +185,7 @@ class _Contour:
         return self._fit(stretches)
 
     def _inside(self, first: int, last: int) -> np.ndarray:
-        """The borders between two breaks; those next to them belong to the neighbouring walls as much."""
+        """The borders between two breaks, without those at the breaks, which belong to both walls."""
         count = len(self._middles)
         return np.arange(first + 1, last if last > first else last + count) % count
 
@@ -194,7 +195,7 @@ class _Contour:
         return float(np.abs((self._middles[borders] - mean) @ [-direction[1], direction[0]]).max())
 
     def _fit(self, stretches: list[np.ndarray]) -> list[_Piece]:
-        """Lines along stretches of borders, with all corners between these behind them; short ones are left out."""
+        """Fit lines to stretches of borders, with all corners of the stretch behind them; short stretches get none."""
         pieces = []
         for borders in stretches:
             middles = self._middles[borders]
@@ -208,7 +209,7 @@ class _Contour:
         return pieces
 
     def _corner(self, number: int) -> np.ndarray | None:
-        """Where a piece's line meets the next one's, if they are to meet."""
+        """The intersection of a piece's line with that of the next piece; None if they should not meet."""
         piece, after = self.pieces[number], self.pieces[(number + 1) % len(self.pieces)]
         if piece.form != _Form.TO_CORNER or len(self.pieces) < 2:
             return None
@@ -226,21 +227,21 @@ class _Contour:
 
 
 def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and direction of N x 2 points' least-squares line, directed from the first point to the last."""
+    """Mean and direction of the least-squares line of N x 2 points, directed from the first point to the last."""
     mean = points.mean(axis=0)
     direction = np.linalg.svd(points - mean, full_matrices=False)[2][0]
     return mean, direction * np.copysign(1.0, direction @ (points[-1] - points[0]))
 
 
 def _between(positions: np.ndarray, first: float, last: float) -> np.ndarray:
-    """Which positions along a closed contour are on the way from `first` to `last`."""
+    """Which positions along a closed contour are between `first` and `last`."""
     after, before = positions >= first, positions <= last
     return after & before if first <= last else after | before
 
 
 @compiled(nogil=True)
 def _leaves(free: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Which segments (S x 2, in cells, inside the grid) pass a cell that is not free."""
+    """Which of S segments, in cells and inside the grid, pass through cells that are not free."""
     leaves = np.zeros(len(starts), np.bool_)
     for i in range(len(starts)):
         leaves[i] = not is_clear(free, starts[i, 0], starts[i, 1], ends[i, 0], ends[i, 1])
@@ -249,14 +250,14 @@ def _leaves(free: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> np.ndarra
 
 @compiled(nogil=True)
 def is_clear(free: np.ndarray, x: float, y: float, end_x: float, end_y: float) -> bool:
-    """Whether all cells on a straight way between two points, in cells, are free; the grid contains both points."""
+    """Whether all cells on the line between two points, in cells and inside the grid, are free."""
     column, row = int(np.floor(x)), int(np.floor(y))
     end_column, end_row = int(np.floor(end_x)), int(np.floor(end_y))
     dx, dy = end_x - x, end_y - y
     while free[row, column]:
         if column == end_column and row == end_row:
             return True
-        # The fractions of the way at which it leaves the column and the row.
+        # The fractions of the line at which it leaves the column and the row.
         to_column = ((column + (dx > 0.0)) - x) / dx if column != end_column else np.inf
         to_row = ((row + (dy > 0.0)) - y) / dy if row != end_row else np.inf
         if to_column < to_row:
@@ -267,7 +268,7 @@ def is_clear(free: np.ndarray, x: float, y: float, end_x: float, end_y: float) -
 
 
 def _crosses(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Which of S segments cross another one; those with a common end do not."""
+    """Which of S segments cross another one; segments with a common end do not cross."""
     order = np.argsort(np.minimum(starts[:, 0], ends[:, 0]))
     crosses = np.zeros(len(starts), dtype=bool)
     crosses[order] = _crosses_sorted(starts[order], ends[order])
@@ -276,7 +277,7 @@ def _crosses(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 @compiled(nogil=True)
 def _crosses_sorted(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """`_crosses` for segments in the order of their smaller x."""
+    """`_crosses` for segments sorted by their smaller x."""
     crosses = np.zeros(len(starts), np.bool_)
     for i in range(len(starts)):
         ax, ay, bx, by = starts[i, 0], starts[i, 1], ends[i, 0], ends[i, 1]
@@ -296,5 +297,5 @@ def _crosses_sorted(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 @compiled(nogil=True)
 def _side(ax: float, ay: float, bx: float, by: float, x: float, y: float) -> float:
-    """Positive where (x, y) is on the floor's side of the line from (ax, ay) to (bx, by)."""
+    """Positive if (x, y) is on the floor's side of the line from (ax, ay) to (bx, by)."""
     return (bx - ax) * (y - ay) - (by - ay) * (x - ax)

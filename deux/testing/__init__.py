@@ -1,7 +1,7 @@
-"""Conformance suites for every kind of plugin, and the worlds that they run in.
+"""Conformance test suites for all kinds of plugins, and simulated worlds for them.
 
-pytest shows the values in the assertions of these modules, as in those of test files. This one was imported before it
-could be told, which it takes for a mistake unless the text says PYTEST_DONT_REWRITE.
+Their assertions are rewritten by pytest, as in test files. PYTEST_DONT_REWRITE excludes this module, which is imported
+before it could be rewritten, and avoids a warning.
 """
 
 from contextlib import suppress

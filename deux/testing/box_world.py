@@ -1,4 +1,4 @@
-"""A room with boxes in it whose depth images are exact: a simulator without meshes, for tests of explorers."""
+"""Simulator of a room with boxes and exact depth images, without meshes, for tests of explorers."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from deux.geometry.poses import camera_pose
 
 @dataclass(frozen=True)
 class Box:
-    """A box that stands on the floor, in metres.
+    """An axis-aligned box on the floor, in metres.
 
     Args:
         x0: least x.
@@ -34,7 +34,7 @@ class Box:
 
 @dataclass(frozen=True)
 class BoxScene(SceneReference):
-    """The locator of a box world, which is nowhere but in memory; arguments as of `BoxWorld`."""
+    """Scene reference of a box world, which only exists in memory; the arguments are those of `BoxWorld`."""
 
     width: float
     length: float
@@ -42,12 +42,12 @@ class BoxScene(SceneReference):
 
     @property
     def identity(self) -> str:
-        """All its measures."""
+        """All dimensions of the world."""
         return f"boxes:{self.width}:{self.length}:{self.boxes}"
 
 
 class BoxWorld(Simulator):
-    """A closed rectangular room with boxes.
+    """A simulator of a closed rectangular room with boxes.
 
     The floor is at y = 0 and the ceiling at 2.5 m. Depth comes from intersecting each pixel's ray with the boxes.
     The robot slides along what it touches, one axis at a time. Before the first `reset` it is in the room's middle.
@@ -101,11 +101,11 @@ class BoxWorld(Simulator):
 
     @property
     def pose(self) -> np.ndarray:
-        """The camera's present camera-to-world matrix, 4 x 4 float64."""
+        """The current camera-to-world matrix, 4 x 4 float64."""
         return camera_pose(self._x, self.robot.camera_height, self._z, self._yaw)
 
     def step(self, action: Action) -> bool:
-        """Carry out one action; true if the robot touched something and moved less than it was told to."""
+        """Execute an action; returns whether a collision shortened it."""
         turn = math.radians(self.robot.turn_angle)
         if action is Action.LEFT:
             self._yaw += turn
@@ -135,7 +135,7 @@ class BoxWorld(Simulator):
         return np.concatenate([x, self.width - x, z, self.length - z, boxes], axis=-1).min(axis=-1)
 
     def render(self, poses: np.ndarray, channels: Channels) -> list[Frame]:
-        """Depth and labels by ray casting; the colours tell the room and the boxes apart, with a pattern on both."""
+        """Render depth and labels by ray casting, with patterned colours that differ between the room and the boxes."""
         return [self._frame(pose, channels) for pose in poses]
 
     def _frame(self, pose: np.ndarray, channels: Channels) -> Frame:
@@ -162,7 +162,7 @@ class BoxWorld(Simulator):
         )
 
     def another(self, camera: Camera | None = None) -> "BoxWorld":
-        """A further robot in a room of the same boxes, in its middle."""
+        """Create another simulator of the same world, with the robot in the centre."""
         return BoxWorld(self.width, self.length, self.boxes, camera or self.camera, self.robot)
 
     def free_space(self, floor: int = 0) -> FreeSpace:

@@ -1,4 +1,4 @@
-"""The conformance suite of depth models: what every `deux.contracts.DepthModel` must do.
+"""Conformance suite for depth models: tests of the contract of `deux.contracts.DepthModel`.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -24,11 +24,11 @@ from deux.testing.host_waits import refuse_host_waits
 
 INPUTS = ["image", "sparse_depth", "validity", "intrinsics"]
 RANGE_SLACK = 0.05
-"""How far predictions may leave the declared range, as a fraction of its ends; the published formula does, by 1 %."""
+"""Relative tolerance for predictions outside of the declared range; the published formula exceeds it by 1 %."""
 
 
 def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, seed: int = 0) -> dict[str, Tensor]:
-    """Made-up inputs of `DepthModel.predict`: random images and points at 1 to 5 metres, a camera of 90 degrees.
+    """Synthetic inputs of `DepthModel.predict`: random images and points at 1 to 5 metres, a camera of 90 degrees.
 
     Args:
         size: height and width in pixels.
@@ -50,29 +50,29 @@ def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, see
 
 
 def network_inputs(model: DepthModel, data: dict[str, Tensor]) -> dict[str, Tensor]:
-    """What the training gives to the model: the data, the validity of the points and what the model prepares."""
+    """Inputs of the model in training: the data, the validity of the points and the prepared inputs."""
     samples = [model.prepare(depth) for depth in data["sparse_depth"][:, 0].numpy()]
     prepared = {name: torch.from_numpy(np.stack([s[name] for s in samples])) for name in samples[0]}
     return {**data, "validity": remove_outliers(data["sparse_depth"]), **prepared}
 
 
 def run(model: DepthModel, data: dict[str, Tensor]) -> Prediction:
-    """Call the model as the training does."""
+    """Call the model as in training."""
     return model(**network_inputs(model, data))
 
 
 class DepthModelSuite:
-    """Inherit this and define `make_model`; each test asks for a new model."""
+    """Base class of the tests of a depth model. Subclasses define `make_model`, which each test calls."""
 
     size: ClassVar[tuple[int, int]] = (64, 96)
     """Height and width of the images that most tests use, multiples of the model's `size_multiple`."""
 
     odd_size: ClassVar[tuple[int, int]] = (49, 83)
-    """A size that no network divides evenly."""
+    """An image size that is not a multiple of any network stride."""
 
     @abstractmethod
     def make_model(self) -> DepthModel:
-        """Make the model under test, small enough for tests that take seconds."""
+        """Create the model to test, small enough for fast tests."""
 
     @pytest.fixture
     def model(self) -> DepthModel:
@@ -81,7 +81,7 @@ class DepthModelSuite:
         return self.make_model().eval()
 
     def check_depth(self, model: DepthModel, depth: Tensor, size: tuple[int, int], count: int = 2) -> None:
-        """Assert that `depth` is what a prediction must be."""
+        """Assert that `depth` is a valid prediction."""
         assert depth.shape == (count, 1, *size)
         assert depth.dtype == torch.float32
         assert torch.isfinite(depth).all()
@@ -89,7 +89,7 @@ class DepthModelSuite:
         assert depth.max() <= model.max_depth * (1 + RANGE_SLACK)
 
     def test_range_is_declared(self, model: DepthModel) -> None:
-        """The model says which depths it predicts."""
+        """The model declares its depth range."""
         assert 0 < model.min_depth < model.max_depth
 
     def test_forward_takes_no_ground_truth(self, model: DepthModel) -> None:
@@ -105,12 +105,12 @@ class DepthModelSuite:
         self.check_depth(model, run(model, camera_data(self.size)).depth, self.size)
 
     def test_predicts_without_a_single_point(self, model: DepthModel) -> None:
-        """A frame in which the robot saw no sparse point still gives depth."""
+        """A frame without sparse points has a valid prediction."""
         depth = model.predict(**camera_data(self.size, points=0.0))
         self.check_depth(model, depth, self.size)
 
     def test_predict_takes_any_size_and_keeps_the_mode(self, model: DepthModel) -> None:
-        """`predict` pads by itself, tracks no gradient, and leaves every part in the mode that it was in."""
+        """`predict` pads its inputs, tracks no gradient, and does not change the training mode of any module."""
         model.train()
         frozen = next(iter(model.children()), model).eval()
         modes = [module.training for module in model.modules()]
@@ -121,30 +121,30 @@ class DepthModelSuite:
         assert [module.training for module in model.modules()] == modes
 
     def test_predict_agrees_with_forward(self, model: DepthModel) -> None:
-        """`predict` gives what the training sees."""
+        """`predict` equals the output in training."""
         data = camera_data(self.size)
         torch.testing.assert_close(model.predict(**data), run(model, data).depth.detach())
 
     def test_predict_refuses_a_singular_camera(self, model: DepthModel) -> None:
-        """Intrinsics that cannot be inverted are the user's mistake and named as such."""
+        """Singular intrinsics raise DeuxError."""
         data = camera_data(self.size)
         data["intrinsics"][1, 0, 0] = 0.0
         with pytest.raises(DeuxError, match=r"intrinsics\[1\].*singular"):
             model.predict(**data)
 
     def test_same_inputs_give_the_same_depth(self, model: DepthModel) -> None:
-        """Nothing is random in eval mode."""
+        """Predictions are deterministic in eval mode."""
         first, second = (model.predict(**camera_data(self.size)) for _ in range(2))
         assert torch.equal(first, second)
 
     def test_samples_do_not_influence_each_other(self, model: DepthModel) -> None:
-        """A sample alone gives the same depth as in a batch."""
+        """The prediction does not depend on the other samples of the batch."""
         data = camera_data(self.size, count=3)
         alone = torch.cat([model.predict(**{k: v[i : i + 1] for k, v in data.items()}) for i in range(3)])
         torch.testing.assert_close(model.predict(**data), alone, rtol=1e-4, atol=1e-4)
 
     def test_inputs_are_left_as_they_were(self, model: DepthModel) -> None:
-        """The losses read the same tensors after the network."""
+        """The network does not modify its inputs, which the losses use."""
         data = camera_data(self.size)
         before = copy.deepcopy(data)
         model.train()
@@ -152,7 +152,7 @@ class DepthModelSuite:
         assert all(torch.equal(data[name], before[name]) for name in data)
 
     def test_every_trainable_parameter_gets_a_gradient(self, model: DepthModel) -> None:
-        """Parameters that a published checkpoint holds but the network does not use have `requires_grad=False`."""
+        """Parameters of published checkpoints that the network does not use have `requires_grad=False`."""
         model.train()
         depth = run(model, camera_data(self.size)).depth
         (depth.log() * torch.rand_like(depth)).sum().backward()
@@ -186,7 +186,7 @@ class DepthModelSuite:
             value.backward()
 
     def test_channels_last_gives_the_same_depth(self, model: DepthModel) -> None:
-        """The memory layout that makes training fast changes no result."""
+        """The channels-last memory format does not change the result."""
         data = camera_data(self.size)
         expected = model.predict(**data)
         data["image"] = data["image"].contiguous(memory_format=torch.channels_last)
@@ -194,7 +194,7 @@ class DepthModelSuite:
         torch.testing.assert_close(depth, expected, rtol=1e-4, atol=1e-4)
 
     def test_state_fills_another_model(self, model: DepthModel) -> None:
-        """The state dictionary is the whole model."""
+        """The state dictionary determines the model completely."""
         torch.manual_seed(1)
         other = self.make_model().eval()
         data = camera_data(self.size)

@@ -1,4 +1,4 @@
-"""The conformance suite for explorers: subclass it and pytest runs your explorer against the contract.
+"""Conformance suite for explorers: subclass it to test an explorer with pytest.
 
     from deux.testing.explorers import ExplorerSuite
 
@@ -22,16 +22,16 @@ from deux.geometry.camera import Camera
 from deux.testing.box_world import Box, BoxWorld
 
 Change = Callable[[Observation], Observation]
-"""What a test does to an observation before the explorer gets it."""
+"""Function that changes an observation before the explorer gets it."""
 
 
 def unchanged(observation: Observation) -> Observation:
-    """The observation as it is."""
+    """Return the observation unchanged."""
     return observation
 
 
 def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool) -> Observation:
-    """The observation that an explorer with these needs gets, and nothing else.
+    """The observation of an explorer with these needs, without anything else.
 
     The residual is 0.1 on boxes and 0.02 elsewhere; before the third frame it is NaN, as in the collector.
     """
@@ -62,7 +62,7 @@ def run(
     change: Change = unchanged,
     until: Callable[[Observation], bool] | None = None,
 ) -> list[Action]:
-    """Let an explorer act in a world from where the world's robot stands, as the collector would.
+    """Run an explorer in a world from the robot's current pose, as in collection.
 
     Args:
         explorer: it is reset first.
@@ -121,7 +121,7 @@ def pen() -> BoxWorld:
 
 
 TRAPS = {pocket: 1.0, corner_with_leg: 1.0, pen: 0.5}
-"""Places that hold a robot, and the metres from where it starts at which it is out of them."""
+"""Places in which robots get stuck, and the distance in metres from the start at which they have escaped."""
 
 
 def two_rooms() -> BoxWorld:
@@ -133,46 +133,46 @@ def two_rooms() -> BoxWorld:
 
 
 class ExplorerSuite:
-    """What every explorer must do, whatever its policy; `make_explorer` is all that a subclass must give."""
+    """Base class of the tests of an explorer. Subclasses define `make_explorer`."""
 
     steps = 60
-    """Length of the longer episodes; raise it for a policy that takes longer to show itself."""
+    """Number of steps of the longer episodes."""
 
     escape_steps = 250
-    """Actions within which the robot must have left a trap."""
+    """Maximum number of actions to escape from a trap."""
 
     most_pushes = 75
-    """How many of these may push the robot against an obstacle without moving it."""
+    """Maximum number of these actions that collide without moving the robot."""
 
     @abstractmethod
     def make_explorer(self) -> Explorer:
-        """A new explorer, with the options that are to be tested."""
+        """Create the explorer to test."""
 
     def run_legally(self, world: BoxWorld, steps: int, change: Change = unchanged) -> list[Action]:
-        """Run a new explorer and check that each of its actions is one."""
+        """Run a new explorer and check that it only returns valid actions."""
         actions = run(self.make_explorer(), world, steps, change=change)
         assert actions, "the explorer did not act"
         assert all(isinstance(action, Action) for action in actions), f"not Action values: {actions}"
         return actions
 
     def test_needs_are_declared(self) -> None:
-        """`needs` is a frozenset of `Need` once the explorer is made."""
+        """`needs` is a frozenset of `Need` after construction."""
         needs = self.make_explorer().needs
         assert isinstance(needs, frozenset)
         assert all(isinstance(need, Need) for need in needs), f"not Need values: {needs}"
 
     def test_acts_legally(self) -> None:
-        """Every action of an episode is an `Action`; the observations hold only what was declared."""
+        """All actions of an episode are of the type `Action`; observations only contain the declared data."""
         self.run_legally(two_rooms(), self.steps)
 
     def test_same_seed_same_actions(self) -> None:
-        """Two explorers with one seed act alike."""
+        """Two explorers with the same seed choose the same actions."""
         assert run(self.make_explorer(), two_rooms(), self.steps, seed=7) == run(
             self.make_explorer(), two_rooms(), self.steps, seed=7
         ), "the same seed gave different actions: draw all randomness from a generator seeded by episode.seed"
 
     def test_reset_forgets_everything(self) -> None:
-        """After an episode elsewhere, `reset` makes the explorer act like a new one."""
+        """After an episode in another world, `reset` restores the state of a new explorer."""
         used = self.make_explorer()
         elsewhere = BoxWorld(4.0, 7.0)
         run(used, elsewhere, self.steps, seed=3)
@@ -247,7 +247,7 @@ class ExplorerSuite:
         self.run_legally(BoxWorld(4.0, 4.0, walls), self.steps)
 
     def test_survives_a_map_without_frontiers(self) -> None:
-        """A room so small that no frontier is left soon; acting goes on."""
+        """The explorer continues in a small room without any remaining frontier."""
         self.run_legally(BoxWorld(1.5, 1.5), 2 * self.steps)
 
     def test_gets_out_of_traps(self) -> None:
@@ -274,7 +274,7 @@ class ExplorerSuite:
             assert out, f"{where}, and it did not get out within {limit}: {remedy}"
 
     def test_map_is_consistent(self) -> None:
-        """`map` is None or holds grids of its frame's shape with legal values, and changes nothing."""
+        """`map` is None or contains grids of its frame's shape with valid values, and does not change the explorer."""
         explorer = self.make_explorer()
         world = two_rooms()
         run(explorer, world, self.steps)

@@ -1,4 +1,4 @@
-"""A check that code keeps a graphics card busy: nothing in it may make the host wait for the device.
+"""Check that code does not make the host wait for the GPU.
 
 On a card, operations are queued and the host runs ahead. Reading a value (`item`), an operation whose result's size
 depends on values (`nonzero`, a boolean index) or a tensor made from numbers of the host empties that queue. A card
@@ -55,12 +55,12 @@ _IS_CPU = vars(torch._C.TensorBase)["is_cpu"].__get__
 
 
 class HostWait(AssertionError):
-    """An operation that would make the host wait for a card."""
+    """An operation that would make the host wait for the GPU."""
 
 
 @contextmanager
 def refuse_host_waits() -> Iterator[None]:
-    """Raise `HostWait` at the first operation that would wait, were the tensors on a card.
+    """Raise `HostWait` at the first operation that would wait if the tensors were on a GPU.
 
     Meanwhile `Tensor.is_cpu` is False, so that code which distinguishes takes its way for cards. Backward passes and
     optimiser steps may be inside; for the latter choose `fused=True`, as others count their steps on the host.
@@ -79,7 +79,7 @@ def refuse_host_waits() -> Iterator[None]:
 
 
 class _Functions(TorchFunctionMode):
-    """Looks at what Python calls on tensors."""
+    """Checks the Python functions that are called with tensors."""
 
     def __torch_function__(
         self,
@@ -106,7 +106,7 @@ class _Functions(TorchFunctionMode):
 
 
 class _Operators(TorchDispatchMode):
-    """Looks at the operators underneath, those of backward passes among them."""
+    """Checks the ATen operators, including those of backward passes."""
 
     def __torch_dispatch__(
         self,
@@ -128,7 +128,7 @@ def _is_on_host(args: Sequence[Any]) -> bool:
 
 
 def _by_arguments(operator: Any, args: Sequence[Any], kwargs: Mapping[str, Any]) -> str | None:
-    """Why an operator waits that does so for some arguments only; None if it does not."""
+    """Reason why an operator waits with these arguments; None if it does not."""
     if operator is aten.index and _has_mask(args[1]):
         return _SIZES
     if operator in (aten.index_put, aten.index_put_, aten._index_put_impl_) and _has_mask(args[1]):

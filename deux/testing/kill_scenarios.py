@@ -1,4 +1,4 @@
-"""Commands that a campaign of kills runs: one for each way in which deux writes files."""
+"""Commands for kill tests, one for each way in which deux writes files."""
 
 import importlib.util
 from collections.abc import Callable
@@ -16,18 +16,18 @@ SMALLEST = "experiment=smallest"
 """The preset of all scenarios, conf/experiment/smallest.yaml."""
 
 _TRAINED = "outputs/trained"
-"""The run folder that preparation leaves."""
+"""Run folder of the preparation."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A command, and what to expect of it.
+    """A command with its expected results.
 
     Args:
         arguments: called with the folder in which the command runs; returns its options.
         prepared: whether it begins with what `PREPARATION` has left in the folder; otherwise with an empty folder.
         children: whether one process of several is killed at times, and not all of them.
-        varying: patterns of the files whose content differs from run to run, as of `left_files.digests`.
+        varying: patterns of the files whose content differs from run to run, see `left_files.digests`.
         modules: packages that it needs.
     """
 
@@ -39,7 +39,7 @@ class Scenario:
 
     @property
     def installed(self) -> bool:
-        """Whether the packages that it needs are there."""
+        """Whether the required packages are installed."""
         return all(importlib.util.find_spec(module) is not None for module in self.modules)
 
 
@@ -109,7 +109,7 @@ def _together(folder: Path) -> list[str]:
 SCENARIOS = {
     "experiment": Scenario(_experiment, prepared=False),
     "rounds": Scenario(_rounds),
-    # Episodes are begun anew, so other ones are seen after a kill.
+    # Episodes are restarted after a kill, so that their results differ.
     "train_explorer": Scenario(
         _explorer_training, prepared=False, varying=("*/policy.safetensors", "*/checkpoint.pt", "*/figures/*")
     ),

@@ -22,10 +22,10 @@ from typing import Any, NoReturn
 import torch
 
 MOVES = ("replace", "rename")
-"""Functions of `os` by which a file or folder that is complete is moved into its place."""
+"""Functions of `os` that move a complete file or folder to its final path."""
 
 _POLL = 0.002
-"""Seconds between two looks at a process."""
+"""Polling interval in seconds."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ Kill = KillAtMove | KillAfter
 
 @dataclass(frozen=True)
 class Ending:
-    """How a start of a command ended.
+    """Result of a started command.
 
     Args:
         code: the exit code, negative for the signal that ended it.
@@ -76,14 +76,14 @@ class Ending:
 
 
 class Hung(RuntimeError):
-    """A command that did not end in time; it has been killed."""
+    """Raised for a command that exceeded its time limit and was killed."""
 
 
 def preload(folder: Path, name: str = "command") -> None:
     """Import what a command that ended without a kill had imported, in this process, so that its forks need not.
 
     Args:
-        folder: as of `run_command`.
+        folder: see `run_command`.
         name: likewise.
     """
     for module in (folder / f"{name}.modules").read_text().split():
@@ -121,7 +121,7 @@ def run_command(
 
 
 def _wait(pid: int, kill: Kill | None, started: float, patience: float) -> tuple[int, bool]:
-    """Wait for a fork's end, kill it when it is time, and return its exit code and whether the kill came before it."""
+    """Wait for a forked process, kill it at its time, and return its exit code and whether it was killed."""
     killed = False
     while (status := _ended(pid)) is None:
         now = time.monotonic() - started
@@ -140,7 +140,7 @@ def _wait(pid: int, kill: Kill | None, started: float, patience: float) -> tuple
 
 
 def _run_in_fork(arguments: Sequence[str], folder: Path, kill: Kill | None, name: str) -> NoReturn:
-    """What the forked process does: everything that `python -m deux` does, to the end of the process."""
+    """Main function of the forked process, which does everything that `python -m deux` does."""
     code = 1
     try:
         os.setsid()
@@ -203,7 +203,7 @@ def _is_preloaded(module: str) -> bool:
 
 
 def _ended(pid: int) -> int | None:
-    """The status of a child that has ended; None while it runs."""
+    """Status of a child process; None while it runs."""
     found, status = os.waitpid(pid, os.WNOHANG)
     return status if found else None
 

@@ -1,4 +1,4 @@
-"""Kill commands again and again, and compare what they leave in the end: `python -m deux.testing.kills`.
+"""Kill commands repeatedly and compare their final files: `python -m deux.testing.kills`.
 
 Each command is run once without a kill. Then it is started and killed by SIGKILL, started again and killed again, until
 a start ends by itself; the files that are there must equal those of the unbroken run, and none may be left over. One
@@ -25,7 +25,7 @@ from deux.testing.killed_commands import Ending, Hung, Kill, KillAfter, KillAtMo
 from deux.testing.left_files import differences, digests
 
 MOST_OF_A_PASS = 12
-"""Kills at random times in one pass; the start after them is left to end."""
+"""Maximum number of kills at random times in one pass, after which the command is not killed."""
 
 _PREPARED, _WORK = "prepared", "killed"
 
@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 
 @dataclass
 class Count:
-    """What came of a scenario.
+    """Result of a scenario.
 
     Args:
         scenario: its name.
@@ -62,7 +62,7 @@ class Campaign:
     """Runs scenarios in one folder.
 
     Args:
-        folder: takes the folder in which commands run, always the same one, since some files hold paths.
+        folder: takes the folder in which commands run, always the same one, since some files contain paths.
         seed: of the times of the kills.
         patience: seconds after which a start is taken to hang.
     """
@@ -73,7 +73,7 @@ class Campaign:
         self._patience = patience
 
     def run(self, name: str, kills: int) -> Count:
-        """Kill one scenario's command so many times.
+        """Kill the command of a scenario a given number of times.
 
         Raises:
             DeuxError: the command fails without any kill.
@@ -98,7 +98,7 @@ class Campaign:
         return count
 
     def _pass(self, scenario: Scenario, plan: Iterator[Kill], kills: int, count: Count) -> None:
-        """Start and kill until a start ends by itself."""
+        """Start and kill the command until it completes."""
         self._begin(scenario)
         before = count.kills
         while True:
@@ -149,7 +149,7 @@ class Campaign:
             yield KillAtMove(move, before=(move + number // 2) % 2 == 0)
 
     def _at_random_times(self, scenario: Scenario, seconds: float) -> Iterator[Kill]:
-        """Within the time that an unbroken run takes."""
+        """A random time within the duration of an uninterrupted run."""
         for _ in range(MOST_OF_A_PASS):
             alone = scenario.children and self._random.random() < 0.5
             child = self._random.randrange(1000) if alone else None

@@ -1,4 +1,4 @@
-"""The conformance suite of learned explorers: that of all explorers, with the shipped policy, and what is theirs.
+"""Conformance suite for learned explorers: that of all explorers with the shipped policy, and additional tests.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -26,7 +26,7 @@ from deux.testing.explorers import ExplorerSuite, run, two_rooms
 
 
 def untrained_policy(crops: Crops | None = None, seed: int = 0) -> TrainedPolicy:
-    """A policy with the weights that training begins with, drawn by a seed: it moves almost at random."""
+    """A policy with random initial weights, which acts almost randomly."""
     crops = crops or Crops()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -45,7 +45,7 @@ class LearnedExplorerSuite(ExplorerSuite):
     steps = 30
 
     def make_explorer(self) -> Explorer:
-        """The explorer as it ships."""
+        """The explorer with its default options."""
         return self.explorer_class(str(self.shipped_policy()))
 
     def shipped_policy(self) -> Path:
@@ -56,7 +56,7 @@ class LearnedExplorerSuite(ExplorerSuite):
         return path
 
     def test_its_reward_is_installed(self) -> None:
-        """The reward that it is trained for has a plugin."""
+        """The reward of the policy is a registered plugin."""
         assert self.explorer_class.reward in registry().names("rewards")
 
     def test_it_needs_the_sensors_depth_alone(self) -> None:
@@ -64,7 +64,7 @@ class LearnedExplorerSuite(ExplorerSuite):
         assert self.explorer_class("anything").needs == {Need.SENSOR_DEPTH}
 
     def test_the_shipped_policy_is_trained_for_its_reward(self) -> None:
-        """The header names the reward and holds the learning curve."""
+        """The header contains the reward and the learning curve."""
         policy = load_policy(self.shipped_policy())
         assert policy.made_by["reward"] == self.explorer_class.reward
         assert policy.made_by["curve"]["steps"]
@@ -91,7 +91,7 @@ class LearnedExplorerSuite(ExplorerSuite):
 
 
 def _area_seen(explorer: Explorer, seed: int) -> float:
-    """Square metres of three rooms in a row that are known after sixty steps."""
+    """Known area of three rooms in a row after sixty steps, square metres."""
     walls = [Box(x, z0, x + 0.1, z1) for x, z in ((2.95, 1.0), (5.95, 2.5)) for z0, z1 in ((0.0, z), (z + 0.9, 4.5))]
     world = BoxWorld(9.0, 4.5, tuple(walls), Camera(32, 32))
     world.reset(1.5, 2.0, 0.0)

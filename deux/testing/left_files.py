@@ -1,4 +1,4 @@
-"""What two runs of one command left behind, compared file by file."""
+"""Comparison of the files that two runs of a command have written."""
 
 import hashlib
 import json
@@ -18,17 +18,17 @@ TIMED = (
     "/command.*",
     f"*{SUFFIX}.*",
 )
-"""Patterns of files that hold times and dates, or one part for each start of the command.
+"""Patterns of files that contain times and dates, or one part for each start of the command.
 
 The last one is a lock that a process was killed while it removed it: the next lock in that folder deletes it.
 """
 
 _TIMED_KEYS = ("seconds",)
-"""Entries of JSON files that hold times."""
+"""Entries of JSON files that contain times."""
 
 
 def digests(folder: Path, varying: Sequence[str] = ()) -> dict[str, str]:
-    """A digest of each file below a folder, by its path there.
+    """Digests of all files in a folder by their relative paths.
 
     Times in JSON files are left out.
 
@@ -47,7 +47,7 @@ def digests(folder: Path, varying: Sequence[str] = ()) -> dict[str, str]:
 
 
 def differences(unbroken: dict[str, str], resumed: dict[str, str]) -> list[str]:
-    """The files in which the resumed run differs from the unbroken one, each with how; arguments as of `digests`."""
+    """Differences between the files of a resumed and an uninterrupted run; the arguments are those of `digests`."""
     return list(_differences(unbroken, resumed))
 
 

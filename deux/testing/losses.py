@@ -1,4 +1,4 @@
-"""The conformance suite of loss terms: what every `deux.contracts.LossTerm` must do.
+"""Conformance suite for loss terms: tests of the contract of `deux.contracts.LossTerm`.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -24,7 +24,7 @@ from deux.testing.host_waits import refuse_host_waits
 FOCAL_LENGTH = 32.0
 PLANE_DEPTH = 2.0
 DEPTH_RANGE = (0.1, 10.0)
-"""Nearest and farthest depth in metres of the model whose predictions the terms judge."""
+"""Depth range of the predictions in metres."""
 
 SHIFTS = ((2, 0), (-1, 1))
 """Where the target's pixels lie in each source image, in whole pixels, so that sampling them is exact."""
@@ -32,7 +32,7 @@ SHIFTS = ((2, 0), (-1, 1))
 
 @dataclass
 class LossSample:
-    """A batch with everything that a term may ask for and that follows from it.
+    """A batch with all inputs and extras of loss terms.
 
     Args:
         batch: the samples, with ground truth.
@@ -48,7 +48,7 @@ class LossSample:
 
 
 def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
-    """A textured wall two metres ahead, seen from three places, with its depth predicted exactly."""
+    """A textured wall at two metres, seen from three positions, with exact predicted depth."""
     image = _texture((0, 0), height, width).repeat(batch_size, 1, 1, 1)
     sources = torch.stack([_texture(shift, height, width) for shift in SHIFTS]).repeat(batch_size, 1, 1, 1, 1)
     intrinsics = torch.eye(3).repeat(batch_size, 1, 1)
@@ -65,7 +65,7 @@ def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> Lo
 
 
 def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
-    """The same wall, predicted uneven and too near, with backward poses that are slightly off."""
+    """The same wall with uneven and too small predicted depth, and slightly wrong backward poses."""
     sample = perfect_sample(batch_size, height, width)
     rows = torch.arange(height, dtype=torch.float32)[:, None]
     sample.depth = sample.depth - 0.3 + 0.2 * torch.sin(rows + torch.arange(width))
@@ -74,7 +74,7 @@ def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> 
 
 
 def evaluate(term: LossTerm, sample: LossSample) -> Tensor:
-    """The term's value when it is given exactly what it declares in `needs` and `extras`."""
+    """Value of the term for exactly the inputs that it declares in `needs` and `extras`."""
     batch, reconstructions = sample.batch, None
     if LossNeed.GROUND_TRUTH not in term.needs:
         batch = replace(batch, ground_truth=None)
@@ -98,7 +98,7 @@ class LossTermSuite:
     perfect_is_zero: ClassVar[bool] = True
 
     def make_term(self) -> LossTerm:
-        """A new term, as a user would make it."""
+        """Create the loss term to test."""
         raise NotImplementedError
 
     def make_extra(self, name: str, sample: LossSample) -> Tensor:
@@ -115,21 +115,21 @@ class LossTermSuite:
         return sample.batch.ground_truth.clone()
 
     def test_declares_known_needs(self) -> None:
-        """`needs` holds members of `LossNeed` and `extras` names."""
+        """`needs` contains members of `LossNeed`, and `extras` contains names."""
         term = self.make_term()
         assert all(isinstance(need, LossNeed) for need in term.needs), f"not all of {set(term.needs)} are LossNeeds"
         assert not isinstance(term.extras, str), f"extras is the text {term.extras!r}, not a set of names"
         assert all(isinstance(name, str) for name in term.extras), f"not all of {set(term.extras)} are names"
 
     def test_is_a_finite_float32_scalar(self) -> None:
-        """The value of an ordinary batch."""
+        """The value for a regular batch is a finite scalar."""
         term = self.make_term()
         _check_value(evaluate(term, self._imperfect(term)))
 
     def test_is_zero_at_perfection_only(self) -> None:
-        """The exact depth costs nothing, a wrong one something."""
+        """The loss is zero for exact depth and positive for wrong depth."""
         if not self.perfect_is_zero:
-            pytest.skip("the term says that it is not zero at perfection")
+            pytest.skip("the term declares that it is not zero for exact depth")
         term = self.make_term()
         perfect = self._with_extras(term, perfect_sample())
         assert abs(float(evaluate(term, perfect))) < 1e-4, "not zero for the exact depth"
@@ -163,13 +163,13 @@ class LossTermSuite:
         _gradients(term, sample)
 
     def test_is_a_mean_over_the_batch(self) -> None:
-        """A sample costs the same alone as together with its copy."""
+        """The loss of a sample equals that of a batch with two copies."""
         term = self.make_term()
         alone, doubled = (float(evaluate(term, self._imperfect(term, size))) for size in (1, 2))
         assert alone == pytest.approx(doubled, rel=1e-4), "the value depends on the batch's size"
 
     def test_leaves_its_inputs_alone(self) -> None:
-        """No tensor that the term is given changes."""
+        """The term does not modify its inputs."""
         term = self.make_term()
         sample = self._imperfect(term)
         before = deepcopy(sample)
@@ -184,7 +184,7 @@ class LossTermSuite:
                 assert torch.equal(value, getattr(before.batch, item.name)), f"the term changed batch.{item.name}"
 
     def test_rounded_predictions_hardly_change_it(self) -> None:
-        """Predictions of a network in mixed precision, which the objective hands over in float32, are no obstacle."""
+        """Predictions of networks in mixed precision, which are converted to float32, are supported."""
         term = self.make_term()
         rounded = self._imperfect(term)
         rounded.depth = rounded.depth.bfloat16().float()

@@ -1,4 +1,4 @@
-"""The conformance suite of readers: what every `deux.contracts.Reader` must do.
+"""Conformance suite for readers: tests of the contract of `deux.contracts.Reader`.
 
 A plugin's test file subclasses it, says how recordings are written in its layout, and pytest runs the whole suite:
 
@@ -50,13 +50,13 @@ class RecordedFrame:
 
 
 Recordings = Mapping[str, Sequence[RecordedFrame]]
-"""The frames of each sequence, by its name, in the order of time."""
+"""The frames of each sequence by name, in temporal order."""
 
 OFFSETS = (-1, -2)
 
 
 def record(frames: int = 5) -> Recordings:
-    """Two walks of that many frames, taken by cameras of different sizes."""
+    """Two sequences with the given number of frames and different image sizes."""
     rng = np.random.default_rng(0)
     recordings = {}
     for name, camera in (("corridor", Camera(24, 16)), ("office", Camera(20, 18, hfov=70.0))):
@@ -93,12 +93,12 @@ class ReaderSuite:
         raise NotImplementedError
 
     def make_reader(self, folder: Path) -> Reader:
-        """A new reader of that folder, as a user would make it."""
+        """Create a reader of that folder."""
         raise NotImplementedError
 
     @pytest.fixture
     def recordings(self) -> Recordings:
-        """What is recorded."""
+        """The frames to write."""
         return record()
 
     @pytest.fixture
@@ -110,13 +110,13 @@ class ReaderSuite:
         return folder
 
     def test_keeps_its_folder(self, folder: Path) -> None:
-        """`folder` is where it reads."""
+        """`folder` is the folder of the dataset."""
         assert self.make_reader(folder).folder == folder
 
     def test_lists_targets_in_order_with_their_sources(self, folder: Path, recordings: Recordings) -> None:
         """Every frame that has both its source frames is a target, and the frames sort in the order of time.
 
-        A target that lacks one of them has none, so that a test split can hold every frame.
+        A target that lacks one of them has none, so that a test split can contain all frames.
         """
         reader = self.make_reader(folder)
         for offsets in (OFFSETS, (-1, 1)) if self.takes_offsets else (OFFSETS,):
@@ -164,7 +164,7 @@ class ReaderSuite:
             self._check(reader, frame, recorded)
 
     def test_a_split_that_is_not_there_is_an_error(self, folder: Path) -> None:
-        """Only "train" was written. The error is told apart from those of damaged files, which nobody may overlook."""
+        """Only "train" exists. The error differs from those of damaged files."""
         with pytest.raises(MissingSplit):
             self.make_reader(folder).triplets("validation", OFFSETS)
 

@@ -87,7 +87,7 @@ def _walk(make_world: MakeWorld, steps: int, seed: int, depth: bool) -> tuple[Ex
 
 
 def begin(reward: Reward, make_world: MakeWorld, steps: int, seed: int) -> None:
-    """Reset a reward for an episode in a world; it is told what it declared in `needs`, and nothing else."""
+    """Reset a reward for an episode in a world, with exactly the data that it declares in `needs`."""
     world = make_world()
     names = world.label_names if Need.LABELS in reward.needs else ()
     reward.reset(Episode(seed, steps, world.camera, world.robot, label_names=names))
@@ -110,7 +110,7 @@ class RewardSuite:
         raise NotImplementedError
 
     def test_needs_are_declared(self) -> None:
-        """`needs` is a frozenset that holds `Need.LABELS` or nothing."""
+        """`needs` is an empty frozenset or contains `Need.LABELS`."""
         needs = self.make_reward().needs
         assert isinstance(needs, frozenset)
         assert needs <= {Need.LABELS}, f"a reward can ask for Need.LABELS and nothing else, not for {set(needs)}"

@@ -75,7 +75,7 @@ class SceneSourceSuite:
             assert len(pickle.dumps(scene)) < 10_000, f"{scene.name} takes its mesh along"
 
     def test_identities_tell_no_place(self) -> None:
-        """Where a scene lies on one machine says nothing on another: no path of its file is in the identity."""
+        """The identity of a scene does not contain its path, which differs between machines."""
         for scene in references(self.make_source().splits()):
             assert scene.identity
             assert not scene.identity.startswith("/")
@@ -130,7 +130,7 @@ class SceneSourceSuite:
 
 
 def _check_mesh(mesh: SceneMesh) -> None:
-    """Shapes, types and indices as `SceneMesh` says."""
+    """Shapes, dtypes and indices satisfy the contract of `SceneMesh`."""
     vertices, faces = len(mesh.vertices), len(mesh.faces)
     assert (mesh.vertices.shape, mesh.vertices.dtype) == ((vertices, 3), np.float32)
     assert np.isfinite(mesh.vertices).all()

@@ -38,7 +38,7 @@ def starts(simulator: Simulator, count: int, floor: int = 0) -> list[Start]:
 
 
 def assert_same(first: Frame, second: Frame) -> None:
-    """Two frames agree in every bit of everything that they hold."""
+    """Assert that all arrays of two frames are bitwise equal."""
     for name in ("rgb", "depth", "pose", "labels", "objects"):
         one, other = getattr(first, name), getattr(second, name)
         assert (one is None) == (other is None), f"one frame has {name} and the other has none"
@@ -155,7 +155,7 @@ class SimulatorSuite:
                 moved = (after[:3, 3] - before[:3, 3])[[0, 2]]
                 ahead = length * before[[0, 2], 2]
                 if collided:
-                    assert np.linalg.norm(moved) < length, "it collided and moved as far as it was told to"
+                    assert np.linalg.norm(moved) < length, "it collided but moved the whole distance"
                 else:
                     np.testing.assert_allclose(moved, ahead, atol=self.position_tolerance)
                 assert _turned(yaw_of(before), yaw_of(after)) == pytest.approx(0.0, abs=1e-3)

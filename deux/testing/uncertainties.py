@@ -223,7 +223,7 @@ class UncertaintySuite:
     def test_keeps_a_card_busy(self) -> None:
         """The host waits for nothing that the measure computes; a first call may build constants."""
         if self.computes_on_host:
-            pytest.skip("the measure says that it computes on the host")
+            pytest.skip("the measure declares that it computes on the host")
         measure = self.make_uncertainty()
         view = replace(_views(), predict_depth=lambda image, points, cameras: 2.0 + 0.1 * image[:, :1])
         with torch.inference_mode():

@@ -14,8 +14,7 @@ from lightning.pytorch.callbacks import ModelCheckpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from lightning.pytorch.utilities import rank_zero_warn
 
-from deux.errors import DeuxError
-from deux.io.arrays import said
+from deux.errors import DeuxError, error_text
 from deux.io.atomic import make_folder, write_atomically
 
 REQUEUE_CHECKPOINTS = "hpc_ckpt_*.ckpt"
@@ -169,7 +168,7 @@ def resume_point(folder: Path) -> Path | None:
             if not isinstance(content, dict) or not isinstance(content.get("state_dict"), dict):
                 raise ValueError("it holds no state_dict")
         except Exception as error:  # a damaged file raises errors of many kinds
-            rank_zero_warn(f"The checkpoint {path} cannot be read and is passed over: {said(error)}")
+            rank_zero_warn(f"The checkpoint {path} cannot be read and is passed over: {error_text(error)}")
         else:
             if path not in requeued or not _ends_epoch(content):
                 return path
@@ -212,7 +211,7 @@ class ResumedFrom(Callback):
         except (LookupError, TypeError, AttributeError, ValueError, RuntimeError) as error:
             if self._begun or self.point is None or isinstance(error, torch.OutOfMemoryError):
                 raise
-            cause = " ".join(said(error).split()[:40])
+            cause = " ".join(error_text(error).split()[:40])
             raise DeuxError(
                 f"{self.point} is damaged or of another training ({cause}): delete it to resume from the one before "
                 "it, or to train from the beginning."

@@ -44,8 +44,8 @@ class FusionNet(DepthModel):
         scaffnet_min_depth: ScaffNet's `min_depth`; None for FusionNet's own.
         scaffnet_max_depth: ScaffNet's `max_depth`; None for FusionNet's own. The published values differ: 10 m on VOID,
             with 8 m for FusionNet, and 80 m on KITTI, with 100 m for FusionNet.
-        margin: as for KBNet: in evaluation, images are extended on all sides by this many pixels, and depth is cropped.
-            ScaffNet's points are extended, too. 0 is the published network.
+        margin: see KBNet: in evaluation, images are padded by this many pixels, and depth is cropped. ScaffNet's points
+            are padded, too. 0 is the published network.
     """
 
     objective: ClassVar[LossSettings] = {

@@ -40,9 +40,9 @@ class SpatialPyramidPool(nn.Module):
 
 
 class ScaffNet(DepthModel):
-    """Learns the shapes of scenes from synthetic depth; since its only input is sparse points, it transfers.
+    """Learns the shapes of scenes from synthetic depth; it transfers to real scenes, because it sees no images.
 
-    It is the only supervised model; FusionNet is built on it. The defaults are the published SceneNet settings, with
+    It is the only supervised model, and part of FusionNet. The defaults are the published SceneNet settings, with
     DEUX's depth range. Works at any image size.
 
     Args:
@@ -52,8 +52,8 @@ class ScaffNet(DepthModel):
         decoder_filters: channels of the decoder's five levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres, to which sparse points are clamped.
-        margin: as for KBNet: in evaluation, sparse depth is extended on all sides by this many pixels without points,
-            and depth is cropped. 0 is the published network.
+        margin: see KBNet: in evaluation, sparse depth is padded by this many pixels without points, and depth is
+            cropped. 0 is the published network.
     """
 
     supervised: ClassVar[bool] = True
@@ -86,7 +86,7 @@ class ScaffNet(DepthModel):
     def forward(
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
     ) -> Prediction:
-        """Predict dense depth from the sparse points as sampled; see `DepthModel.forward`."""
+        """Predict dense depth from the sparse points, including outliers; see `DepthModel.forward`."""
         margin = 0 if self.training else self.margin
         if margin:
             sparse_depth = surround_with_zeros(sparse_depth, margin)

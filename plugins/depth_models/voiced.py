@@ -19,9 +19,9 @@ from deux_plugins.depth_models.parts.vgg_encoder import VGG8, VGG11, VGGEncoder
 
 
 class VOICED(DepthModel):
-    """Refines a scaffolding, the linear interpolation of the sparse points, with the help of the image.
+    """Refines a scaffolding, the linear interpolation of the sparse points, by the image.
 
-    Image and depth have an encoder each; the decoder ends at half the size. The defaults are the published VOID
+    Image and depth have separate encoders; the decoder's output has half the size. The defaults are the published VOID
     settings, with DEUX's depth range. Works at any image size.
 
     Args:
@@ -31,8 +31,8 @@ class VOICED(DepthModel):
         decoder_filters: channels of the decoder's four levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres.
-        margin: pixels by which a trained network's image is extended on all sides, repeating its edge, and which its
-            depth loses again, as KBNet's; 0 is the published network.
+        margin: see KBNet: in evaluation, images are padded by this many pixels, and depth is cropped. 0 is the
+            published network.
     """
 
     objective: ClassVar[LossSettings] = {
@@ -70,13 +70,13 @@ class VOICED(DepthModel):
         self.decoder = Decoder(channels[4], channels[3::-1], decoder_filters)
 
     def prepare(self, sparse_depth: np.ndarray) -> dict[str, np.ndarray]:
-        """The scaffolding, 1 x H x W metres: 0 outside the points' convex hull, as published."""
+        """Compute the scaffolding, 1 x H x W metres; 0 outside of the points' convex hull, as published."""
         return {"scaffolding": interpolate(sparse_depth, outside="zero")[None]}
 
     def forward(
         self, image: Tensor, sparse_depth: Tensor, validity: Tensor, intrinsics: Tensor, **prepared: Tensor
     ) -> Prediction:
-        """Predict dense depth; see `DepthModel.forward`. The published network sees all points, outliers included."""
+        """Predict dense depth; see `DepthModel.forward`. As published, the input includes outliers."""
         points = (sparse_depth > 0).to(sparse_depth.dtype)
         scaffolding = prepared["scaffolding"]
         margin = 0 if self.training else self.margin

@@ -1,1 +1,1 @@
-"""Readers of recorded frames, one file each, in the layouts that the public datasets and cameras write."""
+"""Readers of recorded frames, one module for each layout of public datasets and cameras."""

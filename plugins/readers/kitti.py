@@ -1,4 +1,4 @@
-"""`data=kitti`: KITTI depth completion (Uhrig et al., 3DV 2017), driving video with the points of a laser scanner."""
+"""The reader `data=kitti`: KITTI depth completion (Uhrig et al., 3DV 2017), driving video with lidar points."""
 
 import os
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ _ROOTS = {
     "groundtruth": ("data_depth_annotated", "train_val_split/ground_truth", "."),
     "velodyne_raw": ("data_depth_velodyne", "train_val_split/sparse_depth", "."),
 }
-"""Where the folders train/ and val/ of each kind of depth lie: as they are unpacked, or side by side."""
+"""The folders that contain train/ and val/ of each kind of depth: as unpacked, or in other common layouts."""
 
 _RAW = ("kitti_raw", "kitti_raw_data", "raw_data", "raw", ".")
 _SELECTIONS = ("depth_selection", "data_depth_selection/depth_selection", "data_depth_selection", ".")
@@ -46,26 +46,26 @@ class Kitti(RecordedVideo):
         kitti_raw/<date>/<drive>_sync/image_02/data/<frame>.png (or .jpg), <date>/calib_cam_to_cam.txt
         depth_selection/val_selection_cropped/{image,velodyne_raw,groundtruth_depth,intrinsics}/
 
-    Splits: the drives in train/; the drives in val/ for validation; the selected single frames for test. The selection
-    is taken from the drives in val/, so a model that is chosen by these has been chosen by test images:
-    `validation` keeps training drives instead. Each camera of a drive is a sequence. There are no poses, so models
-    train with pose=learned.
+    Splits: the drives in train/ for training, the drives in val/ for validation, and the selected single frames for
+    test. The selection is taken from the drives in val/, so that model selection by these uses test images; to avoid
+    this, `validation` holds out training drives instead. Each camera of a drive is a sequence. There are no poses, so
+    models are trained with pose=learned.
 
     Args:
-        folder: the folder with these.
+        folder: the folder that contains these folders.
         raw: the folder of the raw recordings, kitti_raw/ above, if it is elsewhere.
-        cameras: which colour cameras are read: 2 is the left one, 3 the right one.
-        gap: source frames are so many frames away.
-        validation: number of training drives, the last by name, that make up the validation split; 0 for val/.
-        test: which selection is the test split; only the first has ground truth.
-        static_frames: a text file with a line "date drive frame" for each frame in which the car stands; the published
-            list has this form. These are no training targets.
-        min_speed: without such a list, frames of drives with an oxts folder are no training targets below this speed,
-            metres a second.
+        cameras: the colour cameras to read: 2 is the left one, 3 the right one.
+        gap: distance of source frames in frames, multiplied by the offsets.
+        validation: number of training drives, the last by name, that are held out for validation; 0 to use val/.
+        test: the selection to use as the test split; only val_selection_cropped has ground truth.
+        static_frames: a text file with a line "date drive frame" for each frame in which the car does not move, as in
+            the published list. These frames are not used as training targets.
+        min_speed: without such a list, frames with less than this speed in metres per second are not used as training
+            targets, if the drive has an oxts folder.
         scale: stored depth values per metre.
 
     Raises:
-        DeuxError: the folder has neither the drives nor the selection, or an option is out of its range.
+        DeuxError: the folder has neither drives nor the selection, or an option is out of range.
     """
 
     folder: Path
@@ -83,15 +83,15 @@ class Kitti(RecordedVideo):
         check_range("data.validation", self.validation, 0)
         check_range("data.min_speed", self.min_speed, 0)
         if not self.cameras or not set(self.cameras) <= {2, 3}:
-            raise DeuxError(f"data.cameras is {list(self.cameras)}: it must be [2], [3] or [2,3], the colour cameras.")
+            raise DeuxError(f"data.cameras is {list(self.cameras)}: it must be [2], [3] or [2,3] (colour cameras).")
         if self._depth_root("velodyne_raw") is None and self._selection is None:
             raise DeuxError(
-                f"{self.folder} has no depth maps of KITTI: neither data_depth_velodyne/train/<drive>_sync/proj_depth/ "
-                f"velodyne_raw/ nor depth_selection/{self.test}/ is in it."
+                f"{self.folder} has no depth maps of KITTI: data_depth_velodyne/train/<drive>_sync/proj_depth/"
+                f"velodyne_raw/ or depth_selection/{self.test}/ is expected."
             )
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """3 x 3 float64: of the date's calibration, P_rect_02 or P_rect_03, or the single frame's own file."""
+        """3 x 3 float64: P_rect_02 or P_rect_03 of the date's calibration, or the file of a single frame."""
         image = self._files(frame).image
         if frame.sequence == self.test:
             return read_intrinsics(image.parent.parent / "intrinsics" / f"{image.stem}.txt")
@@ -99,7 +99,7 @@ class Kitti(RecordedVideo):
         return _rectified(self._raw_root / drive[:10] / "calib_cam_to_cam.txt", camera)
 
     def place(self, frame: FrameReference) -> str:
-        """The drive, which both its cameras show; of a single frame its file's name tells it."""
+        """The drive, which both of its cameras show; for single frames it is part of the file name."""
         name = frame.name if frame.sequence == self.test else frame.sequence
         drive, found, _ = name.partition("_image_")
         return drive if found else frame.sequence
@@ -131,7 +131,7 @@ class Kitti(RecordedVideo):
         return found
 
     def _selected(self, folder: Path) -> dict[str, FrameFiles]:
-        """The single frames of a selection; the names of its files tell what is in them."""
+        """The single frames of a selection."""
         images, points = (list_files(folder / kind, (".png",)) for kind in ("image", "velodyne_raw"))
         truths = list_files(folder / "groundtruth_depth", (".png",))
         found = {}
@@ -152,23 +152,19 @@ class Kitti(RecordedVideo):
         if self.validation:
             training, drives = held_out(training, self.validation, "drives", self.folder)
         chosen = set(training if split == "train" else drives)
-        static = self._static if split == "train" else frozenset()
+        excluded = self._static if split == "train" else frozenset()
         clips, total = [], 0
         for sequence, frames in self._frames.items():
             if sequence != self.test and _parts(sequence)[0] in chosen:
                 targets = [name for name, files in frames.items() if files.sparse_depth is not None]
                 total += len(targets)
-                targets = [name for name in targets if (sequence, name) not in static]
+                targets = [name for name in targets if (sequence, name) not in excluded]
                 clips.append(Clip(sequence, targets, list(frames), self.gap))
         usable = sum(len(clip.targets) for clip in clips)
         report_skipped(f"{self.folder}, {split}", usable, {"static": total - usable})
         if total > usable == 0:
-            by = (
-                f"is slower than data.min_speed={self.min_speed:g} m/s"
-                if self.static_frames is None
-                else "stands still"
-            )
-            raise MissingSplit(f"{self.folder} has no {split} frames: the car {by} in each of the {total}.")
+            static = "does not move" if self.static_frames else f"is slower than data.min_speed={self.min_speed:g} m/s"
+            raise MissingSplit(f"{self.folder} has no {split} frames: the car {static} in all {total} frames.")
         return clips
 
     def _expected(self, split: str) -> str:
@@ -176,16 +172,16 @@ class Kitti(RecordedVideo):
             return f"depth_selection/{self.test}/ with the folders image, velodyne_raw and intrinsics is expected."
         if self._drives and set(self._frames) <= {self.test}:
             return (
-                f"{self._raw_root} has none of the images of its drives; <date>/<drive>_sync/image_02/data/<frame>.png "
-                "of the raw recordings is expected, and data.raw names their folder."
+                f"{self._raw_root} has no images of its drives; <date>/<drive>_sync/image_02/data/<frame>.png of the "
+                "raw recordings is expected, or data.raw=<their folder>."
             )
         if split == "validation":
-            return "data_depth_velodyne/val/ or data.validation=3, which keeps three training drives, is expected."
+            return "data_depth_velodyne/val/ is expected, or data.validation=3, which holds out three training drives."
         return "data_depth_velodyne/train/<drive>_sync/proj_depth/velodyne_raw/image_02/<frame>.png is expected."
 
     @cached_property
     def _static(self) -> set[tuple[str, str]]:
-        """Sequence and name of each training frame in which the car stands."""
+        """Sequence and name of each training frame in which the car does not move."""
         return set(self._slow() if self.static_frames is None else self._listed_static(self.static_frames))
 
     def _listed_static(self, listed: Path) -> Iterator[tuple[str, str]]:
@@ -200,7 +196,7 @@ class Kitti(RecordedVideo):
                 yield f"{words[1]}_image_{number:02d}", words[2]
 
     def _slow(self) -> Iterator[tuple[str, str]]:
-        """By the velocity that the car's navigation system measured."""
+        """The training frames with less than `min_speed`, measured by the car's navigation system."""
         for drive, split in self._drives.items():
             folder = self._raw_root / drive[:10] / drive / "oxts" / "data"
             if split == "train" and folder.is_dir():
@@ -210,7 +206,7 @@ class Kitti(RecordedVideo):
 
     @cached_property
     def _drives(self) -> dict[str, str]:
-        """The folder, train or val, of each drive, in the order of their names."""
+        """The folder of each drive, train or val, sorted by name."""
         root = self._depth_root("velodyne_raw")
         if root is None:
             return {}
@@ -219,7 +215,7 @@ class Kitti(RecordedVideo):
 
     @property
     def _raw_root(self) -> Path:
-        """The folder of the raw recordings, with one folder for each date."""
+        """The folder of the raw recordings, which contains a folder for each date."""
         if self.raw is not None:
             return Path(os.path.abspath(self.raw.expanduser()))
         there = (self.folder / name for name in _RAW)
@@ -236,13 +232,13 @@ class Kitti(RecordedVideo):
 
 
 def _parts(sequence: str) -> tuple[str, str]:
-    """Drive and camera of a sequence's name, 2011_09_26_drive_0001_sync_image_02."""
+    """Split a sequence's name, such as 2011_09_26_drive_0001_sync_image_02, into drive and camera."""
     drive, _, camera = sequence.rpartition("_image_")
     return drive, f"image_{camera}"
 
 
 def _rectified(path: Path, camera: str) -> np.ndarray:
-    """The first three columns of a rectified camera's projection matrix in calib_cam_to_cam.txt, 3 x 3 float64."""
+    """Read the intrinsics of a rectified camera from calib_cam_to_cam.txt, 3 x 3 float64."""
     name = f"P_rect_{camera[-2:]}:"
     for line in read_bytes(path).decode(errors="replace").splitlines():
         words = line.split()
@@ -255,9 +251,9 @@ def _rectified(path: Path, camera: str) -> np.ndarray:
 
 
 def _speed(path: Path) -> float:
-    """Metres a second over the ground."""
+    """The speed over ground in metres per second."""
     try:
         values = np.array(read_bytes(path).split(), dtype=np.float64)
         return float(np.hypot(values[_FORWARD], values[_LEFTWARD]))
     except (ValueError, IndexError) as error:
-        raise DeuxError(f"{path} is no oxts file: thirty numbers are expected.") from error
+        raise DeuxError(f"{path} is not an oxts file: thirty numbers are expected.") from error

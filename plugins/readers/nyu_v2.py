@@ -1,4 +1,4 @@
-"""`data=nyu_v2`: NYU Depth V2 (Silberman et al., ECCV 2012), indoor images and video of a Kinect."""
+"""The reader `data=nyu_v2`: NYU Depth V2 (Silberman et al., ECCV 2012), indoor images and video of a Kinect."""
 
 import re
 from collections.abc import Iterator
@@ -34,23 +34,23 @@ from deux_plugins.readers.parts.recorded_video import (
 KINECT = np.array(
     [[518.85790117450188, 0.0, 325.58244941119034], [0.0, 519.46961112127485, 253.73616633400465], [0.0, 0.0, 1.0]]
 )
-"""The colour camera's matrix in the data set's toolbox, for images of 640 x 480 pixels."""
+"""The colour camera's matrix from the dataset's toolbox, for images of 640 x 480 pixels."""
 
 KINECT_SIZE = (480, 640)
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """One way in which the frames lie in folders.
+    """A folder layout of the frames.
 
     Args:
         images: glob pattern of the folders of images.
-        depth: what replaces what in the path of such a folder, to give that of the depth maps.
+        depth: (old, new), the replacement in the path of an image folder that gives the folder of its depth maps.
         image_names: glob pattern of the images.
         depth_names: glob pattern of the depth maps.
         scale: stored depth values per metre.
-        gap: frames between a target and its nearest source frame, by default.
-        single: the split of frames that stand alone; None for video.
+        gap: default of `NyuV2.gap`.
+        single: the split of single frames; None for video.
     """
 
     images: str
@@ -63,7 +63,7 @@ class _Layout:
 
 
 def _pairs(images: str, single: Literal["train", "test"] | None = None) -> _Layout:
-    """Images and depth maps in one folder."""
+    """The layout with images and depth maps in the same folder."""
     return _Layout(images, image_names="rgb_*", depth_names="sync_depth_*", gap=1, single=single)
 
 
@@ -81,35 +81,35 @@ _LAYOUTS = (
 class NyuV2(RecordedVideo):
     """Reads the labelled images, the synchronised video, or both from one folder.
 
-    Video, to train on; each <scene> is a sequence:
+    Video for training, where each <scene> is a sequence:
 
         [sync/|raw_data/]<scene>/rgb_<n>.jpg and sync_depth_<n>.png, millimetres
         [sync/|raw_data/]<scene>/{rgb,depth}/<n>.png (or .jpg), millimetres
-        training/{images,depths}/raw_data/<scene>/<time stamp>.png, metres x 256, as the KBNet family has it
+        training/{images,depths}/raw_data/<scene>/<time stamp>.png, metres x 256, as in the KBNet family
 
-    Single frames, to evaluate on; supervised models also train on those of the training split where there is no video:
+    Single frames for evaluation. Without video, supervised models are trained on those of the training split:
 
         nyu_depth_v2_labeled.mat and splits.mat (795 training and 654 test images; needs pip install "deux[nyu]")
         {train,test}/<scene>/rgb_<n>.jpg and sync_depth_<n>.png, millimetres
         testing/{images,depths}/*.png, metres x 256
 
-    Video of a scene of which the test split has an image is left out of training and validation.
+    Video of scenes in the test split is excluded from training and validation.
 
-    The depth is the ground truth, and sparse points are sampled from it at the image's corners. A file K.txt beside the
-    images, in the folder above or in that of the data set takes the place of the Kinect's matrix; images of another
-    size than 640 x 480 need it. The recordings as they are published (r-*.ppm, d-*.pgm) must be synchronised first,
-    with the data set's toolbox.
+    The depth is used as ground truth, and sparse points are sampled from it at the image's corners. A file K.txt in the
+    folder of the images, in its parent or in the dataset's folder replaces the Kinect's camera matrix; it is required
+    for images of another size than 640 x 480. The published raw recordings (r-*.ppm, d-*.pgm) must be synchronised
+    first, with the dataset's toolbox.
 
     Args:
-        folder: the folder with these.
-        gap: source frames are so many frames away; by default 10, as published, and 1 where images are called
-            rgb_<n>, since extracted sets of that form hold about every tenth frame.
-        validation: number of training scenes, the last by name, that are kept for validation.
+        folder: the dataset's folder.
+        gap: distance of source frames in frames, multiplied by the offsets; by default 10, as published, and 1 if
+            images are named rgb_<n>, because extracted datasets of this form contain about every tenth frame.
+        validation: number of training scenes, the last by name, that are held out for validation.
         density: number of sparse points as a fraction of the pixels.
         scale: stored depth values per metre; by default as above.
 
     Raises:
-        DeuxError: the folder is not laid out in one of these ways, or an option is out of its range.
+        DeuxError: the folder has none of these layouts, or an option is out of range.
     """
 
     folder: Path
@@ -125,11 +125,11 @@ class NyuV2(RecordedVideo):
             return
         if any(self.folder.glob("*/[rd]-*.p[pg]m")) or any(self.folder.glob("*/*/[rd]-*.p[pg]m")):
             raise DeuxError(
-                f"{self.folder} has the recordings as published, in which each image has to be matched with a depth "
-                "map first: the data set's toolbox (get_synched_frames, project_depth_map) does so."
+                f"{self.folder} has the raw recordings, in which images and depth maps are not synchronised: "
+                "synchronise them first with the dataset's toolbox (get_synched_frames, project_depth_map)."
             )
         raise DeuxError(
-            f"{self.folder} is not laid out as NYU Depth V2: {LABELLED}, <scene>/rgb_<n>.jpg with sync_depth_<n>.png, "
+            f"{self.folder} has no layout of NYU Depth V2: {LABELLED}, <scene>/rgb_<n>.jpg with sync_depth_<n>.png, "
             "<scene>/rgb with <scene>/depth, or training/images/raw_data/<scene> is expected."
         )
 
@@ -146,7 +146,7 @@ class NyuV2(RecordedVideo):
         return super().ground_truth(frame)
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """The nearest K.txt, otherwise the Kinect's; 3 x 3 float64."""
+        """The nearest K.txt, or else the Kinect's matrix; 3 x 3 float64."""
         image = self._files(frame).image
         for folder in (image.parent, image.parent.parent, self.folder):
             if (folder / "K.txt").exists():
@@ -154,8 +154,8 @@ class NyuV2(RecordedVideo):
         size = self.image(frame).shape[:2]
         if size != KINECT_SIZE:
             raise DeuxError(
-                f"{image} has {image_size(size)} pixels, but the Kinect's matrix is for 640 x 480: a file K.txt in "
-                f"{self.folder} must give that of the images as they are now."
+                f"{image} has {image_size(size)} pixels, but the Kinect's matrix is for 640 x 480: write the matrix of "
+                f"these images to {self.folder / 'K.txt'}."
             )
         return KINECT.copy()
 
@@ -188,14 +188,14 @@ class NyuV2(RecordedVideo):
 
     @cached_property
     def _training_video(self) -> list[Clip]:
-        """The video of scenes of which the test split has no image: the published recordings are of all scenes."""
+        """The video without that of scenes in the test split."""
         clips = self._video()
         tested = {_place(clip.sequence.partition("_")[2]) for clip in self._single_frames("test")} if clips else set()
-        kept = [clip for clip in clips if _place(clip.sequence) not in tested]
-        if len(kept) < len(clips):
-            frames, usable = (sum(len(clip.targets) for clip in some) for some in (clips, kept))
+        untested = [clip for clip in clips if _place(clip.sequence) not in tested]
+        if len(untested) < len(clips):
+            frames, usable = (sum(len(clip.targets) for clip in some) for some in (clips, untested))
             report_skipped(f"{self.folder}, video", usable, {"of scenes in the test split": frames - usable})
-        return kept
+        return untested
 
     def _video(self) -> list[Clip]:
         clips = []
@@ -222,8 +222,8 @@ class NyuV2(RecordedVideo):
         if split == "test":
             return f"{LABELLED} with splits.mat, test/<scene>/rgb_<n>.jpg or testing/images is expected."
         if split == "validation":
-            return "data.validation=3 keeps three training scenes for it."
-        return f"data.gap={self.gap} must leave some frames of the videos, and each must have a depth map of its name."
+            return "set data.validation=3 to hold out three training scenes."
+        return f"videos must be longer than data.gap={self.gap} requires, with a depth map for the name of each frame."
 
     @cached_property
     def _labelled(self) -> LabelledImages | None:
@@ -232,14 +232,14 @@ class NyuV2(RecordedVideo):
 
     @cached_property
     def _sequences(self) -> dict[str, tuple[_Layout, Path]]:
-        """How each sequence is laid out, and its folder of images; of two layouts with one name the first counts."""
+        """The layout of each sequence, and its folder of images; if two have the same name, the first is used."""
         found: dict[str, tuple[_Layout, Path]] = {}
         for sequence, layout, folder in self._image_folders():
             found.setdefault(sequence, (layout, folder))
         return found
 
     def _image_folders(self) -> Iterator[tuple[str, _Layout, Path]]:
-        """The sequences that are there: name, layout and folder of images."""
+        """The sequences on disk: name, layout and folder of images."""
         for layout in _LAYOUTS:
             for folder in sorted(self.folder.glob(layout.images)):
                 if any(path.suffix.lower() in IMAGE_SUFFIXES for path in folder.glob(layout.image_names)):
@@ -248,12 +248,12 @@ class NyuV2(RecordedVideo):
 
 
 def _place(scene: str) -> str:
-    """A scene's name without the letter that tells its recordings apart: living_room_0086a shows what 0086b does."""
+    """A scene's name without the letter of the recording: living_room_0086a and 0086b show the same room."""
     return re.sub(r"(?<=\d)[a-z]$", "", scene)
 
 
 def _depth_folder(root: Path, images: Path, layout: _Layout) -> Path:
-    """Where the depth maps lie that belong to a folder of images."""
+    """The folder of the depth maps for a folder of images."""
     old, new = layout.depth
     if not old:
         return images

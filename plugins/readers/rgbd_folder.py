@@ -1,4 +1,4 @@
-"""`data=rgbd_folder`: anybody's RGB-D video, as folders of images and depth maps."""
+"""The reader `data=rgbd_folder`: custom RGB-D video as folders of images and depth maps."""
 
 import logging
 import math
@@ -48,40 +48,40 @@ class RgbdFolder(RecordedVideo):
             depth/                           <frame>.png, 16 bits, or .npy of metres; registered to the images
             sparse/ (or sparse_depth)        optional, as depth/; without it points are sampled from depth/
             K.txt (or intrinsics.txt)        3 x 3, in pixels of the images; a folder intrinsics/ has one for each frame
-            poses.txt                        optional; see `read_trajectory` for its forms
+            poses.txt                        optional; see `read_trajectory` for the formats
 
-    Depth maps, and poses and matrices of single frames, belong to the images of the same name, or number. Frames are in
-    the order of the numbers in their names.
-    A frame without depth is no target. Where there are poses, a frame without one is neither target nor source in
-    training, and is evaluated all the same. K.txt may also lie in the folder above, for all videos.
+    Depth maps, poses and camera matrices of single frames are matched with images by name or number. Frames are ordered
+    by the numbers in their names. A frame without depth is not a target. If a video has poses, frames without a pose
+    are not used for training, but they are evaluated. K.txt may also be in the parent folder, for all videos.
 
     Args:
         folder: the video, or the folder of videos.
-        images: name of the folders of images, if it is another than those above.
+        images: name of the folders of images, if it is none of those above.
         depth: name of the folders of depth maps, likewise.
         sparse: name of the folders of sparse points, likewise.
         poses: name of the file or folder of poses, likewise.
-        world_to_camera: whether the pose files hold world-to-camera matrices.
-        fx: focal length along the rows, pixels; with fy, cx and cy it takes the place of K.txt.
+        world_to_camera: whether the pose files contain world-to-camera matrices.
+        fx: focal length along the rows, pixels; with fy, cx and cy it replaces K.txt.
         fy: focal length along the columns, pixels.
         cx: column of the principal point, pixels, 0 at the centre of the first pixel.
         cy: row of the principal point, likewise.
         scale: stored depth values per metre in PNG files: 1000 for millimetres.
-        sparse_scale: the same of the files in sparse/; None for `scale`.
-        gap: source frames are so many frames away.
-        min_distance: a training frame is static, and left out, if the camera has moved less than so many metres
-        min_angle: and turned less than so many degrees since the last one that was kept.
-        min_difference: without poses, a training frame is static if it differs by less from the last one that was kept,
-            in mean absolute grey levels of 255; above 0 every image is read at the start.
-        density: number of sparse points as a fraction of the pixels, where they are sampled.
-        split_by: "frames" divides each video, training frames first, then validation, then test; "videos" keeps whole
-            videos, the last by name.
+        sparse_scale: stored depth values per metre of the files in sparse/; None for `scale`.
+        gap: distance of source frames in frames, multiplied by the offsets.
+        min_distance: training frames are dropped as static if the camera has moved less than this, in metres, and
+            turned less than `min_angle` since the last frame that was not dropped.
+        min_angle: see `min_distance`; degrees.
+        min_difference: without poses, training frames are dropped as static if their mean absolute difference from the
+            last frame that was not dropped is less, in grey levels of 255; above 0 all images are read at the start.
+        density: number of sparse points as a fraction of the pixels, if they are sampled.
+        split_by: "frames" divides each video into training, validation and test frames, in this order; "videos" assigns
+            whole videos, of which the last by name are for test.
         validation: fraction of the frames or videos in the validation split.
         test: fraction in the test split.
-        margin: frames between two splits of one video that are targets of neither.
+        margin: number of frames between two splits of a video that are targets of neither.
 
     Raises:
-        DeuxError: no video is found, a video lacks depth or intrinsics, or an option is out of its range.
+        DeuxError: no video is found, a video has no depth or intrinsics, or an option is out of range.
     """
 
     folder: Path
@@ -117,15 +117,17 @@ class RgbdFolder(RecordedVideo):
         check_range("data.validation + data.test", self.validation + self.test, 0, 1)
         given = [name for name in ("fx", "fy", "cx", "cy") if getattr(self, name) is not None]
         if given and len(given) < 4:
-            raise DeuxError(f"data.{given[0]} is given without all of data.fx, data.fy, data.cx and data.cy.")
+            raise DeuxError(
+                f"data.{given[0]} is set: all of data.fx, data.fy, data.cx and data.cy are needed together."
+            )
         if not self._videos:
             raise DeuxError(
                 f"{self.folder} has no RGB-D video: a folder {' or '.join(self._image_folders)} of .png or .jpg files "
-                "is expected in it or in its subfolders; data.images may name another."
+                "is expected in it or in its subfolders; set data.images if it has another name."
             )
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """3 x 3 float64: the options', the frame's own file, the video's or that of the folder above."""
+        """3 x 3 float64: from the options, the file of the frame, the video or the parent folder."""
         if self.fx is not None:
             return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]], dtype=np.float64)
         video = self._videos[frame.sequence]
@@ -137,42 +139,42 @@ class RgbdFolder(RecordedVideo):
         folders = [folder for name in INTRINSICS_FOLDERS if (folder := video / name).is_dir()]
         if folders:
             raise DeuxError(
-                f"Frame {frame.name} of {frame.sequence} in {self.folder} has no intrinsics: {folders[0]} holds no "
-                ".txt or .npy file of its name or, for each of the frames, of its number, and there is no K.txt."
+                f"Frame {frame.name} of {frame.sequence} in {self.folder} has no intrinsics: {folders[0]} contains no "
+                ".txt or .npy file with its name, nor files with the numbers of all frames, and there is no K.txt."
             )
         raise DeuxError(
             f"{video} has no intrinsics: K.txt with nine numbers in it, or data.fx, data.fy, data.cx and data.cy are "
-            "expected, in pixels of the images."
+            "expected, in pixels."
         )
 
     def pose(self, frame: FrameReference) -> np.ndarray | None:
-        """4 x 4 float64, camera-to-world; None for a frame without."""
+        """4 x 4 float64, camera-to-world; None for a frame without a pose."""
         pose = self._poses[frame.sequence].get(frame.name)
         return None if pose is None else pose.copy()
 
     def _find(self) -> Frames:
         found: Frames = {}
-        own = False
+        any_points = False
         for sequence, video in self._videos.items():
             images = self._images_of(video)
             depths = matching(images, _files_in(video, _choice(self.depth, DEPTH_FOLDERS), DEPTH_SUFFIXES))
             points = matching(images, _files_in(video, _choice(self.sparse, SPARSE_FOLDERS), DEPTH_SUFFIXES))
-            own = own or bool(points)
+            any_points = any_points or bool(points)
             if not depths and not points:
                 raise DeuxError(
-                    f"{video} has no depth maps of its images' names or numbers: a folder "
-                    f"{' or '.join(_choice(self.depth, DEPTH_FOLDERS))} of .png or .npy files is expected, and "
-                    "data.depth may name another."
+                    f"{video} has no depth maps with the names or numbers of its images: a folder "
+                    f"{' or '.join(_choice(self.depth, DEPTH_FOLDERS))} of .png or .npy files is expected; set "
+                    "data.depth if it has another name."
                 )
             found[sequence] = {}
             for name, image in images.items():
-                # Where a video has points of its own, none are sampled for the frames that lack them.
+                # If a video has sparse points, frames without them are not filled in by sampling.
                 truth = depths.get(name) if name in points or not points else None
                 found[sequence][name] = FrameFiles(image, points.get(name), truth, self.scale, self.sparse_scale)
-        if self.sparse_scale is not None and not own:
+        if self.sparse_scale is not None and not any_points:
             raise DeuxError(
-                f"data.sparse_scale={self.sparse_scale:g} is of sparse points, and {self.folder} has no folder "
-                f"{' or '.join(_choice(self.sparse, SPARSE_FOLDERS))} of any: data.scale is of its depth maps."
+                f"data.sparse_scale={self.sparse_scale:g} is for sparse points, but {self.folder} has no folder "
+                f"{' or '.join(_choice(self.sparse, SPARSE_FOLDERS))}: set data.scale for its depth maps."
             )
         depthless = [not files.has_depth for frames in found.values() for files in frames.values()]
         if any(depthless):
@@ -184,7 +186,7 @@ class RgbdFolder(RecordedVideo):
         images = _files_in(video, self._image_folders, IMAGE_SUFFIXES)
         if not images:
             folder = _subfolder(video, self._image_folders)
-            raise DeuxError(f"{folder} holds no image: {', '.join(IMAGE_SUFFIXES)} files are expected.")
+            raise DeuxError(f"{folder} contains no images: {', '.join(IMAGE_SUFFIXES)} files are expected.")
         return images
 
     def _clips(self, split: str) -> list[Clip]:
@@ -210,20 +212,20 @@ class RgbdFolder(RecordedVideo):
             raise MissingSplit(f"{self.folder} has no {split} frames: {self._still}")
         if split == "train" and any(clip.targets for clip in clips) and self.split_by == "frames":
             lengths = {video: len(self._frames[video]) for video in self._videos}
-            if (sentence := self._division.untrained(lengths, self.folder)) is not None:
-                log.warning(sentence)
+            if (warning := self._division.untrained(lengths, self.folder)) is not None:
+                log.warning(warning)
         return clips
 
     def _expected(self, split: str) -> str:
         if split != "train" and getattr(self, split) == 0:
-            return f"data.{split}=0.1 keeps a tenth of the {self.split_by} for it."
+            return f"set data.{split}=0.1 to hold out a tenth of the {self.split_by}."
         return (
             f"data.validation={self.validation}, data.test={self.test}, data.margin={self.margin} and "
-            f"data.gap={self.gap} must leave some."
+            f"data.gap={self.gap} leave none."
         )
 
     def _blocks(self, split: str) -> dict[str, tuple[list[str], list[str]]]:
-        """The split's frames of each video, after the frames of no split that come before them."""
+        """For each video, the frames of the margin before the split, and the frames of the split."""
         if self.split_by == "videos":
             chosen = Division(self.validation, self.test, count=math.ceil).blocks(len(self._videos))[split]
             return {video: ([], list(self._frames[video])) for video in list(self._videos)[chosen]}
@@ -240,11 +242,11 @@ class RgbdFolder(RecordedVideo):
         return Division(self.validation, self.test, self.margin)
 
     def _posed(self, sequence: str) -> Collection[str]:
-        """The frames that have a pose; all of them where the video has no poses."""
+        """The frames with a pose; all frames if the video has no poses."""
         return self._poses[sequence] or self._frames[sequence]
 
     def _moving(self, sequence: str, names: Sequence[str]) -> list[str]:
-        """The frames in which the camera has moved since the last one of them; none if it stands still throughout."""
+        """Drop static frames, in which the camera has not moved since the last kept frame; [] if it never moves."""
         poses = self._poses[sequence]
         if not poses and self.min_difference == 0:
             return list(names)
@@ -259,15 +261,12 @@ class RgbdFolder(RecordedVideo):
 
     @property
     def _still(self) -> str:
-        """What a video is in which no frame was taken from elsewhere than the first: the end of a sentence."""
+        """The reason why all frames are static, for the end of a sentence."""
         if any(self._poses.values()):
             near = f"within data.min_distance={self.min_distance:g} m and data.min_angle={self.min_angle:g} degrees of"
         else:
             near = f"with fewer than data.min_difference={self.min_difference:g} grey levels of difference from"
-        return (
-            f"the camera stands still, each frame was taken {near} the first, and depth is learned from a camera that "
-            "moves."
-        )
+        return f"the camera does not move, all frames are {near} the first, but depth can only be learned from motion."
 
     def _apart(self, first: np.ndarray, second: np.ndarray) -> bool:
         distance, angle = motion(first, second)
@@ -278,38 +277,40 @@ class RgbdFolder(RecordedVideo):
 
     @cached_property
     def _cameras(self) -> dict[str, dict[str, Path]]:
-        """The files of the frames' own matrices in each video, by the frames' names."""
+        """The files of single frames' camera matrices in each video, by the frames' names."""
         found: dict[str, dict[str, Path]] = {}
         for sequence, video in self._videos.items():
             frames, found[sequence] = self._frames[sequence], {}
             for folder in reversed(INTRINSICS_FOLDERS):
                 files = {**list_files(video / folder, (".npy",)), **list_files(video / folder, (".txt",))}
                 matched = matching(frames, files)
-                # Numbers count where each frame has a file by them: cam0 and cam1 are not of the first two frames.
+                # Match by number only if all frames have a file: cam0 and cam1 are not the first two frames.
                 named = matched if len(matched) == len(frames) else {n: files[n] for n in frames if n in files}
                 found[sequence] |= named
         return found
 
     @cached_property
     def _poses(self) -> dict[str, dict[str, np.ndarray]]:
-        """The camera-to-world matrices of each video, by the frames' names; none for a video without poses."""
+        """The camera-to-world matrices of each video, by the frames' names; empty for a video without poses."""
         found = {}
         for sequence, video in self._videos.items():
             path = next(
                 (video / name for name in _choice(self.poses, TRAJECTORY_FILES) if (video / name).exists()), None
             )
             if path is None and self.poses is not None:
-                raise DeuxError(f"{video} has no poses called {self.poses}, as data.poses says.")
+                raise DeuxError(f"data.poses is {self.poses}, but {video} has no such file or folder.")
             frames = list(self._frames[sequence])
             known = {} if path is None else read_trajectory(path, frames, self.world_to_camera)
             if path is not None and not known:
-                raise DeuxError(f"{path} has a pose for none of the images: their names or times are not in it.")
+                raise DeuxError(
+                    f"{path} has no pose of any image: the names or time stamps of the images must be in it."
+                )
             found[sequence] = known
         return found
 
     @cached_property
     def _videos(self) -> dict[str, Path]:
-        """The folder of each video, by its name; in the order of the numbers in the names."""
+        """The folder of each video, by its name, in natural order of the names."""
         if _subfolder(self.folder, self._image_folders) is not None:
             return {self.folder.resolve().name: self.folder}
         there = {
@@ -323,21 +324,21 @@ class RgbdFolder(RecordedVideo):
 
 
 def _choice(chosen: str | None, common: tuple[str, ...]) -> tuple[str, ...]:
-    """The name that the user gave, or the common ones."""
+    """The user's choice of a name, or the common names."""
     return common if chosen is None else (chosen,)
 
 
 def _subfolder(video: Path, names: Sequence[str]) -> Path | None:
-    """The first folder of these names."""
+    """The first existing folder with one of these names."""
     return next((video / name for name in names if (video / name).is_dir()), None)
 
 
 def _files_in(video: Path, names: Sequence[str], suffixes: tuple[str, ...]) -> dict[str, Path]:
-    """The files in the first folder of these names; none if there is no such folder."""
+    """The files in the first existing folder with one of these names; {} if there is none."""
     folder = _subfolder(video, names)
     return {} if folder is None else list_files(folder, suffixes)
 
 
 def _grey(path: Path) -> np.ndarray:
-    """H x W float32, 0 to 255."""
+    """Read an image as grey levels, H x W float32 from 0 to 255."""
     return cv2.cvtColor(read_any_image(path), cv2.COLOR_RGB2GRAY).astype(np.float32)

@@ -1,4 +1,4 @@
-"""`data=triplets`: datasets as the training scripts of the KBNet family read them."""
+"""The reader `data=triplets`: datasets in the format of the training scripts of the KBNet family."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,18 +16,18 @@ from deux.io.images import read_depth, read_image
 from deux.io.layout import SUFFIXES, list_file
 
 SIDE = {1: 0, 0: 1, 2: 2}
-"""Which third of an image a target (0) and its source frames (1 and 2) are."""
+"""The third of a triplet image that contains the target (0) and its source frames (1 and 2)."""
 
 
 @dataclass(frozen=True)
 class TripletImages(Reader):
-    """Reads what `task=export_dataset export_dataset.format=triplets` writes, or the published set-up scripts do.
+    """Reads datasets written by `task=export_dataset export_dataset.format=triplets` or the published set-up scripts.
 
-    An image holds three frames side by side: a source, the target and the other source. The list of a split's images
-    names the targets; what comes before `data/` in its paths may differ from where the folder lies now.
+    An image contains three frames side by side: a source frame, the target and the other source frame. The list of a
+    split's images names the targets; the folder before `data/` in its paths may differ from the present folder.
 
     Args:
-        folder: holds `data/` and the list files.
+        folder: the folder that contains `data/` and the list files.
 
     Raises:
         DeuxError: the folder has no `data/`.
@@ -37,10 +37,10 @@ class TripletImages(Reader):
 
     def __post_init__(self) -> None:
         if not (self.folder / "data").is_dir():
-            raise DeuxError(f"{self.folder} has no folder data/ with sequences of triplet images.")
+            raise DeuxError(f"{self.folder} is not a dataset of triplets: a folder data/ with sequences is expected.")
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """The targets that `<split>_image.txt` lists; each has its two source frames with it."""
+        """The targets that `<split>_image.txt` lists, each with two source frames."""
         listed = list_file(self.folder, split, "image")
         if not listed.is_file():
             raise MissingSplit(f"{self.folder} has no {split} split, whose images {listed.name} would list.")
@@ -50,34 +50,34 @@ class TripletImages(Reader):
         return found
 
     def image(self, frame: FrameReference) -> np.ndarray:
-        """H x W x 3 uint8: the frame's third of its triplet image."""
+        """The frame's third of its triplet image, H x W x 3 uint8."""
         target, number = self._target(frame)
         path = self._file(frame.sequence, "image", target)
         image = read_image(path)
         if image.shape[1] % 3:
-            raise DeuxError(f"{path} is {image.shape[1]} pixels wide, which is no multiple of 3: it holds no triplet.")
+            raise DeuxError(f"{path} is not a triplet: it is {image.shape[1]} pixels wide, not a multiple of 3.")
         width = image.shape[1] // 3
         first = SIDE[number] * width
         return image[:, first : first + width].copy()
 
     def intrinsics(self, frame: FrameReference) -> np.ndarray:
-        """3 x 3 float64, the frame's own where a sequence has several cameras; else its target's, or the sequence's."""
+        """3 x 3 float64: the frame's own file if there is one, else that of its target or of the sequence."""
         sequence = self.folder / "data" / frame.sequence
         names = (own_intrinsics(frame.name), own_intrinsics(self._target(frame)[0]))
         own = (sequence / name for name in names if (sequence / name).is_file())
         return read_any_intrinsics(next(own, sequence / INTRINSICS))
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
-        """H x W float32 metres, 0 = none; of targets only."""
+        """H x W float32 metres, 0 = none; only for targets."""
         return read_depth(self._of_target(frame, "sparse_depth"))
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
-        """H x W float32 metres, 0 = none; of targets only. None for a sequence without a folder of it."""
+        """H x W float32 metres, 0 = none; only for targets. None if the sequence has no folder `ground_truth/`."""
         path = self._of_target(frame, "ground_truth")
         return read_depth(path) if path.parent.is_dir() else None
 
     def pose(self, frame: FrameReference) -> np.ndarray | None:
-        """4 x 4 float64; None for a sequence without a folder of them."""
+        """4 x 4 float64; None if the sequence has no folder `absolute_pose/`."""
         path = self._file(frame.sequence, "absolute_pose", frame.name)
         return read_pose(path) if path.parent.is_dir() else None
 
@@ -88,7 +88,7 @@ class TripletImages(Reader):
         return self._file(frame.sequence, kind, target)
 
     def _target(self, frame: FrameReference) -> tuple[str, int]:
-        """The name of the frame's target, and which of its source frames it is; 0 for the target itself."""
+        """The name of the frame's target, and the number of the source frame, 0 for the target itself."""
         target, dash, number = frame.name.rpartition("-")
         if dash and number in ("1", "2") and not self._file(frame.sequence, "image", frame.name).is_file():
             return target, int(number)
@@ -101,7 +101,7 @@ class TripletImages(Reader):
         parts = Path(line).parts
         if len(parts) < 4 or parts[-2] != LISTED[0] or not (is_file_name(parts[-3]) and is_file_name(parts[-1])):
             raise DeuxError(
-                f"{listed} names {shown(line)}, where a path like data/<sequence>/image/<frame>.png is expected."
+                f"{listed} lists {shown(line)}, where a path like data/<sequence>/image/<frame>.png is expected."
             )
         name = Path(line).stem
         sources = (FrameReference(parts[-3], source_name(name, number)) for number in (1, 2))

@@ -1,4 +1,4 @@
-"""`data=void`: the VOID release (Wong et al., RA-L 2020), indoor video with points of visual-inertial odometry."""
+"""The reader `data=void`: the VOID release (Wong et al., RA-L 2020), indoor video with points of visual odometry."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,25 +29,27 @@ Density = Literal[150, 500, 1500]
 
 @dataclass(frozen=True)
 class Void(RecordedVideo):
-    """Reads the release as it is unpacked: void_release/ with void_150/, void_500/ and void_1500/, or one of the three.
+    """Reads the unpacked release: void_release/ with void_150/, void_500/ and void_1500/, or one of the three.
 
         void_1500/
             data/<sequence>/{image,sparse_depth,ground_truth}/<time stamp>.png, absolute_pose/<time stamp>.txt, K.txt
             train_image.txt, test_image.txt
 
-    The list files name the targets. The source frames are other frames of the sequence, listed or not. A pixel's
-    validity is whether it has sparse depth; the folder validity_map says the same and is not read.
+    The list files name the targets. Source frames may be any frames of the sequence, listed or not. The folder
+    validity_map is not read: it is redundant with the pixels of sparse_depth that are above 0.
 
     Args:
         folder: void_release/, void_150/, void_500/ or void_1500/.
-        points: which of the three densities is read, by its nominal number of points, where the folder has several.
-        gap: source frames are so many frames away; with `training.offsets=[-1,1]` this is the published set-up.
-        margin: frames at either end of a sequence that are no training targets, because the camera stands still there.
-        validation: number of training sequences, the last by name, that are kept for validation.
+        points: the density to read, by its nominal number of points, if the folder has several.
+        gap: distance of source frames in frames, multiplied by the offsets; with `training.offsets=[-1,1]` this is the
+            published set-up.
+        margin: number of frames at both ends of a sequence, where the camera does not move, that are not used as
+            training targets.
+        validation: number of training sequences, the last by name, that are held out for validation.
         scale: stored depth values per metre.
 
     Raises:
-        DeuxError: the folder is not laid out so, holds several densities and none is chosen, or not the chosen one.
+        DeuxError: the folder does not have this layout, or `points` does not select one of its densities.
     """
 
     folder: Path
@@ -68,7 +70,9 @@ class Void(RecordedVideo):
         """The folder of the chosen density."""
         if (self.folder / "data").is_dir():
             if self.points is not None and self.folder.name.startswith("void_") and self.folder.name != self._name:
-                raise DeuxError(f"data.points={self.points} is not what {self.folder} holds: leave it out.")
+                raise DeuxError(
+                    f"data.points is {self.points}, but the folder is {self.folder}: leave data.points out."
+                )
             return self.folder
         there = [path.parent.name for path in sorted(self.folder.glob("void_*/data"))]
         if not there:
@@ -77,7 +81,7 @@ class Void(RecordedVideo):
             )
         name = there[0] if self.points is None and len(there) == 1 else self._name
         if name not in there:
-            raise DeuxError(f"{self.folder} has {', '.join(there)}: data.points=150, 500 or 1500 chooses one of them.")
+            raise DeuxError(f"{self.folder} has {', '.join(there)}: choose one by data.points=150, 500 or 1500.")
         return self.folder / name
 
     @property
@@ -89,7 +93,7 @@ class Void(RecordedVideo):
         return read_intrinsics(self._root / "data" / frame.sequence / "K.txt")
 
     def pose(self, frame: FrameReference) -> np.ndarray | None:
-        """4 x 4 float64, camera-to-world; None for a sequence without a folder absolute_pose."""
+        """4 x 4 float64, camera-to-world; None if the sequence has no folder `absolute_pose/`."""
         folder = self._root / "data" / frame.sequence / "absolute_pose"
         return read_pose(folder / f"{frame.name}.txt") if folder.is_dir() else None
 
@@ -102,7 +106,7 @@ class Void(RecordedVideo):
                 name: FrameFiles(
                     image,
                     kinds["sparse_depth"].get(name),
-                    # A file that is missing among others is an error of the frame that asks for it.
+                    # A missing file in an existing folder raises an error when it is read.
                     folder / "ground_truth" / f"{name}.png" if kinds["ground_truth"] else None,
                     self.scale,
                 )
@@ -131,12 +135,12 @@ class Void(RecordedVideo):
 
     def _expected(self, split: str) -> str:
         if split == "validation" and self.validation == 0:
-            return "data.validation=3 keeps three training sequences for it."
-        return f"data.gap={self.gap} and data.margin={self.margin} must leave some of the frames that the list names."
+            return "set data.validation=3 to hold out three training sequences."
+        return f"data.gap={self.gap} and data.margin={self.margin} leave none of the listed frames."
 
     @cached_property
     def _listed(self) -> dict[str, dict[str, list[str]]]:
-        """The frames that each list names, by sequence, in the order of time."""
+        """The listed frames of each split by sequence, in the order of time."""
         found: dict[str, dict[str, list[str]]] = {}
         for split in ("train", "test"):
             path = self._root / f"{split}_image.txt"
@@ -155,7 +159,7 @@ class Void(RecordedVideo):
 
 
 def _read_list(path: Path) -> Iterator[tuple[str, str]]:
-    """Sequence and file name of each image that a list names; the folders before data/ do not matter."""
+    """Sequence and frame of each listed image; the folders before data/ are ignored."""
     for line in read_bytes(path).decode(errors="replace").splitlines():
         parts = Path(line.strip()).parts
         if not parts:

@@ -1,4 +1,4 @@
-"""`data=webdataset`: tar shards of samples, read in any order."""
+"""The reader `data=webdataset`: tar shards of samples, with random access."""
 
 import re
 import tarfile
@@ -18,7 +18,7 @@ from deux.io.json_files import checked_object, decode_json
 
 
 class _Member(NamedTuple):
-    """Where a file lies in its shard."""
+    """The location of a file in a shard."""
 
     shard: Path
     offset: int
@@ -27,23 +27,23 @@ class _Member(NamedTuple):
 
 @dataclass(frozen=True)
 class Shards(Reader):
-    """Reads the shards that `task=export_dataset export_dataset.format=webdataset` writes, `<split>-NNNNNN.tar`.
+    """Reads shards `<split>-NNNNNN.tar`, as written by `task=export_dataset export_dataset.format=webdataset`.
 
-    The headers are read once, with the first frame that is asked for, so that frames can be read in any order. The
-    package `webdataset` streams the same shards (docs/export.md).
+    On first use all headers are read to build an index, so that frames can be read in any order. The package
+    `webdataset` can stream the same shards (docs/export.md).
 
     Args:
-        folder: holds the shards.
+        folder: the folder of the shards.
     """
 
     folder: Path
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """The targets of a split, by name; each has its source frames with it."""
+        """The targets of a split, sorted by name, each with the source frames of its sample."""
         samples = self._index.get(split)
         if not samples:
             raise MissingSplit(
-                f"{self.folder} has no {split} split, whose shards {split}-000000.tar and so on would hold; it has "
+                f"{self.folder} has no {split} split: shards {split}-000000.tar and so on are expected; it has "
                 f"{', '.join(sorted(self._index)) or 'no shards at all'}."
             )
         return [self._triplet(key, kinds) for key, kinds in sorted(samples.items())]
@@ -64,11 +64,11 @@ class Shards(Reader):
         return checked_intrinsics(_numbers(own, f"source_intrinsics[{number - 1}]", path), path)
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
-        """H x W float32 metres, 0 = none; of targets only."""
+        """H x W float32 metres, 0 = none; only for targets."""
         return decode_depth(*self._read(_key(frame)[0], "sparse_depth.png"))
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
-        """H x W float32 metres, 0 = none; None for a sample without it."""
+        """H x W float32 metres, 0 = none; None for a sample without ground truth."""
         key = _key(frame)[0]
         return decode_depth(*self._read(key, "ground_truth.png")) if "ground_truth.png" in self._find(key) else None
 
@@ -87,7 +87,7 @@ class Shards(Reader):
         return checked_object(decode_json(content, path), path), path
 
     def _read(self, key: str, kind: str) -> tuple[bytes, Path]:
-        """A file's content, and where it was read, for messages."""
+        """Read a file of a sample; also returns its path for messages."""
         members = self._find(key)
         if kind not in members:
             raise DeuxError(f"the sample {key} of {self.folder} has no {kind}: it has {', '.join(sorted(members))}.")
@@ -107,7 +107,7 @@ class Shards(Reader):
 
     @cached_property
     def _index(self) -> dict[str, dict[str, dict[str, _Member]]]:
-        """The files of each split's samples, by the sample's key and their kinds."""
+        """The files of each split, by the key of the sample and the kind of file."""
         index: dict[str, dict[str, dict[str, _Member]]] = {}
         for shard in sorted(self.folder.glob("*-*.tar")):
             samples = index.setdefault(shard.name.rpartition("-")[0], {})
@@ -116,15 +116,15 @@ class Shards(Reader):
                     for member in (member for member in archive if member.isfile()):
                         folder, _, file = member.name.rpartition("/")
                         stem, _, kind = file.partition(".")
-                        if not is_frame_path(folder, stem):  # results are written under these names
+                        if not is_frame_path(folder, stem):  # results are written to paths with these names
                             raise DeuxError(
-                                f"{shard} holds {shown(member.name)}: <sequence>/<frame>.<kind> is expected, a "
-                                "relative path without .. in it."
+                                f"{shard} contains {shown(member.name)}: a relative path <sequence>/<frame>.<kind> "
+                                "without .. is expected."
                             )
                         place = _Member(shard, member.offset_data, member.size)
                         samples.setdefault(f"{folder}/{stem}", {})[kind] = place
             except (tarfile.TarError, OSError) as error:
-                raise DeuxError(f"{shard} is damaged or no tar file: {error}.") from error
+                raise DeuxError(f"{shard} is damaged or not a tar file: {error}.") from error
         return index
 
     def _triplet(self, key: str, kinds: dict[str, _Member]) -> Triplet:
@@ -136,7 +136,7 @@ class Shards(Reader):
 
 
 def _numbers(value: Any, name: str, path: Path) -> np.ndarray:
-    """A value of the JSON as float64."""
+    """Convert a value of the JSON file to a float64 array."""
     try:
         return np.array(value, np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -144,18 +144,18 @@ def _numbers(value: Any, name: str, path: Path) -> np.ndarray:
 
 
 def _key(frame: FrameReference) -> tuple[str, str]:
-    """A sample's key, and which of its images the frame is."""
+    """The key of the frame's sample, and the kind of its image."""
     name, _, kind = frame.name.partition(".")
     return f"{frame.sequence}/{name}", kind or "image"
 
 
 def _number(kind: str) -> int:
-    """0 of the target's image, 1 and so on of its source frames."""
+    """0 for the target's image, 1 and so on for its source frames."""
     return 0 if kind == "image" else int(kind.removeprefix("source"))
 
 
 def _item(values: Any, number: int, name: str, path: Path) -> Any:
-    """One item of a list of the JSON."""
+    """One item of a list in the JSON file."""
     if not isinstance(values, list) or number >= len(values):
-        raise DeuxError(f"{path} is damaged: {name} is no list with an item {number}.")
+        raise DeuxError(f"{path} is damaged: {name} is not a list with an item {number}.")
     return values[number]

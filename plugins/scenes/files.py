@@ -1,4 +1,4 @@
-"""The scene source `files`: any .glb, .gltf, .obj or .ply."""
+"""The scene source `files`: mesh files (.glb, .gltf, .obj, .ply)."""
 
 import functools
 import hashlib
@@ -27,7 +27,7 @@ class FileReference(SceneReference):
         path: the file, absolute.
         up: the axis of the file that points up, "y" or "z".
         scale: metres per unit of the file.
-        max_texture: the most pixels that the longer side of a texture keeps; None for all.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; None for no limit.
         prepared: the folder of prepared scenes, absolute; None for none.
     """
 
@@ -39,7 +39,7 @@ class FileReference(SceneReference):
 
     @property
     def identity(self) -> str:
-        """The hash of the file's content, wherever the file lies; read once in each process."""
+        """The hash of the file's content, independent of its path; computed once in each process."""
         return file_identity(self.path, self.up, self.scale, self.max_texture)
 
     @property
@@ -48,7 +48,7 @@ class FileReference(SceneReference):
         return self.path
 
     def load(self) -> Scene:
-        """Read the file, or open what was prepared of it."""
+        """Open the prepared scene, or read the file."""
         check_scene_file(self.path)
         made = partial(load_scene, self.path, self.up, self.scale, self.max_texture)
         return replace(prepared_scene(self.prepared, self.identity, made), name=self.name)
@@ -58,24 +58,24 @@ class Files(SceneSource):
     """Mesh files: .glb, .gltf, .obj or .ply of any building or room.
 
     Args:
-        train: path or paths of the scenes that are explored, relative to the working folder; ~ is the home folder.
-        validation: likewise, of the scenes that choose between models.
-        test: likewise, of the scenes that are kept for the final numbers.
-        up: the axis of the files that points up; z turns them: world (x, y, z) = (x, z, -y) of the file.
+        train: path or paths of the scenes to explore, relative to the working folder; ~ is the home folder.
+        validation: likewise, for model selection.
+        test: likewise, for the final evaluation.
+        up: the axis of the files that points up; "z" rotates them: world (x, y, z) = (x, z, -y) of the file.
         scale: metres per unit of the files, 0.01 for centimetres.
-        max_texture: the most pixels that the longer side of a texture keeps, larger ones are halved until they fit;
-            null keeps all. Decoded textures take 4 bytes of memory for each pixel.
-        prepared: a folder in which a scene is kept as it is used once it was read: it then opens at once, and
-            processes share its memory. It takes 4 bytes for each pixel of the textures and about 100 for each
-            triangle, and can be deleted at any time; null keeps nothing.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved until they fit; null
+            for no limit. Decoded textures take 4 bytes of memory for each pixel.
+        prepared: a folder in which loaded scenes are cached: they then open at once, and processes share their memory.
+            A scene takes 4 bytes for each texel and about 100 for each triangle. The folder can be deleted at any time;
+            null for no cache.
         allow_overlap: whether a file may be in two splits.
-        floor: the floor of each scene that the robot lives on: "largest", "all" for an episode on each, or a number
-            that counts them from the lowest, which is 0.
-        region: x_min, z_min, x_max and z_max in world metres that the robot stays within.
-        start: x and z in world metres of a point of the part of the floor that is taken; the largest one otherwise.
+        floor: the floor of each scene to explore: "largest", "all" for an episode on each, or a number from 0, the
+            lowest.
+        region: x_min, z_min, x_max and z_max in world metres, the bounds of the robot's centre; null for none.
+        start: x and z in world metres of a point in the connected part of the floor to use; null for the largest.
 
     Raises:
-        DeuxError: a file is missing, has an unknown suffix, or is in two splits; or there can be no such area.
+        DeuxError: a file is missing, has an unknown suffix, or is in two splits; or the area is invalid.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Files(SceneSource):
         self._paths = each_once(paths, "file", contents.__getitem__)
 
     def splits(self) -> SceneSplits:
-        """The files of each split, named after their stems."""
+        """The files of each split, named by their stems."""
         names = _names({path for paths in self._paths.values() for path in paths})
         return make_splits({split: [self._reference(names, p) for p in paths] for split, paths in self._paths.items()})
 
@@ -120,49 +120,49 @@ def _paths(asked: str | Sequence[str] | None) -> tuple[Path, ...]:
 
 
 def _contents(paths: Collection[Path]) -> dict[Path, str]:
-    """What tells the content of files apart: for files of one size a hash, for all others the path, which is quick."""
+    """A key of each file's content: a hash if several files have the same size, otherwise the path, which is faster."""
     sizes = Counter(path.stat().st_size for path in paths)
     return {path: str(path) if sizes[path.stat().st_size] == 1 else file_identity(path) for path in paths}
 
 
 def _names(paths: set[Path]) -> dict[Path, str]:
-    """A name for each file: its stem; its folder before it where two files share a stem, as in Replica's."""
+    """A name for each file: its stem, with its folder as a prefix if two files have the same stem, as in Replica."""
     stems = Counter(path.stem for path in paths)
     names = {p: p.stem if stems[p.stem] == 1 else f"{p.parent.name}_{p.stem}" for p in paths}
     for name, count in Counter(names.values()).items():
         if count > 1:
             both = " and ".join(str(path) for path in sorted(names) if names[path] == name)
-            raise DeuxError(f"the scene files {both} would both be called {name}: rename one or its folder.")
+            raise DeuxError(f"the scene files {both} would have the same name {name}: rename one or its folder.")
     return names
 
 
 def load_scene(path: str | Path, up: Up = "y", scale: float = 1.0, max_texture: int | None = None) -> Scene:
-    """Read a scene; it is named after the file.
+    """Read a scene from a file, by whose stem it is named.
 
     Args:
-        path: a .glb, .gltf, .obj or .ply.
-        up: "z" turns a Z-up file: world (x, y, z) = (x, z, -y) of the file.
+        path: a .glb, .gltf, .obj or .ply file.
+        up: "z" rotates a Z-up file: world (x, y, z) = (x, z, -y) of the file.
         scale: metres per unit of the file.
-        max_texture: the most pixels that the longer side of a texture keeps; None for all.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; None for no limit.
 
     Raises:
-        DeuxError: the file, or one that it refers to, is missing, unreadable or damaged, or holds no triangles or no
+        DeuxError: the file, or one that it refers to, is missing, unreadable or damaged, contains no triangles or no
             floor, or is too large for a building in metres.
     """
     path = check_scene_file(path)
-    identity = file_identity(path, up, scale, max_texture)  # also finds out whether a part of it is missing
+    identity = file_identity(path, up, scale, max_texture)  # first, because it detects missing files quickly
     return mesh_scene(path.stem, read_mesh(path, up, scale, max_texture), identity, str(path), scale)
 
 
 def check_scene_file(path: str | Path) -> Path:
-    """The absolute path of a file that exists and has a known suffix.
+    """Check that a scene file exists and has a known suffix; returns its absolute path.
 
     Raises:
-        DeuxError: it does not.
+        DeuxError: there is no such file, or the suffix is unknown.
     """
     path = Path(os.path.abspath(Path(path).expanduser()))
     if path.suffix.lower() not in SUFFIXES:
-        raise DeuxError(f"{path} is no scene file: it must end in one of {', '.join(SUFFIXES)}.")
+        raise DeuxError(f"{path} is not a scene file: its name must end in one of {', '.join(SUFFIXES)}.")
     if not os.path.isdir(path.parent):
         raise DeuxError(f"there is no scene file {path}: there is no folder {path.parent}.")
     if not os.path.isfile(path):
@@ -172,7 +172,7 @@ def check_scene_file(path: str | Path) -> Path:
 
 
 def file_identity(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int | None = None) -> str:
-    """A stable string of the content of a scene file and of the files that it refers to; it does not hold the path.
+    """A string that identifies the content of a scene file, of the files that it refers to, and the options.
 
     Raises:
         DeuxError: a file that it refers to is missing, or the file cannot be read.
@@ -185,6 +185,6 @@ def file_identity(path: Path, up: Up = "y", scale: float = 1.0, max_texture: int
 
 @functools.cache
 def _file_hash(path: Path, size: int, modified: int) -> str:
-    # Size and time are there for the cache: a file that changes is read again.
+    # Size and modification time are part of the cache's key: a changed file is read again.
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

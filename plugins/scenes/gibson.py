@@ -1,4 +1,4 @@
-"""The scene source `gibson`: the Gibson Database of scanned buildings, in Habitat-Sim's flat folder."""
+"""The scene source `gibson`: the Gibson Database of scanned buildings, in the layout of Habitat-Sim."""
 
 import csv
 import hashlib
@@ -12,9 +12,9 @@ from deux.errors import DeuxError
 from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles
 
 SPLIT_COLUMNS = {"train": ("train",), "validation": ("val", "validation"), "test": ("test",)}
-"""The columns of the set's split files that stand for each split."""
+"""The columns of the dataset's split files for each split."""
 
-HELD_OUT = 0.1  # of the buildings for validation, and as many for the test, where no split file is given
+HELD_OUT = 0.1  # fraction of the buildings for validation, and as many for test, if no split file is given
 
 log = logging.getLogger(__name__)
 
@@ -22,24 +22,24 @@ log = logging.getLogger(__name__)
 class Gibson(ScanDataset):
     """The Gibson Database: 572 scanned buildings, each one textured mesh, without labels.
 
-    The layout is Habitat-Sim's, a flat folder `gibson/<Scene>.glb`. The splits come from one of the set's own lists,
-    such as train_val_test_fullplus.csv, a table with a column `id` and the columns `train`, `val` and `test` of 0 and
-    1. Without a list all buildings that are there are one pool, in an order drawn by `split_seed`, of which a tenth
-    validates and a tenth tests.
+    The layout is that of Habitat-Sim, a flat folder `gibson/<Scene>.glb`. The splits are read from one of the dataset's
+    lists, such as train_val_test_fullplus.csv, a table with a column `id` and columns `train`, `val` and `test` of 0
+    and 1. Without a list, the buildings on disk are shuffled by `split_seed`; a tenth is for validation and a tenth for
+    test.
 
     Args:
-        root: the folder that holds the .glb files, or the folder above it.
-        train: number of buildings that are explored, null for all of the split, or a list of names.
-        validation: likewise, of buildings that choose between models.
-        test: likewise, of buildings that are kept for the final numbers.
-        split_file: one of the set's own lists of the splits, relative to the working folder; null for a drawn split.
-        split_seed: seed of the drawn split.
-        limit: at most so many buildings of each split, the first ones; null for no limit.
-        max_texture: the most pixels that the longer side of a texture keeps; null for all.
-        prepared: a folder in which a scene is kept as it is used once it was read, as of `scenes=files`.
-        floor: "largest" for the floor with the most room, "all" for an episode on each, or a number from the lowest, 0.
-        region: x_min, z_min, x_max and z_max in world metres that the robot stays within; null for no bound.
-        start: x and z in world metres of a point whose connected floor is taken; null for the largest one.
+        root: the folder that contains the .glb files, or its parent.
+        train: number of buildings to explore, null for all of the split, or a list of names.
+        validation: likewise, for model selection.
+        test: likewise, for the final evaluation.
+        split_file: one of the dataset's lists of splits, relative to the working folder; null for random splits.
+        split_seed: seed of random splits.
+        limit: greatest number of buildings in each split, from its beginning; null for no limit.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; null for no limit.
+        prepared: the folder in which prepared scenes are cached, see `scenes=files`; null for none.
+        floor: "largest" for the floor with the most free space, "all" for an episode on each, or 0 (the lowest) and up.
+        region: x_min, z_min, x_max and z_max in world metres, the bounds of the robot's centre; null for none.
+        start: x and z in world metres of a point in the connected part of the floor to use; null for the largest.
 
     Raises:
         DeuxError: a building is missing, incomplete or in two splits.
@@ -70,11 +70,11 @@ class Gibson(ScanDataset):
         self._split_seed = split_seed
 
     def is_folder(self, folder: Path) -> bool:
-        """Whether there are .glb files in it."""
+        """Whether the folder contains .glb files."""
         return any(folder.glob("*.glb"))
 
     def names(self, folder: Path) -> dict[str, list[str]]:
-        """The splits of the split file, or drawn ones."""
+        """The splits of the split file, or random splits."""
         if self._split_file is not None:
             return read_split_file(Path(os.path.abspath(Path(self._split_file).expanduser())))
         pool = sorted((path.stem for path in folder.glob("*.glb")), key=self._place)
@@ -82,12 +82,12 @@ class Gibson(ScanDataset):
         return {"train": pool[2 * count :], "validation": pool[count : 2 * count], "test": pool[:count]}
 
     def splits(self) -> SceneSplits:
-        """The buildings that are asked for; a drawn split is said."""
+        """The requested buildings; warns if the splits are random."""
         if self._split_file is None:
             names = self.names(folder := self.folder)
             log.warning(
-                "Gibson: the split of the buildings in %s is drawn by scenes.split_seed=%d, since there is no "
-                "scenes.split_file: %d train, %d validation, %d test.",
+                "Gibson: the buildings in %s are split at random by scenes.split_seed=%d, because scenes.split_file is "
+                "not set: %d train, %d validation, %d test.",
                 folder,
                 self._split_seed,
                 *(len(names[split]) for split in SPLIT_COLUMNS),
@@ -99,15 +99,15 @@ class Gibson(ScanDataset):
         return ScanFiles(folder / f"{name}.glb", (), (folder / f"{name}.navmesh",))
 
     def _place(self, name: str) -> str:
-        # By hash and not by shuffling: a building that is added leaves the order of the others as it is.
+        # A hash instead of a shuffle: adding a building does not change the order of the others.
         return hashlib.sha256(f"{self._split_seed}:{name}".encode()).hexdigest()
 
 
 def read_split_file(path: Path) -> dict[str, list[str]]:
-    """Read a list of the splits: a .csv table with a column `id` and columns `train`, `val` and `test` of 0 and 1.
+    """Read a list of splits: a .csv table with a column `id` and columns `train`, `val` and `test` of 0 and 1.
 
     Raises:
-        DeuxError: the file is missing or no such table.
+        DeuxError: the file cannot be read or is not such a table.
     """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -116,7 +116,7 @@ def read_split_file(path: Path) -> dict[str, list[str]]:
         raise DeuxError(f"scenes.split_file is {path}, which cannot be read: {error}.") from error
     columns = set(rows[0]) if rows else set()
     if "id" not in columns or not {"train", "test"} <= columns or not {"val", "validation"} & columns:
-        raise DeuxError(f"scenes.split_file is {path}, which is no table with the columns id, train, val and test.")
+        raise DeuxError(f"scenes.split_file is {path}, which is not a table with the columns id, train, val and test.")
     return {
         split: [row["id"].strip() for row in rows if any((row.get(c) or "").strip() == "1" for c in chosen)]
         for split, chosen in SPLIT_COLUMNS.items()

@@ -1,4 +1,4 @@
-"""The scene source `hm3d`: Habitat-Matterport 3D, 1000 scanned buildings, with the labels of each instance."""
+"""The scene source `hm3d`: Habitat-Matterport 3D, 1000 scanned buildings, some with instance labels."""
 
 import csv
 import re
@@ -15,26 +15,26 @@ from deux_plugins.scenes.scan_dataset import ScanDataset, ScanFiles, ScanReferen
 from deux_plugins.scenes.surface_labels import LabelledSurface, look_up, surface_samples
 
 INDICES = {"train": range(800), "val": range(800, 900), "minival": range(800, 810)}
-"""The scenes of each of the set's folders; those of minival are also in val."""
+"""The scene indices in each of the dataset's folders; those of minival are also in val."""
 
 SCENE_FOLDER = re.compile(r"(\d{5})-(\w{11})")
 
 HEADER = "HM3D Semantic Annotations"
 
 NOTHING_KNOWN = ("unknown", "unannotated", "unlabeled", "")
-"""Categories that say nothing of a surface."""
+"""Categories that count as unlabelled."""
 
 
 @dataclass(frozen=True)
 class HM3DReference(ScanReference):
     """A building of HM3D; `annotation` is its .semantic.txt and its .semantic.glb.
 
-    `path` is the .glb whose textures are JPEG or PNG images or, where that is not there, the .basis.glb.
+    `path` is the .glb with JPEG or PNG textures or, if it does not exist, the .basis.glb.
     """
 
     @property
     def file(self) -> Path:
-        """The .basis.glb, to which the set's navigation meshes and configurations belong, if it is there."""
+        """The .basis.glb, to which the dataset's navigation meshes and configurations refer, if it exists."""
         basis = self.path.with_name(f"{_scan_id(self.name)}.basis.glb")
         return basis if basis.is_file() else self.path
 
@@ -46,12 +46,12 @@ class HM3DReference(ScanReference):
             if not self.path.name.endswith(".basis.glb"):
                 raise
             raise DeuxError(
-                f"{str(error).rstrip('.')}; HM3D's archives whose names have _glb or -glb in them hold "
+                f"{str(error).rstrip('.')}; the HM3D archives with _glb or -glb in their names contain "
                 f"{_scan_id(self.name)}.glb, whose textures are plain images: put it into the same folder."
             ) from error
 
     def surface(self) -> LabelledSurface:
-        """The surfaces of the semantic mesh, whose colours are those of the listed instances."""
+        """The surfaces of the semantic mesh, whose colours encode the instances."""
         listing, mesh_file = self.annotation
         categories = read_instances(listing)
         mesh = read_mesh(mesh_file, "z")
@@ -66,26 +66,26 @@ class HM3DReference(ScanReference):
 
 
 class HM3D(ScanDataset):
-    """Habitat-Matterport 3D (HM3D): 1000 scanned buildings; of some of them every object is labelled.
+    """Habitat-Matterport 3D (HM3D): 1000 scanned buildings, some of them with a label for every object.
 
-    The layout is `hm3d/{train,val,minival}/<index>-<id>/<id>.glb`, or `<id>.basis.glb` for simulators that read it
-    themselves, with `<id>.semantic.glb` and `<id>.semantic.txt` for the labels. The splits are the folders': 800
-    buildings to train on, minival's 10 to validate and val's 100 to test, as in the DEUX paper. Since minival's are
-    also in val, a test set leaves out those that validate, which leaves 90.
+    The layout is `hm3d/{train,val,minival}/<index>-<id>/<id>.glb`, or `<id>.basis.glb` for simulators that can read it,
+    with `<id>.semantic.glb` and `<id>.semantic.txt` for the labels. The splits are as in the DEUX paper: the 800
+    buildings of train, the 10 of minival for validation and the 100 of val for test. Since the buildings of minival are
+    also in val, those used for validation are excluded from the test, which leaves 90.
 
     Args:
-        root: the folder that holds train, val and minival, or the folder above it.
-        train: number of buildings that are explored, null for all of the split, or a list of indices ("00800"), ids
+        root: the folder that contains train, val and minival, or its parent.
+        train: number of buildings to explore, null for all of the split, or a list of indices ("00800"), ids
             or both ("00800-TEEsavR23oF").
-        validation: likewise, of buildings that choose between models.
-        test: likewise, of buildings that are kept for the final numbers.
-        limit: at most so many buildings of each split, the first ones; null for no limit.
-        labels: whether surfaces get the set's labels, where they are on disk.
-        max_texture: the most pixels that the longer side of a texture keeps; null for all.
-        prepared: a folder in which a scene is kept as it is used once it was read, as of `scenes=files`.
-        floor: "largest" for the floor with the most room, "all" for an episode on each, or a number from the lowest, 0.
-        region: x_min, z_min, x_max and z_max in world metres that the robot stays within; null for no bound.
-        start: x and z in world metres of a point whose connected floor is taken; null for the largest one.
+        validation: likewise, for model selection.
+        test: likewise, for the final evaluation.
+        limit: greatest number of buildings in each split, from its beginning; null for no limit.
+        labels: whether to read the dataset's labels, if they are on disk.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; null for no limit.
+        prepared: the folder in which prepared scenes are cached, see `scenes=files`; null for none.
+        floor: "largest" for the floor with the most free space, "all" for an episode on each, or 0 (the lowest) and up.
+        region: x_min, z_min, x_max and z_max in world metres, the bounds of the robot's centre; null for none.
+        start: x and z in world metres of a point in the connected part of the floor to use; null for the largest.
 
     Raises:
         DeuxError: a building is missing, incomplete or in two splits.
@@ -98,22 +98,22 @@ class HM3D(ScanDataset):
     reference_type = HM3DReference
 
     def is_folder(self, folder: Path) -> bool:
-        """Whether it has a split with a building in it."""
+        """Whether the folder contains a split with a building."""
         return any(_found(folder / split) for split in INDICES)
 
     def names(self, folder: Path) -> dict[str, list[str]]:
-        """The folders of each split by index, or the index alone where there is none."""
+        """The names of the folders of each split, or the index alone if a folder does not exist."""
         found = {split: _found(folder / split) for split in INDICES}
         found["minival"] = found["val"] | found["minival"]
         named = {split: [found[split].get(k, f"{k:05d}") for k in INDICES[split]] for split in INDICES}
         return {"train": named["train"], "validation": named["minival"], "test": named["val"]}
 
     def full_name(self, name: str, known: Sequence[str]) -> str:
-        """The building of an index or of an id."""
+        """The full name of a building, given its index or its id."""
         return next((full for full in known if name in (full[:5], full[6:])), name)
 
     def files(self, folder: Path, name: str) -> ScanFiles:
-        """The building's files in the first of the splits' folders that has it."""
+        """The building's files in the first split folder that contains it."""
         index = int(name[:5])
         splits = [split for split, indices in INDICES.items() if index in indices]
         scenes = [folder / split / (name if name[5:] else f"{name}-*") for split in splits]
@@ -129,17 +129,17 @@ class HM3D(ScanDataset):
 
 
 def read_instances(path: Path) -> dict[int, tuple[int, str]]:
-    """Read a .semantic.txt: the number and the category of each instance, by its colour as a number 0xRRGGBB.
+    """Read a .semantic.txt: the id and the category of each instance, by its colour 0xRRGGBB.
 
-    The first line names the format; each further one is `id,HEXRGB,"category",region`.
+    The first line is the header; each further line is `id,HEXRGB,"category",region`.
 
     Raises:
-        DeuxError: the file cannot be read, or a line is none of the format.
+        DeuxError: the file cannot be read, or a line does not have this format.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
             if HEADER not in (first := file.readline()):
-                raise DeuxError(f"{path} begins with {shown(first.strip())}, but a .semantic.txt does with {HEADER!r}.")
+                raise DeuxError(f"{path} begins with {shown(first.strip())}: a .semantic.txt begins with {HEADER!r}.")
             lines = [(k, fields) for k, fields in enumerate(csv.reader(file), start=2) if fields]
     except (OSError, UnicodeDecodeError) as error:
         raise DeuxError(f"{path} cannot be read: {error}.") from error
@@ -160,14 +160,14 @@ def _found(folder: Path) -> dict[int, str]:
 
 
 def _scan_id(name: str) -> str:
-    return name[6:] or "*"  # of a scene that is not there nothing is known but its index
+    return name[6:] or "*"  # only the index is known of a scene that is not on disk
 
 
 def _colors(mesh: SceneMesh, owner: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """The colours, P x 3 uint8, of points in faces: the texel below each, or the colour of the nearest corner.
+    """Colours of points on faces without interpolation, P x 3 uint8: the nearest texel, or the nearest corner's colour.
 
     Args:
-        mesh: unlit; its textures and vertex colours are exact, so that nothing is interpolated.
+        mesh: the mesh, whose textures or vertex colours encode instances.
         owner: P, the face of each point.
         weights: P x 3, the points' barycentric coordinates.
     """

@@ -10,20 +10,20 @@ from deux_plugins.scenes.parts.seeded_scenes import MOST_SCENES
 
 
 class Interiors(SceneSource):
-    """Generated flats and houses together, for models that are to work in both; nothing to download.
+    """Generated flats and houses together, to train models for both; no download needed.
 
-    Of each split a part are houses, rounded to whole ones, and the others flats. They are those of the sources
-    `apartments` and `houses` with the same numbers and the same draw.
+    A fraction of each split are houses and the others flats. They are the scenes of the sources `apartments` and
+    `houses` with the same numbers and the same draw.
 
     Args:
-        train: number of scenes that are explored.
-        validation: number of scenes that choose between models.
-        test: number of scenes that are kept for the final numbers.
-        houses: part of the scenes that are houses, from 0 to 1.
-        draw: number of the draw, as of `apartments`: each has other scenes; None takes those of draw 0.
+        train: number of scenes to explore.
+        validation: number of scenes for model selection.
+        test: number of scenes for the final evaluation.
+        houses: fraction of houses among the scenes, from 0 to 1.
+        draw: index of the draw, see `apartments`; None is draw 0.
 
     Raises:
-        DeuxError: a number is negative, or the part is not between 0 and 1.
+        DeuxError: a number is negative, or the fraction is not between 0 and 1.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class Interiors(SceneSource):
         for name, count in (("train", train), ("validation", validation), ("test", test)):
             check_range(f"scenes.{name}", count, 0, MOST_SCENES)
         check_range("scenes.houses", houses, 0, 1)
-        self._part = houses
+        self._fraction = houses
         of_houses = [round(houses * count) for count in (train, validation, test)]
         of_flats = [count - built for count, built in zip((train, validation, test), of_houses, strict=True)]
         self._houses = Houses(*of_houses, draw=draw)
@@ -48,6 +48,6 @@ class Interiors(SceneSource):
         )
 
     def further(self, count: int, without: Collection[str]) -> tuple[SceneReference, ...]:
-        """Scenes that belong to no split of any draw, in the same proportion."""
-        houses = round(self._part * count)
+        """Scenes that are in no split of any draw, with the same fraction of houses."""
+        houses = round(self._fraction * count)
         return (*self._flats.further(count - houses, without), *self._houses.further(houses, without))

@@ -1,4 +1,4 @@
-"""The scene source `mp3d`: Matterport3D, 90 scanned buildings, with the labels of its 40 categories (mpcat40)."""
+"""The scene source `mp3d`: Matterport3D, 90 scanned buildings with labels of 40 categories (mpcat40)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ _TEST = """
     Vt2qJdWjCF2"""
 
 SPLIT_NAMES = {"train": _TRAIN.split(), "validation": _VALIDATION.split(), "test": _TEST.split()}
-"""The set's own benchmark splits: 61, 11 and 18 buildings."""
+"""The splits of the dataset's benchmark: 61, 11 and 18 buildings."""
 
 _CATEGORIES = """
     void wall floor chair door table picture cabinet cushion window sofa bed curtain chest_of_drawers plant sink
@@ -35,10 +35,10 @@ _CATEGORIES = """
     shelving blinds gym_equipment seating board_panel furniture appliances clothes objects misc unlabel"""
 
 MPCAT40 = tuple(_CATEGORIES.split())
-"""The names of the set's categories, by mpcat40 index."""
+"""The names of the categories, by mpcat40 index."""
 
 NOTHING_KNOWN = ("void", "unlabel")
-"""Categories that say nothing of a surface."""
+"""Categories that count as unlabelled."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class House:
 
     Args:
         category: the mpcat40 name of each object, by the object's index.
-        object_of_segment: the index of the object that each segment of the surface belongs to, by the segment's id.
+        object_of_segment: the index of the object to which each segment of the surface belongs, by the segment's id.
     """
 
     category: dict[int, str]
@@ -65,34 +65,35 @@ class MP3DReference(ScanReference):
         triangles, properties = read_annotated_ply(ply)
         if "object_id" in properties:
             objects = properties["object_id"].astype(np.int64)
-        elif "material_id" in properties:  # the segment, although the name says otherwise
+        elif "material_id" in properties:  # the id of the segment, despite its name
             objects = look_up(house.object_of_segment, properties["material_id"])
         else:
-            raise DeuxError(f"{ply} has neither object_id nor material_id on its faces: it is no annotation of MP3D's.")
+            raise DeuxError(f"{ply} has neither object_id nor material_id on its faces: it is not an MP3D annotation.")
         numbers = {name: k for k, name in enumerate(MPCAT40) if name not in NOTHING_KNOWN}
         labels = look_up({k: numbers.get(name, -1) for k, name in house.category.items()}, objects)
         return labelled_surface(triangles, labels, objects, MPCAT40)
 
 
 class MP3D(ScanDataset):
-    """Matterport3D: 90 scanned buildings in textured meshes, labelled with 40 categories.
+    """Matterport3D: 90 scanned buildings as textured meshes, labelled with 40 categories.
 
-    Two layouts are read: Habitat-Sim's, `mp3d/<id>/<id>.glb` with `<id>.house` and `<id>_semantic.ply` for the labels,
-    and the original, `v1/scans/<id>/matterport_mesh/*/*.obj` with `house_segmentations/<id>.house` and `<id>.ply`.
-    The splits are those of the set's own benchmark: 61 buildings to train on, 11 to validate, 18 to test.
+    Two layouts are supported: that of Habitat-Sim, `mp3d/<id>/<id>.glb` with `<id>.house` and `<id>_semantic.ply` for
+    the labels, and the original, `v1/scans/<id>/matterport_mesh/*/*.obj` with `house_segmentations/<id>.house` and
+    `<id>.ply`. The splits are those of the dataset's benchmark: 61 buildings for training, 11 for validation, 18 for
+    test.
 
     Args:
-        root: the folder that holds one folder for each building, or the folder above it.
-        train: number of buildings that are explored, null for all of the split, or a list of ids.
-        validation: likewise, of buildings that choose between models.
-        test: likewise, of buildings that are kept for the final numbers.
-        limit: at most so many buildings of each split, the first ones; null for no limit.
-        labels: whether surfaces get the set's labels, where they are on disk.
-        max_texture: the most pixels that the longer side of a texture keeps; null for all.
-        prepared: a folder in which a scene is kept as it is used once it was read, as of `scenes=files`.
-        floor: "largest" for the floor with the most room, "all" for an episode on each, or a number from the lowest, 0.
-        region: x_min, z_min, x_max and z_max in world metres that the robot stays within; null for no bound.
-        start: x and z in world metres of a point whose connected floor is taken; null for the largest one.
+        root: the folder that contains one folder for each building, or its parent.
+        train: number of buildings to explore, null for all of the split, or a list of ids.
+        validation: likewise, for model selection.
+        test: likewise, for the final evaluation.
+        limit: greatest number of buildings in each split, from its beginning; null for no limit.
+        labels: whether to read the dataset's labels, if they are on disk.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; null for no limit.
+        prepared: the folder in which prepared scenes are cached, see `scenes=files`; null for none.
+        floor: "largest" for the floor with the most free space, "all" for an episode on each, or 0 (the lowest) and up.
+        region: x_min, z_min, x_max and z_max in world metres, the bounds of the robot's centre; null for none.
+        start: x and z in world metres of a point in the connected part of the floor to use; null for the largest.
 
     Raises:
         DeuxError: a building is missing, incomplete or in two splits.
@@ -105,15 +106,15 @@ class MP3D(ScanDataset):
     reference_type = MP3DReference
 
     def is_folder(self, folder: Path) -> bool:
-        """Whether it has a folder that is named like a building."""
+        """Whether the folder contains a folder with the name of a building."""
         return any((folder / name).is_dir() for names in SPLIT_NAMES.values() for name in names)
 
     def names(self, folder: Path) -> dict[str, list[str]]:
-        """The set's own splits."""
+        """The splits of the dataset's benchmark."""
         return SPLIT_NAMES
 
     def files(self, folder: Path, name: str) -> ScanFiles:
-        """Habitat-Sim's layout, unless only the original one is there."""
+        """The files in Habitat-Sim's layout, unless there are only those of the original layout."""
         scene = folder / name
         habitat = ScanFiles(
             scene / f"{name}.glb",
@@ -128,16 +129,16 @@ class MP3D(ScanDataset):
 
 
 def read_house(path: Path) -> House:
-    """Read the categories and objects of a .house file (ASCII); the format is in Matterport3D's data_organization.md.
+    """Read the categories and objects of an ASCII .house file (format: data_organization.md of Matterport3D).
 
-    Of its lines these are used, blanks between the fields and the further ones left out:
+    These lines are used, of which only the first fields are shown:
 
         C category_index label_id label_name mpcat40_id mpcat40_name
         O object_index region_index category_index
         E segment_index object_index id
 
     Raises:
-        DeuxError: the file cannot be read, or a line is none of the format.
+        DeuxError: the file cannot be read, or a line does not have the format.
     """
     names: dict[int, str] = {}
     category_of_object: dict[int, int] = {}
@@ -151,15 +152,15 @@ def read_house(path: Path) -> House:
             elif kind == "E":
                 object_of_segment[int(fields[2])] = int(fields[1])
         except (ValueError, IndexError) as error:
-            raise DeuxError(f"line {number} of {path} is no {kind} line of a .house file: {error}.") from error
+            raise DeuxError(f"line {number} of {path} is not a valid {kind} line of a .house file: {error}.") from error
     if not names or not category_of_object:
-        raise DeuxError(f"{path} lists no categories or no objects: it is no .house file or is cut off.")
+        raise DeuxError(f"{path} lists no categories or no objects: it is not a .house file or is truncated.")
     category = {k: names[index] for k, index in category_of_object.items() if index in names}
     return House(category, object_of_segment)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The numbered lines of a text file as their fields; empty lines are left out."""
+    """The lines of a text file that are not empty: line number and fields."""
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
             for number, line in enumerate(file, start=1):

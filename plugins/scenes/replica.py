@@ -1,4 +1,4 @@
-"""The scene source `replica`: the Replica dataset, 18 scanned rooms and flats, with the label of each instance."""
+"""The scene source `replica`: the Replica dataset, 18 scanned rooms and flats with instance labels."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ SPLIT_NAMES = {
     "validation": ["hotel_0"],
     "test": ["apartment_2", "office_3", "office_4", "room_2"],
 }
-"""Splits of our own, since the set has none. The six frl_apartments are one flat, furnished six times."""
+"""Our splits: the dataset has none. The six frl_apartments are one flat with different furniture."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class ReplicaReference(ScanReference):
     """A scene of Replica; `annotation` is habitat/mesh_semantic.ply and habitat/info_semantic.json."""
 
     def surface(self) -> LabelledSurface:
-        """The annotated faces, labelled with the set's classes."""
+        """The annotated faces, labelled with the dataset's classes."""
         ply, listing = self.annotation
         class_of_object = read_objects(listing)
         triangles, properties = read_annotated_ply(ply)
         if "object_id" not in properties:
-            raise DeuxError(f"{ply} has no object_id on its faces: it is no annotation of Replica's.")
+            raise DeuxError(f"{ply} has no object_id on its faces: it is not a Replica annotation.")
         objects = properties["object_id"].astype(np.int64)
         names = tuple(sorted(set(class_of_object.values())))
         numbers = {number: names.index(name) for number, name in class_of_object.items()}
@@ -39,24 +39,25 @@ class ReplicaReference(ScanReference):
 
 
 class Replica(ScanDataset):
-    """Replica: 18 scanned rooms and flats of high quality, every object labelled.
+    """Replica: 18 scanned rooms and flats of high quality, with a label for every object.
 
     The layout is `<scene>/mesh.ply`, with `<scene>/habitat/mesh_semantic.ply` and `info_semantic.json` for the labels.
-    Colours are those of the vertices; the set's textures, in a format of its own, are not read. The set has no splits;
-    these are: hotel_0 validates, apartment_2, office_3, office_4 and room_2 test, the other 13 train.
+    Colours are vertex colours; the dataset's textures, in a special format, are not read. The dataset has no splits;
+    here hotel_0 is for validation, apartment_2, office_3, office_4 and room_2 are for test, and the other 13 scenes for
+    training.
 
     Args:
-        root: the folder that holds one folder for each scene, or the folder above it.
-        train: number of scenes that are explored, null for all of the split, or a list of names.
-        validation: likewise, of scenes that choose between models.
-        test: likewise, of scenes that are kept for the final numbers.
-        limit: at most so many scenes of each split, the first ones; null for no limit.
-        labels: whether surfaces get the set's labels, where they are on disk.
-        max_texture: the most pixels that the longer side of a texture keeps; null for all.
-        prepared: a folder in which a scene is kept as it is used once it was read, as of `scenes=files`.
-        floor: "largest" for the floor with the most room, "all" for an episode on each, or a number from the lowest, 0.
-        region: x_min, z_min, x_max and z_max in world metres that the robot stays within; null for no bound.
-        start: x and z in world metres of a point whose connected floor is taken; null for the largest one.
+        root: the folder that contains one folder for each scene, or its parent.
+        train: number of scenes to explore, null for all of the split, or a list of names.
+        validation: likewise, for model selection.
+        test: likewise, for the final evaluation.
+        limit: greatest number of scenes in each split, from its beginning; null for no limit.
+        labels: whether to read the dataset's labels, if they are on disk.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; null for no limit.
+        prepared: the folder in which prepared scenes are cached, see `scenes=files`; null for none.
+        floor: "largest" for the floor with the most free space, "all" for an episode on each, or 0 (the lowest) and up.
+        region: x_min, z_min, x_max and z_max in world metres, the bounds of the robot's centre; null for none.
+        start: x and z in world metres of a point in the connected part of the floor to use; null for the largest.
 
     Raises:
         DeuxError: a scene is missing, incomplete or in two splits.
@@ -69,7 +70,7 @@ class Replica(ScanDataset):
     reference_type = ReplicaReference
 
     def is_folder(self, folder: Path) -> bool:
-        """Whether it has a folder that is named like a scene."""
+        """Whether the folder contains a folder with the name of a scene."""
         return any((folder / name).is_dir() for names in SPLIT_NAMES.values() for name in names)
 
     def names(self, folder: Path) -> dict[str, list[str]]:
@@ -84,10 +85,10 @@ class Replica(ScanDataset):
 
 
 def read_objects(path: Path) -> dict[int, str]:
-    """Read an info_semantic.json: the class of each object, by the object's number.
+    """Read an info_semantic.json: the class of each object, by the object's id.
 
     Raises:
-        DeuxError: the file is no such list.
+        DeuxError: the file is not such a list.
     """
     try:
         return {int(entry["id"]): str(entry["class_name"]) for entry in read_json_object(path)["objects"]}

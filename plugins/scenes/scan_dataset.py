@@ -1,4 +1,4 @@
-"""What the sources of published scans share: where a set lies on disk, which scenes are asked for, and their labels."""
+"""The base class of the sources of published scan datasets: finds their folder, selects scenes and reads labels."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from deux_plugins.scenes.surface_labels import LabelledSurface
 
 BLOCK = 2**16
 BLOCKS = 16
-"""Bytes of a block, and blocks of a file, that tell it from others: sets of 100 GB are not read to know them."""
+"""Bytes of a block, and number of blocks of a file, that are hashed: hashing whole datasets would take too long."""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class ScanReference(FileReference):
-    """A scene of a published set: its mesh file, and the files of its labels.
+    """A scene of a published dataset: its mesh file, and the files of its labels.
 
     Args:
         name: the scene's name.
         path: the mesh file, absolute.
         up: the axis of the file that points up.
-        annotation: the files that label the surfaces; none where the set has no labels or they are not wanted.
+        annotation: the files of the labels; empty if there are none or they are not wanted.
     """
 
     up: Up = "z"
@@ -43,8 +43,8 @@ class ScanReference(FileReference):
 
     @property
     def identity(self) -> str:
-        """The hash of samples of the content of all its files, wherever they lie."""
-        # An .obj file has its materials and textures beside it, in a folder of its own.
+        """The hash of samples of the content of all its files, independent of their paths."""
+        # The folder of an .obj file contains only its materials and textures.
         together = self.path.parent.iterdir() if self.path.suffix == ".obj" else [self.path]
         mesh = sorted(path for path in together if path.is_file())
         hashes = [_sampled_hash(p, p.stat().st_size, p.stat().st_mtime_ns) for p in (*mesh, *self.annotation)]
@@ -58,7 +58,7 @@ class ScanReference(FileReference):
             try:
                 surface = self.surface()
             except DeuxError as error:
-                raise DeuxError(f"{str(error).rstrip('.')}; scenes.labels=false leaves the labels out.") from error
+                raise DeuxError(f"{str(error).rstrip('.')}; set scenes.labels=false to ignore the labels.") from error
             scene = replace(scene, mesh=surface.label(scene.mesh, self.name))
         return replace(scene, identity=self.identity)
 
@@ -73,12 +73,12 @@ class ScanReference(FileReference):
 
 @dataclass(frozen=True)
 class ScanFiles:
-    """Where the files of one scene are expected, whether or not they are there.
+    """The expected files of one scene, whether or not they exist.
 
     Args:
-        mesh: the file that is loaded.
-        annotation: the files that its labels need, all of them; none where the set has no labels.
-        others: further files of the scene, such as its navigation mesh; nothing here reads them.
+        mesh: the mesh file.
+        annotation: all files of the labels; empty if the dataset has no labels.
+        others: further files of the scene that are not read, such as its navigation mesh.
     """
 
     mesh: Path
@@ -87,53 +87,53 @@ class ScanFiles:
 
     @property
     def fault(self) -> str:
-        """What is wrong with the mesh file, the end of a sentence; "" where nothing is."""
+        """The problem with the mesh file, for the end of a sentence; "" if there is none."""
         if not self.mesh.parent.is_dir():
             return f"there is no folder {self.mesh.parent}"
         if not self.mesh.is_file():
             return f"there is no {self.mesh.name} in {self.mesh.parent}"
         size = self.mesh.stat().st_size
         if self.mesh.suffix == ".glb" and size < (whole := _glb_length(self.mesh)):
-            return f"{self.mesh} is cut off after {size} of {whole} bytes"
+            return f"{self.mesh} is truncated after {size} of {whole} bytes"
         return "" if size else f"{self.mesh} is empty"
 
     @property
     def labelled(self) -> bool:
-        """Whether there are labels."""
+        """Whether all files of the labels exist."""
         return bool(self.annotation) and all(path.is_file() for path in self.annotation)
 
 
 class ScanDataset(SceneSource):
-    """The scenes of a published set in its own folder layout. A subclass says which they are and where.
+    """The base class of published scan datasets in their own folder layout.
 
     Args:
-        root: the set's folder, or the folder above it.
-        train: number of scenes that are explored, None for all of the split, or a list of scenes.
-        validation: likewise, of scenes that choose between models.
-        test: likewise, of scenes that are kept for the final numbers.
-        limit: at most so many scenes of each split, the first ones; None for no limit.
-        labels: whether surfaces get the set's labels, where they are on disk.
-        max_texture: the most pixels that the longer side of a texture keeps; None for all.
-        prepared: the folder in which scenes are kept as they are used, as of `files`; None keeps nothing.
-        floor: the floor that the robot lives on, as of `SceneArea`.
-        region: the part of it, as of `SceneArea`.
-        start: a point of it, as of `SceneArea`.
+        root: the dataset's folder, or its parent.
+        train: number of scenes to explore, None for all of the split, or a list of scenes.
+        validation: likewise, for model selection.
+        test: likewise, for the final evaluation.
+        limit: greatest number of scenes in each split, from its beginning; None for no limit.
+        labels: whether to read the dataset's labels, if they are on disk.
+        max_texture: greatest size in pixels of a texture's longer side; larger textures are halved; None for no limit.
+        prepared: the folder in which prepared scenes are cached, see `Files`; None for none.
+        floor: see `SceneArea`.
+        region: see `SceneArea`.
+        start: see `SceneArea`.
     """
 
     title: ClassVar[str]
-    """The set's name, for messages."""
+    """The dataset's name, for messages."""
 
     source: ClassVar[str]
-    """Where the files are to be had, the end of a sentence."""
+    """Where to download the files, for the end of a sentence."""
 
     layout: ClassVar[str]
-    """What the set's folder holds, for messages."""
+    """The contents of the dataset's folder, for messages."""
 
     folders: ClassVar[tuple[str, ...]]
-    """Names of the set's folder below the folder above it."""
+    """Usual names of the dataset's folder."""
 
     reference_type: ClassVar[type[ScanReference]] = ScanReference
-    """The locator of a scene; one of the set's own where there are labels."""
+    """The type of references to scenes; datasets with labels have their own."""
 
     def __init__(
         self,
@@ -166,50 +166,50 @@ class ScanDataset(SceneSource):
 
     @property
     def folder(self) -> Path:
-        """The set's folder.
+        """The dataset's folder.
 
         Raises:
-            DeuxError: it is not in the root.
+            DeuxError: it is not found in the root.
         """
         return find_folder(self._root, self)
 
     @abstractmethod
     def is_folder(self, folder: Path) -> bool:
-        """Whether a folder looks like the set's."""
+        """Whether a folder looks like the dataset's folder."""
 
     @abstractmethod
     def names(self, folder: Path) -> dict[str, list[str]]:
-        """The scenes of each split of a complete download, in the order in which a number takes them."""
+        """The scenes of each split of a complete download, in order; a number of scenes selects the first ones."""
 
     @abstractmethod
     def files(self, folder: Path, name: str) -> ScanFiles:
-        """Where the files of a scene are."""
+        """The expected files of a scene."""
 
     def full_name(self, name: str, known: Sequence[str]) -> str:
-        """The name of the scene that a list calls `name`, or `name` itself if there is none."""
+        """The full name of a scene, given a name or an abbreviation; `name` itself if there is no such scene."""
         return name
 
     def splits(self) -> SceneSplits:
-        """The scenes that are asked for.
+        """The requested scenes.
 
         Raises:
-            DeuxError: the folder or a scene is missing, there are fewer than asked for, or one is in two splits.
+            DeuxError: the folder or a scene is missing, there are fewer than requested, or a scene is in two splits.
         """
         folder = self.folder
         names = self.names(folder)
         chosen: dict[str, list[str]] = {}
         for split in SPLITS:
-            # Where a set's own splits overlap, as HM3D's do, what validates does not test.
+            # If the dataset's splits overlap, as in HM3D, validation scenes are excluded from the test.
             used = set(chosen.get("validation", ())) & set(names["validation"]) if split == "test" else set()
             pool = [name for name in names[split] if name not in used]
             if len(pool) < len(names[split]) and not isinstance(self._asked[split], list):
-                log.info("%s: %d scenes of test serve for validation and are left out.", self.title, len(used))
+                log.info("%s: %d test scenes are used for validation and excluded from test.", self.title, len(used))
             chosen[split] = self._choose(split, pool, names)[: self._limit]
         check_disjoint(chosen, "scene")
         return make_splits({split: self._references(folder, split, names) for split, names in chosen.items()})
 
     def inventory(self) -> dict[str, tuple[SceneFiles, ...]]:
-        """What is on disk of all scenes of the set."""
+        """The files on disk of all scenes of the dataset, by split."""
         folder = self.folder
         return {
             split: tuple(_on_disk(name, self.files(folder, name)) for name in names)
@@ -223,7 +223,7 @@ class ScanDataset(SceneSource):
             return [self._known(split, name, known) for name in asked]
         if asked is not None and asked > len(pool):
             raise DeuxError(
-                f"scenes.{split} asks for {asked} scenes, but {self.title} has {len(pool)} for it in {self.folder}."
+                f"scenes.{split} is {asked}, but {self.title} has only {len(pool)} scenes for it in {self.folder}."
             )
         return pool[:asked]
 
@@ -231,7 +231,7 @@ class ScanDataset(SceneSource):
         full = self.full_name(name, known)
         if full not in known:
             matches = near_matches(name, known) if len(known) <= 100 else "it has too many to list them."
-            raise DeuxError(f"scenes.{split} lists {name}, which is no scene of {self.title}: {matches}")
+            raise DeuxError(f"scenes.{split} lists {name}, which is not a scene of {self.title}: {matches}")
         return full
 
     def _references(self, folder: Path, split: str, names: Sequence[str]) -> list[SceneReference]:
@@ -240,7 +240,7 @@ class ScanDataset(SceneSource):
         if faults:
             raise DeuxError(
                 f"{len(faults)} of the {len(names)} scenes of scenes.{split} are missing or incomplete, first "
-                f"{faults[0]}: {self.source}, with its licence; python -m deux.doctor lists all that is missing."
+                f"{faults[0]}: {self.source}, with its licence; python -m deux.doctor lists all missing files."
             )
         return [self._reference(name, scan) for name, scan in found]
 
@@ -257,28 +257,28 @@ class ScanDataset(SceneSource):
 
 
 def find_folder(root: str | Path, dataset: ScanDataset) -> Path:
-    """The folder of a set: `root`, or one below it that has one of the set's names.
+    """Find the folder of a dataset: `root`, or a folder in it with one of the dataset's usual names.
 
     Raises:
-        DeuxError: neither looks like the set's; the message names a folder near by that does.
+        DeuxError: there is no such folder; the message names a folder nearby that looks right.
     """
     root = Path(os.path.abspath(Path(root).expanduser()))
     if not root.is_dir():
-        raise DeuxError(f"scenes.root is {root}, but there is no such folder: it must be {dataset.title}'s.")
+        raise DeuxError(f"scenes.root is {root}, but there is no such folder: give the folder of {dataset.title}.")
     for folder in (root, *(root / name for name in dataset.folders)):
         if folder.is_dir() and dataset.is_folder(folder):
             return folder
     if near := _nearby(root, dataset.is_folder):
         raise DeuxError(f"scenes.root is {root}, at the wrong level: {near} looks like {dataset.title}'s folder.")
     raise DeuxError(
-        f"scenes.root is {root}, which does not look like {dataset.title}'s folder: that holds {dataset.layout}; "
+        f"scenes.root is {root}, which does not look like {dataset.title}'s folder: it contains {dataset.layout}; "
         f"{dataset.source}, with its licence."
     )
 
 
 def _nearby(root: Path, is_folder: Callable[[Path], bool]) -> Path | None:
-    """A folder up to two levels above or three below `root` that looks right."""
-    below = (islice(root.glob(pattern), 300) for pattern in ("*/", "*/*/", "*/*/*/"))  # a home folder has too many
+    """A folder up to two levels above or three levels below `root` that looks right."""
+    below = (islice(root.glob(pattern), 300) for pattern in ("*/", "*/*/", "*/*/*/"))  # limited: root may be a home
     for folder in chain(list(root.parents)[:2], *below):
         try:
             if is_folder(folder):
@@ -301,9 +301,9 @@ def _on_disk(name: str, scan: ScanFiles) -> SceneFiles:
 
 @functools.cache
 def _sampled_hash(path: Path, size: int, modified: int) -> str:
-    """The hash of a file's size and of blocks spread evenly over it; of all its content where that is small.
+    """The hash of a file's size and of evenly spaced blocks of it, which suffices for published files.
 
-    That is enough for published files, which nobody edits. Size and time are there for the cache.
+    Size and modification time are part of the cache's key.
     """
     digest = hashlib.sha256(str(size).encode())
     with path.open("rb") as file:
@@ -315,7 +315,7 @@ def _sampled_hash(path: Path, size: int, modified: int) -> str:
 
 
 def _glb_length(path: Path) -> int:
-    """The length in bytes that the header of a .glb file states; 0 where it has none."""
+    """The length in bytes according to the header of a .glb file; 0 without such a header."""
     with path.open("rb") as file:
         start = file.read(12)
     return int.from_bytes(start[8:12], "little") if start[:4] == b"glTF" else 0

@@ -1,4 +1,4 @@
-"""Labels of a scan from a second mesh of the same building: each face takes those of the nearest labelled surface."""
+"""Transfer of labels from an annotated mesh to another mesh of the same building, by nearest surfaces."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from deux.mesh_files.mesh_parts import check_indices
 from deux.mesh_files.ply_elements import read_ply_elements
 from deux.mesh_files.ply_file import ply_triangles
 
-SPACING = 0.1  # metres between the points that stand for a labelled surface
-VOTE_SPACING = 0.3  # metres between the places at which a face looks for such points
-REACH = 0.2  # metres within which a face takes the labels of a point: scans and their annotations differ by less
+SPACING = 0.1  # metres between the sample points of a labelled surface
+VOTE_SPACING = 0.3  # metres between the points of a face that vote for its label
+REACH = 0.2  # metres; greatest distance between a scan and its annotation
 
 log = logging.getLogger(__name__)
 
@@ -29,8 +29,8 @@ class LabelledSurface:
 
     Args:
         points: N x 3, metres, Y-up.
-        labels: N int32, index into `names`, -1 where nothing is known.
-        objects: N int32, number of the object, -1 where a point belongs to none.
+        labels: N int32, index into `names`, -1 = unlabelled.
+        objects: N int32, number of the object, -1 = none.
         names: names of the labels, such as "chair".
     """
 
@@ -40,14 +40,14 @@ class LabelledSurface:
     names: tuple[str, ...]
 
     def label(self, mesh: SceneMesh, scene: str) -> SceneMesh:
-        """The mesh with labels and objects: each face takes those of the points nearest to it.
+        """Label a mesh: each face gets the label and object of the nearest points.
 
-        Large faces are asked at several places, and the object that most of them are near to is taken. Faces farther
-        than `REACH` from every point stay unlabelled; a warning says when most are.
+        Large faces are sampled at several points, of which the majority decides. Faces farther than `REACH` from every
+        labelled point stay unlabelled; a warning is logged if most do.
 
         Args:
-            mesh: of the same building, in the same place.
-            scene: its name, for the warning.
+            mesh: a mesh of the same building in the same position.
+            scene: the scene's name, for the warning.
         """
         owner, weights = surface_samples(mesh.triangles, VOTE_SPACING)
         places = np.einsum("pk,pkd->pd", weights, mesh.triangles[owner]) + mesh.origin
@@ -56,8 +56,8 @@ class LabelledSurface:
         faces, points = _majority(owner[near], nearest[near], self.labels, self.objects)
         if len(faces) < 0.5 * len(mesh.faces):
             log.warning(
-                "%s: %.0f %% of its faces are farther than %.1f m from the surfaces that its annotation labels and "
-                "stay unlabelled: the two files may not be of one scene.",
+                "%s: %.0f %% of its faces are farther than %.1f m from the labelled surfaces of its annotation and "
+                "stay unlabelled: the two files may belong to different scenes.",
                 scene,
                 100 * (1 - len(faces) / len(mesh.faces)),
                 REACH,
@@ -71,13 +71,16 @@ class LabelledSurface:
 def _majority(
     faces: np.ndarray, points: np.ndarray, labels: np.ndarray, objects: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Each face once, with a point of the label and object that most of its votes are for.
+    """Find the label and object with most votes for each face.
 
     Args:
-        faces: V, the face that each vote is for.
-        points: V, the point that it names.
+        faces: V, the face of each vote.
+        points: V, the labelled point of each vote.
         labels: N, the label of each point.
         objects: N, the object of each point.
+
+    Returns:
+        The faces with votes, and for each a point with the chosen label and object.
     """
     label, number = labels[points], objects[points]
     order = np.lexsort((number, label, faces))
@@ -86,14 +89,14 @@ def _majority(
     new[1:] = (face[1:] != face[:-1]) | (label[1:] != label[:-1]) | (number[1:] != number[:-1])
     first = np.flatnonzero(new)
     votes = np.diff(first, append=len(face))
-    ranked = np.lexsort((votes, face[first]))  # of each face the group with most votes comes last
+    ranked = np.lexsort((votes, face[first]))  # the group with most votes is the last of each face
     last = np.append(np.diff(face[first][ranked]) != 0, True)[: len(ranked)]
     chosen = first[ranked[last]]
     return face[chosen], points[order[chosen]]
 
 
 def surface_samples(triangles: np.ndarray, spacing: float = SPACING) -> tuple[np.ndarray, np.ndarray]:
-    """Points on triangles: the centroids of the n x n equal parts of each, whose edges are no longer than `spacing`.
+    """Sample points on triangles: the centroids of n x n equal parts of each, with edges of at most `spacing`.
 
     Args:
         triangles: F x 3 x 3, metres.
@@ -109,7 +112,7 @@ def surface_samples(triangles: np.ndarray, spacing: float = SPACING) -> tuple[np
     for number in np.unique(pieces):
         same = np.flatnonzero(pieces == number)
         i, j = np.meshgrid(np.arange(number), np.arange(number), indexing="ij")
-        upright, turned = i + j < number, i + j < number - 1  # a part, and the one turned by 180 degrees beside it
+        upright, turned = i + j < number, i + j < number - 1  # parts, and parts rotated by 180 degrees between them
         b = np.concatenate([i[upright] + 1 / 3, i[turned] + 2 / 3]) / number
         c = np.concatenate([j[upright] + 1 / 3, j[turned] + 2 / 3]) / number
         owners.append(np.repeat(same, len(b)))
@@ -120,12 +123,12 @@ def surface_samples(triangles: np.ndarray, spacing: float = SPACING) -> tuple[np
 def labelled_surface(
     triangles: np.ndarray, face_label: np.ndarray, face_object: np.ndarray, names: tuple[str, ...]
 ) -> LabelledSurface:
-    """The surface of a mesh that has one label and one object for each face; arguments as of `LabelledSurface`.
+    """Sample the surface of a mesh that has one label and one object for each face.
 
     Args:
         triangles: F x 3 x 3, metres, Y-up.
-        face_label: F, index into `names`, -1 where nothing is known.
-        face_object: F, number of the object, -1 where a face belongs to none.
+        face_label: F, index into `names`, -1 = unlabelled.
+        face_object: F, number of the object, -1 = none.
         names: names of the labels.
     """
     owner, weights = surface_samples(triangles)
@@ -134,7 +137,7 @@ def labelled_surface(
 
 
 def look_up(mapping: Mapping[int, int], keys: np.ndarray) -> np.ndarray:
-    """The value of each key, int64 of the keys' shape; -1 where the mapping has none."""
+    """The value of each key, int64 of the keys' shape; -1 for keys that are not in the mapping."""
     known = np.array(sorted(mapping), np.int64)
     values = np.array([mapping[key] for key in known.tolist()], np.int64)
     if len(known) == 0:
@@ -144,7 +147,7 @@ def look_up(mapping: Mapping[int, int], keys: np.ndarray) -> np.ndarray:
 
 
 def read_annotated_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Read a Z-up .ply whose faces carry numbers; polygons become triangles.
+    """Read a Z-up .ply file whose faces have further properties; polygons are triangulated.
 
     Args:
         path: a .ply file.
@@ -158,7 +161,7 @@ def read_annotated_ply(path: Path) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     elements = read_ply_elements(path)
     index, _, owner = ply_triangles(elements)
     if len(index) == 0:
-        raise DeuxError(f"{path} holds no faces: it is no annotation of a mesh.")
+        raise DeuxError(f"{path} contains no faces: it is not an annotated mesh.")
     vertex = elements["vertex"]
     check_indices(index, len(vertex["x"]), path)
     vertices = np.stack([np.asarray(vertex[axis], np.float64) for axis in "xzy"], axis=1) * (1.0, 1.0, -1.0)

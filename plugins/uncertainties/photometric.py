@@ -1,4 +1,4 @@
-"""The paper's uncertainty: how far the frame is from its reconstructions."""
+"""The paper's uncertainty: the photometric residual between a frame and its reconstructions."""
 
 from torch import Tensor
 
@@ -9,7 +9,7 @@ from deux.geometry.photometric_residual import photometric_residual
 class L1Residual(Uncertainty):
     """The mean absolute photometric residual of Eq. 8, in units of the image.
 
-    Where the camera only turned, no depth whatsoever can change it.
+    If the camera only rotated, it does not depend on depth.
     """
 
     def __call__(self, view: View) -> Tensor:

@@ -1,4 +1,4 @@
-"""What the sparse points say: the one place where the sensor has measured what the model should have predicted."""
+"""Uncertainty by the error of the prediction at the sparse points, the only measured depth."""
 
 import torch
 from torch import Tensor
@@ -6,20 +6,19 @@ from torch import Tensor
 from deux.contracts import Uncertainty, View
 
 PRIOR_WEIGHT = 0.01
-"""Weight of the frame's mean error, in points at distance 0."""
+"""Weight of the frame's mean error, relative to a point at distance 0."""
 
 
 class SparseError(Uncertainty):
-    """How far the prediction is from the sparse points nearby, in metres.
+    """The weighted mean error of the prediction at nearby sparse points, in metres.
 
-    A pixel takes the mean of the points' errors with the weights exp(-d^2 / (2 s^2)) for a point d pixels away; s is
-    half the mean distance between the frame's points, so that mostly the nearest ones count. The model was given
-    these points, but it is smooth: where it fits badly at them it does so between them. NaN for a frame without
-    points.
+    The weight of a point d pixels away is exp(-d^2 / (2 s^2)), where s is half the mean distance between the frame's
+    points, so that the nearest points dominate. Although the points are the model's input, its errors at the points
+    indicate its errors between them, because predictions are smooth. NaN for a frame without points.
 
     Args:
-        relative: whether each point's error is divided by its depth. In metres, a surface is the more uncertain the
-            farther away it was seen; relative errors are those of the surface alone.
+        relative: whether to divide each point's error by its depth. Errors in metres grow with the distance; relative
+            errors do not.
     """
 
     needs_sources = False
@@ -28,7 +27,7 @@ class SparseError(Uncertainty):
         self._relative = relative
 
     def __call__(self, view: View) -> Tensor:
-        """N x H x W metres; shares of the depth where `relative`."""
+        """N x H x W metres, or fractions of the depth if `relative`."""
         points = view.sparse_depth[:, 0] > 0
         error = (view.depth - view.sparse_depth)[:, 0].abs()
         if self._relative:
@@ -43,9 +42,9 @@ class SparseError(Uncertainty):
 
 
 def _gaussian(size: int, sigma: Tensor) -> Tensor:
-    """Weights of the pixels of a line for each pixel of it: exp(-d^2 / (2 sigma^2)) up to 3 sigma away, else 0.
+    """Gaussian filter matrices: exp(-d^2 / (2 sigma^2)) for pixels d apart, 0 beyond 3 sigma.
 
-    As matrices, so that each frame has its own width without the host's knowing it.
+    With matrices each frame can have a different sigma that the host need not know.
 
     Args:
         size: number of pixels.

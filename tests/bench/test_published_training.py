@@ -4,7 +4,7 @@ import torch
 from deux.bench.published_training import PublishedSettings, measure_published_training
 from deux.bench.rendered_batch import render_batch
 from deux.bench.timing import Spread
-from deux.geometry.tuned_forms import natural_forms
+from deux.geometry.tuned_forms import reference_forms
 from deux.registry import registry
 
 TINY = PublishedSettings(batch_size=1, size=32, steps=1, rounds=2)
@@ -29,6 +29,6 @@ def test_the_published_training_computes_the_same(name: str) -> None:
     given = (batch.image, batch.sparse_depth, batch.validity, batch.intrinsics)
     with torch.no_grad():
         ours = model(*given, **batch.prepared).depth
-        with natural_forms():
+        with reference_forms():
             theirs = model(*given, **batch.prepared).depth
     torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-4)

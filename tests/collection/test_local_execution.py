@@ -119,7 +119,7 @@ class Deadly(ToySimulator):
 
 
 def test_a_dead_process_is_told_in_one_sentence_and_its_episode_goes_on(tmp_path):
-    sentence = "The process that worked on room-2 was killed by SIGKILL, .* the same command goes on where"
+    sentence = "The process that worked on room-2 was killed by SIGKILL, .* run the same command again"
     with pytest.raises(DeuxError, match=sentence):
         collect(tmp_path / "cut", "deux", LocalExecutor(2), Deadly)
     assert not (tmp_path / "cut" / "room-2" / "episode.json").exists()

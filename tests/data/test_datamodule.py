@@ -334,7 +334,7 @@ def few_files() -> Iterator[None]:
 @pytest.mark.usefixtures("few_files")
 def test_workers_that_can_open_too_few_files_are_refused_before_one_hangs(tmp_path: Path) -> None:
     folder = dataset(tmp_path / "d")
-    with pytest.raises(DeuxError, match=r"training.num_workers=1 takes 24 files .* ulimit -n 1024"):
+    with pytest.raises(DeuxError, match=r"training.num_workers=1 needs 24 open files .* ulimit -n 1024"):
         drawn(module([folder], num_workers=1))
     assert drawn(module([folder], num_workers=0))
 
@@ -463,7 +463,7 @@ def test_what_the_model_prepares_on_the_cpu_is_not_made_on_the_device(
         assert_same(batches_of(data), batches_of(module([recorded], cache="none", num_workers=0)))
     assert isinstance(data.train_dataloader().dataset.cache, MemoryCache)  # type: ignore[attr-defined]
     assert [record.getMessage() for record in caplog.records] == [
-        "ToyModel computes inputs on the CPU (prepare): frames are kept in memory and not on the device."
+        "ToyModel computes inputs on the CPU (prepare): frames are cached in memory and not on the device."
     ]
 
 

@@ -150,7 +150,7 @@ def test_a_listed_frame_without_an_image_is_named(tmp_path: Path) -> None:
     for number in (4, 5):
         next((root / "data/stairs/image").glob(f"*{number:04d}.png")).unlink()
     with pytest.raises(
-        DeuxError, match=r"image/.*0004\.png is missing, which .*test_image\.txt names, and so are 1 mor"
+        DeuxError, match=r"image/.*0004\.png, which .*test_image\.txt lists, is missing, and so are 1 mor"
     ):
         DatasetReader(root).triplets("test", (-1, -2))
 
@@ -167,14 +167,14 @@ def test_a_broken_pose_that_no_list_names_makes_no_source_frame(
     single = [target.name for target, sources in found if not sources and target.sequence == "hall-00"]
     assert single == ["000000", "000001", "000004", "000005"]
     assert len(caplog.messages) == 1
-    assert "absolute_pose/000003.txt does not hold a pose" in caplog.messages[0]
+    assert "absolute_pose/000003.txt is not a pose" in caplog.messages[0]
 
 
 def test_a_broken_pose_of_a_listed_frame_is_an_error_where_it_is_read(tmp_path: Path) -> None:
     root = dataset(tmp_path / "d", triplets=False)
     np.savetxt(root / "data/hall-00/absolute_pose/000003.txt", np.full((4, 4), -np.inf))
     assert sum(not sources for _, sources in DatasetReader(root).triplets("train", (-1, -2))) == 4
-    with pytest.raises(DeuxError, match=r"absolute_pose/000003\.txt does not hold a pose"):
+    with pytest.raises(DeuxError, match=r"absolute_pose/000003\.txt is not a pose"):
         DatasetReader(root).pose(FrameReference("hall-00", "000003"))
 
 
@@ -215,7 +215,7 @@ def test_a_list_that_leads_elsewhere_is_an_error(tmp_path: Path, line: str) -> N
 def test_a_list_that_is_no_text_is_an_error(tmp_path: Path) -> None:
     root = release(tmp_path)
     (root / "train_image.txt").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DeuxError, match=r"train_image\.txt is no list of frames"):
+    with pytest.raises(DeuxError, match=r"train_image\.txt is not a list of frames"):
         DatasetReader(root).triplets("train", (-1, -2))
 
 

@@ -55,7 +55,7 @@ def test_without_any_such_target_there_is_nothing_to_export(tmp_path: Path):
 @pytest.mark.parametrize("frame", [("../../hall", "0"), ("/hall", "0"), ("hall", "../0"), ("hall", "a/0")])
 def test_frames_whose_files_would_lie_outside_the_export_are_refused(tmp_path: Path, frame):
     reader = DatasetReader(write(tmp_path / "recorded", {"hall-00": walk("hall", 5)}))
-    with pytest.raises(DeuxError, match=r"the export of .*recorded can hold no file of the frame"):
+    with pytest.raises(DeuxError, match=r"the frame .* cannot be written to the export of .*recorded"):
         ExportedSplit("test", reader, (Triplet(FrameReference(*frame), ()),))
 
 
@@ -72,5 +72,5 @@ def test_a_frame_of_which_something_has_another_size_is_not_exported(tmp_path: P
         "void": lambda: write_void(tmp_path / "out", given),
         "webdataset": lambda: write_shards(tmp_path / "out", given, 4),
     }
-    with pytest.raises(DeuxError, match=r"^frame 00000\d of hall-00 .* 12 x 10.*: they must be of one size\.$"):
+    with pytest.raises(DeuxError, match=r"^frame 00000\d of hall-00 .* 12 x 10.*: they must have the same size\.$"):
         list(writers[export]())

@@ -88,7 +88,7 @@ def test_frames_of_a_video_have_points_in_order_or_by_number(
 
 
 def test_points_whose_last_numbers_are_equal_belong_to_no_frame_of_a_video(tmp_path: Path) -> None:
-    with pytest.raises(DeuxError, match=r"points has no points of the frames of the video .*clip\.mp4"):
+    with pytest.raises(DeuxError, match=r"points has no sparse depth of the frames of the video .*clip\.mp4"):
         write(tmp_path, ["left_1.png", "right_1.png"], [1, 2], video=True)
 
 
@@ -105,12 +105,14 @@ def test_ground_truth_has_a_folder_and_a_scale_of_its_own(tmp_path: Path) -> Non
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
-    with pytest.raises(DeuxError, match=r"points has no points of the images .*images: a \.png or \.npy file for each"):
+    with pytest.raises(
+        DeuxError, match=r"points has no sparse depth of the images .*images: a \.png or \.npy file with the name"
+    ):
         write(tmp_path, ["other_3.png"], [0])
     (tmp_path / "empty").mkdir()
-    with pytest.raises(DeuxError, match=r"empty holds no image: \.png, \.jpg"):
+    with pytest.raises(DeuxError, match=r"empty contains no images: \.png, \.jpg"):
         LooseFrames(tmp_path / "empty", tmp_path / "points", tmp_path / "K.txt")
-    with pytest.raises(DeuxError, match=r"none is no folder: the depth maps of many frames lie in one"):
+    with pytest.raises(DeuxError, match=r"none is not a folder: give the folder with one depth map for each frame"):
         LooseFrames(tmp_path / "images", tmp_path / "none", tmp_path / "K.txt")
-    with pytest.raises(DeuxError, match=r"K\.txt is no folder of images and no video"):
+    with pytest.raises(DeuxError, match=r"K\.txt is neither a folder of images nor a video"):
         LooseFrames(tmp_path / "K.txt", tmp_path / "points", tmp_path / "K.txt")

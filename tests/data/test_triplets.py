@@ -277,7 +277,8 @@ def test_a_dataset_of_single_frames_cannot_be_trained_on_where_source_frames_are
     video = written(tmp_path / "video", triplets=False, frames=2)
     assert len(load(video, replace(FULL, sources="unread"))) == 4
     with pytest.raises(
-        DeuxError, match=rf"^None of the 4 train frames of {video} has source frames: what lies -1 and -2"
+        DeuxError,
+        match=rf"^None of the 4 train frames of {video} has source frames: the frames at the offsets -1 and -2",
     ):
         load(video)
 
@@ -317,13 +318,14 @@ def test_a_source_frame_of_another_size_is_named(folder: Path) -> None:
 
 def test_a_crop_that_does_not_fit_is_an_error(folder: Path) -> None:
     with pytest.raises(
-        DeuxError, match=r"has 48 x 40 pixels \(width x height\), in which a crop of 32 x 64 does not fit\.$"
+        DeuxError,
+        match=r"has 48 x 40 pixels \(width x height\), too few for a crop of 32 x 64: reduce training\.crop\.$",
     ):
         load(folder, SampleSettings((64, 32)))[0]
 
 
 def test_frames_of_several_sizes_need_a_crop(folder: Path) -> None:
-    with pytest.raises(DeuxError, match="do not fit in one batch: give a crop"):
+    with pytest.raises(DeuxError, match="do not fit in one batch: set a crop"):
         collate([load(folder)[0], load(folder, SampleSettings((16, 20)))[0]])
 
 

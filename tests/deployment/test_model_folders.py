@@ -163,7 +163,7 @@ def test_a_copy_saves_itself(kbnet, tmp_path, copied):
             {"settings": {"image_filters": [-1, 8, 8, 8, 8]}},
             "cannot be created here: model.image_filters is -1: it must be at least 1",
         ),
-        ({"settings": {"max_depth": float("nan")}}, "max_depth=nan are no depth range"),
+        ({"settings": {"max_depth": float("nan")}}, "max_depth=nan must satisfy 0 < min_depth"),
         ({"auto_map": {"AutoModel": "code.Model"}}, "auto_map is not an option"),
     ],
 )

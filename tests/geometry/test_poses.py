@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from deux.geometry.poses import camera_pose, inverse, motion, projecting_alike, source_from_target, yaw_of
+from deux.geometry.poses import absorb_intrinsics, camera_pose, inverse, motion, source_from_target, yaw_of
 
 
 def test_camera_looks_along_minus_z_with_y_down():
@@ -44,10 +44,10 @@ def test_the_targets_matrix_projects_into_another_camera():
     relative = source_from_target(camera_pose(0.0, 1.0, 0.0, 0.1), camera_pose(0.2, 1.1, -0.3, -0.4))
     points = np.random.default_rng(0).uniform([-1, -1, 1, 1], [1, 1, 4, 1], (9, 4)).T
     seen = other @ (relative @ points)[:3]
-    projected = own @ (projecting_alike(relative, own, other) @ points)[:3]
+    projected = own @ (absorb_intrinsics(relative, own, other) @ points)[:3]
     np.testing.assert_allclose(projected[:2] / projected[2], seen[:2] / seen[2], rtol=1e-12)
     np.testing.assert_allclose(projected[2], (relative @ points)[2], rtol=1e-12)  # the distance is the source's
-    assert projecting_alike(relative, own, own.copy()) is relative
+    assert absorb_intrinsics(relative, own, own.copy()) is relative
 
 
 def test_motion_is_distance_and_angle():

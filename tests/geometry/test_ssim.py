@@ -58,7 +58,9 @@ def test_both_computations_agree_in_values_and_gradients(window, window_size, bo
 def test_a_window_is_refused_from_where_the_images_are_too_small(border, largest):
     image, other = images(1, 3, 7, 12)
     assert torch.isfinite(ssim(image, other, "box", largest, border)).all()
-    with pytest.raises(DeuxError, match=f"{largest + 2} pixels, and .* 12 x 7: they take one of {largest} at most"):
+    with pytest.raises(
+        DeuxError, match=f"of {largest + 2} pixels is too large for .* 12 x 7: the maximum is {largest}"
+    ):
         ssim(image, other, "box", largest + 2, border)
 
 

@@ -25,7 +25,7 @@ def test_arrays_come_back(tmp_path, dtype, shape, order):
 def test_objects_and_texts_are_no_numbers(tmp_path):
     for array in (np.array([{}], object), np.array(["a"]), np.zeros(2, [("a", "<f4")])):
         np.save(tmp_path / "a.npy", array, allow_pickle=True)
-        with pytest.raises(DeuxError, match=r"a\.npy holds values of the type .* where numbers are expected"):
+        with pytest.raises(DeuxError, match=r"a\.npy contains values of the type .* where numbers are expected"):
             read_array(tmp_path / "a.npy")
 
 
@@ -34,7 +34,7 @@ def test_a_file_of_another_length_than_its_header_says_is_refused(tmp_path):
     content = (tmp_path / "a.npy").read_bytes()
     for wrong in (content[:-1], content + b"\0", content.replace(b"(2, 2)", b"(9, 9)")):
         (tmp_path / "a.npy").write_bytes(wrong)
-        with pytest.raises(DeuxError, match=r"a\.npy is damaged: its shape .* takes .* bytes, but it holds"):
+        with pytest.raises(DeuxError, match=r"a\.npy is damaged: its shape .* needs .* bytes, but it contains"):
             read_array(tmp_path / "a.npy")
 
 

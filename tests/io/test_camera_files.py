@@ -43,7 +43,7 @@ def test_colours_of_16_bits_are_refused_however_many_are_used(tmp_path, rgb, cha
     write_png(tmp_path / "a.png", pixels[..., :channels].astype(np.uint16) * factor)
     for read in (read_any_image, read_image):
         with pytest.raises(
-            DeuxError, match=r"a\.png is an image of 16 bits a channel where 8 are expected: convert it"
+            DeuxError, match=r"a\.png is an image of 16 bits per channel where 8 are expected: convert it"
         ):
             read(tmp_path / "a.png")
 
@@ -72,7 +72,7 @@ def test_a_png_without_its_end_is_truncated(tmp_path, rgb):
 @pytest.mark.parametrize("name", ["d.tiff", "d.TIF", "d.exr"])
 def test_depth_in_floating_point_pictures_is_refused(tmp_path, name):
     Image.fromarray(np.ones((4, 4), np.float32)).save(tmp_path / name, format="TIFF")
-    with pytest.raises(DeuxError, match=rf"{name} is of a format that depth is not read from: write it as a \.npy"):
+    with pytest.raises(DeuxError, match=rf"{name} has a format that is not supported for depth: convert it to a \.npy"):
         read_any_depth(tmp_path / name)
 
 
@@ -82,14 +82,14 @@ def test_depth_of_8_bits_is_refused(tmp_path, pixels, mode):
     with pytest.raises(DeuxError, match=rf"d\.png is an image of mode {mode} where a 16-bit depth map is expected"):
         read_any_depth(tmp_path / "d.png")
     Image.fromarray(pixels).save(tmp_path / "d.jpg")
-    with pytest.raises(DeuxError, match=r"d\.jpg is no PNG file .*: a 16-bit depth map in PNG format is expected"):
+    with pytest.raises(DeuxError, match=r"d\.jpg is not a PNG file .*: a 16-bit depth map in PNG format is expected"):
         read_any_depth(tmp_path / "d.jpg")
 
 
 @pytest.mark.parametrize(("dtype", "mode"), [(np.uint16, "I;16"), (np.float32, "F"), (np.int32, "I")])
 def test_more_than_8_bits_are_refused(tmp_path, dtype, mode):
     Image.fromarray(np.ones((4, 4), dtype)).save(tmp_path / "a.tiff")
-    with pytest.raises(DeuxError, match=rf"a\.tiff is an image of mode {mode} where 8 bits a channel are expected"):
+    with pytest.raises(DeuxError, match=rf"a\.tiff is an image of mode {mode}: 8 bits per channel are expected"):
         read_any_image(tmp_path / "a.tiff")
 
 

@@ -23,5 +23,5 @@ def test_other_tables_are_refused(tmp_path, content):
 
 
 def test_what_is_no_number_is_named(tmp_path):
-    with pytest.raises(DeuxError, match="its column loss holds 'x' where a number is"):
+    with pytest.raises(DeuxError, match="its column loss contains 'x' where a number is expected"):
         number({"loss": "x"}, "loss", tmp_path / "a.csv")

@@ -15,7 +15,7 @@ def test_files_are_listed_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     assert set(list_files(tmp_path, (".png",), "depth_*")) == {"depth_5"}
     assert list_files(tmp_path / "none", (".png",)) == {}
     (tmp_path / "1.jpg").touch()
-    with pytest.raises(DeuxError, match=r"holds both 1\.jpg and 1\.png"):
+    with pytest.raises(DeuxError, match=r"has both 1\.jpg and 1\.png"):
         list_files(tmp_path, (".png", ".jpg"))
 
 

@@ -31,12 +31,12 @@ def test_values_and_records_are_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "is damaged or no JSON"),
-        ('{"a": 1', "is damaged or no JSON"),
-        ("[" * 100_000, "is damaged: its JSON is nested too deep"),
-        ("9" * 10_000, "is damaged or no JSON"),
-        ("[]", "holds a list where a JSON object is expected"),
-        ("null", "holds null where a JSON object is expected"),
+        ("", "is damaged or not JSON"),
+        ('{"a": 1', "is damaged or not JSON"),
+        ("[" * 100_000, "is damaged: its JSON is nested too deeply"),
+        ("9" * 10_000, "is damaged or not JSON"),
+        ("[]", "contains a list where a JSON object is expected"),
+        ("null", "contains null where a JSON object is expected"),
     ],
 )
 def test_what_is_no_object_is_refused(tmp_path, text, said):

@@ -202,7 +202,7 @@ def test_a_suspended_holder_loses_the_lock_and_is_told(holding, path):
         f"deux.errors.DeuxError: The lock {path} was lost, {os.uname().nodename}:{os.getpid()}, which"
     )
     assert told.endswith("follows holds it now: this process was suspended for 1 s or longer, or the file was deleted; "
-                         "start the same command again, it goes on from here.")  # fmt: skip
+                         "start the same command again to resume.")  # fmt: skip
 
 
 def test_a_lost_lock_is_not_released_for_its_next_holder(path):
@@ -214,7 +214,7 @@ def test_a_lost_lock_is_not_released_for_its_next_holder(path):
 
 
 def test_a_deleted_lock_is_lost(path):
-    with pytest.raises(DeuxError, match="was lost, its file is gone"), locked(path, "works") as lock:  # noqa: PT012
+    with pytest.raises(DeuxError, match="was lost, its file was deleted"), locked(path, "works") as lock:  # noqa: PT012
         path.unlink()
         lock.confirm()
 
@@ -258,5 +258,5 @@ def test_what_a_kill_left_of_a_removal_goes_with_the_next_lock_of_the_folder(hol
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(DeuxError, match=f"Folder {tmp_path}/file/folder cannot be made: Not a directory"):
+    with pytest.raises(DeuxError, match=f"Folder {tmp_path}/file/folder cannot be created: Not a directory"):
         seconds_to_lock(tmp_path / "file" / "folder" / "lock")

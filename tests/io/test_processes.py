@@ -64,8 +64,8 @@ def test_every_item_is_worked_on_elsewhere_and_counted_here(tmp_path):
         ("mistake", DeuxError, "^bad is not wanted.$"),
         ("bug", ValueError, "^odd"),
         ("unpicklable bug", RuntimeError, "Unpicklable in another process"),
-        ("killed", DeuxError, "The process that worked on 'killed' was killed by SIGKILL, which is .* memory runs out"),
-        ("exit", DeuxError, "The process that worked on 'exit' ended with exit code 3: the same command goes on"),
+        ("killed", DeuxError, "The process that worked on 'killed' was killed by SIGKILL, as .* memory runs out"),
+        ("exit", DeuxError, "The process that worked on 'exit' ended with exit code 3: run the same command again"),
     ],
 )
 def test_a_failure_ends_all_at_once(how, error, message):

@@ -73,7 +73,7 @@ def test_what_is_no_video_is_said(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match=r"nothing\.mp4 is missing"):
         VideoReader(tmp_path / "nothing.mp4")
     (tmp_path / "text.mp4").write_text("no video")
-    with pytest.raises(DeuxError, match=r"text\.mp4 is no video that OpenCV can decode"):
+    with pytest.raises(DeuxError, match=r"text\.mp4 is not a video that OpenCV can decode"):
         VideoReader(tmp_path / "text.mp4")
 
 

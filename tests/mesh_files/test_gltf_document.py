@@ -137,9 +137,9 @@ def set_in(header, value, *keys):
 @pytest.mark.parametrize(
     ("keys", "value", "message"),
     [
-        (("asset", "version"), "1.0", "version 1.0 of glTF: only version 2"),
+        (("asset", "version"), "1.0", "version 1.0 of glTF: convert it to version 2"),
         (("asset",), {"version": "2.0", "minVersion": "3.0"}, "version 3.0 of glTF"),
-        (("extensionsRequired",), ["KHR_lights_punctual", "ACME_doors"], "without the glTF extension ACME_doors"),
+        (("extensionsRequired",), ["KHR_lights_punctual", "ACME_doors"], "requires the glTF extension ACME_doors"),
         (("extensionsRequired",), "KHR_lights_punctual", "extensionsRequired is .*, but must be a list"),
         (("buffers",), [{"byteLength": 36}], r"meshes\[0\].primitives\[0\] is damaged: buffers\[0\] has neither"),
         (("buffers",), [{"uri": "gone.bin", "byteLength": 36}], "needs gone.bin, which is not in"),

@@ -70,7 +70,7 @@ def test_only_the_default_scene_is_drawn(box, change, drawn):
 @pytest.mark.parametrize("children", [{0: [1], 1: [0]}, {0: [0]}, {0: [1, 2], 1: [2]}])
 def test_nodes_that_are_no_tree_are_refused(box, children):
     box.header["nodes"] = [{"mesh": 0, "children": children.get(k, [])} for k in range(3)]
-    with pytest.raises(DeuxError, match=r"its scene is damaged: nodes\[\d\] is met twice, but nodes must be a tree"):
+    with pytest.raises(DeuxError, match=r"its scene is damaged: nodes\[\d\] has two parents, but nodes must be a tree"):
         read_gltf(box.save())
 
 

@@ -190,13 +190,13 @@ def test_vertices_that_no_face_uses_are_left_out(gltf):
     ("change", "message"),
     [
         ({"indices": [0, 1, 9]}, "it has the index 9, but 4 vertices"),
-        ({"indices": [0, 1, 2, 3]}, "it has 4 corners of triangles, which is no multiple of 3"),
-        ({"mode": 7}, "there is no mode 7"),
+        ({"indices": [0, 1, 2, 3]}, "it has 4 corners of triangles, which is not a multiple of 3"),
+        ({"mode": 7}, "there is no primitive mode 7"),
         ({"accessor": {"count": 5}}, r"accessors\[0\] ends at byte 60 of bufferViews\[0\], which has 48"),
         ({"accessor": {"byteOffset": 4}}, r"accessors\[0\] ends at byte 52 of bufferViews\[0\]"),
         ({"accessor": {"type": "VEC2"}}, "its POSITION has 2 components"),
         ({"color": np.zeros((3, 4), np.uint8)}, "its COLOR_0 has 3 values for 4 vertices"),
-        ({"signed": True}, r"accessors\[1\] holds no indices"),
+        ({"signed": True}, r"accessors\[1\] are not indices"),
     ],
 )
 def test_damaged_primitives_are_named(gltf, change, message):

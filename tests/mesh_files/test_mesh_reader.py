@@ -44,7 +44,7 @@ def test_stray_triangles_are_left_out_and_said(tmp_path, caplog):
 def test_a_triangle_that_reaches_far_away_is_an_error(tmp_path):
     vertices = ROOM.vertices.copy()
     vertices[vertices.sum(axis=1).argmax()] = 900
-    with pytest.raises(DeuxError, match=r"900 x 900 x 900 m large, but a scene is at most 250 m long"):
+    with pytest.raises(DeuxError, match=r"900 x 900 x 900 m large, but a scene must be at most 250 m long"):
         read_mesh(save(tmp_path / "spike.ply", vertices))
 
 

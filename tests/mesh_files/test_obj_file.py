@@ -166,7 +166,7 @@ def test_groups_lines_and_points_change_nothing(read):
 def test_a_material_that_no_library_describes_is_said(read, caplog):
     (part,) = read("mtllib m.mtl\n" + SQUARE + "usemtl wood\nf 1 2 3\n", m="newmtl oak\nKd 1 1 1\n")
     assert part.material.color == GREY
-    assert "describes wood" in caplog.text
+    assert "contains wood" in caplog.text
 
 
 @pytest.mark.parametrize(
@@ -174,15 +174,15 @@ def test_a_material_that_no_library_describes_is_said(read, caplog):
     [
         ("mtllib nowhere.mtl\n" + SQUARE + "f 1 2 3\n", r"needs nowhere\.mtl"),
         ("mtllib m.mtl\n" + SQUARE + "usemtl m\nf 1/1 2/2 3/3\n", r"m\.mtl needs nowhere\.png"),
-        (SQUARE + "f 1 2 9\n", r"'1 2 9' has a vertex that is not there, there are 4"),
-        (SQUARE + "f 1 2 3\nf 1/1 2/2 3/7\n", "'1/1 2/2 3/7' has a texture coordinate that is not there"),
-        (SQUARE + "f 1 2 -5\n", "that is not there"),
+        (SQUARE + "f 1 2 9\n", r"'1 2 9' refers to a vertex that does not exist, there are 4"),
+        (SQUARE + "f 1 2 3\nf 1/1 2/2 3/7\n", "'1/1 2/2 3/7' refers to a texture coordinate that does not exist"),
+        (SQUARE + "f 1 2 -5\n", "that does not exist"),
         (SQUARE + f"f {2**64 + 1} 2 3\n", "18446744073709551617"),  # 1, if 64 bits were all that is looked at
         (SQUARE + "f 0 1 2\n", "a face has the corners '0 1 2'"),
         (SQUARE + "f a b c\n", "a face has the corners 'a b c'"),
         ("v 0 0\nf 1 1 1\n", "a vertex has the numbers '0 0'"),
-        ("v 0 0 x\nf 1 1 1\n", "cannot be read"),
-        (SQUARE + "surf 0 1 0 1 1 2 3\n", "its surf statements are not read"),
+        ("v 0 0 x\nf 1 1 1\n", "is damaged or not a .obj file"),
+        (SQUARE + "surf 0 1 0 1 1 2 3\n", "its surf statements are not supported"),
     ],
 )
 def test_mistakes_are_one_sentence(read, text, message):

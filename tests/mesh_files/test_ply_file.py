@@ -133,7 +133,7 @@ def test_agrees_with_trimesh_on_files_that_trimesh_writes(tmp_path, encoding):
 @pytest.mark.parametrize(
     ("faces", "settings", "message"),
     [
-        ([], {}, "holds 4 points but no triangles"),
+        ([], {}, "contains 4 points but no triangles"),
         (["3 0 1 9"], {}, "a face uses vertex 9, but there are 4 vertices"),
         (["4 0 1 2 -1"], {}, "a face uses vertex -1, but there are 4 vertices"),
         (["3 0 1 2"], {"comments": "comment TextureFile gone.png\n"}, r"needs gone\.png"),

@@ -114,7 +114,7 @@ def test_a_dataset_of_an_earlier_version_has_no_share_of_the_free_floor(tmp_path
 def test_a_damaged_record_is_told(tmp_path):
     collect(tmp_path, "room-00")
     (tmp_path / "data/room-00/episode.json").write_text("{}")
-    with pytest.raises(DeuxError, match=r"episode\.json is damaged, it holds no episode"):
+    with pytest.raises(DeuxError, match=r"episode\.json is damaged, it contains no episode"):
         measure(tmp_path)
 
 
@@ -134,7 +134,7 @@ def test_depth_maps_are_read_a_share_ahead(tmp_path, monkeypatch):
 
     monkeypatch.setattr(explored_places, "read_depth", counted)
     monkeypatch.setattr(explored_places, "ExplorationMemory", Watched)
-    monkeypatch.setattr(explored_places, "_SHARE", 8)
+    monkeypatch.setattr(explored_places, "_READ_AHEAD", 8)
     assert measure(tmp_path) == expected
     assert len(read) == len(ahead) == STEPS
     assert max(ahead) <= 8
@@ -144,7 +144,7 @@ def test_depth_maps_are_read_a_share_ahead(tmp_path, monkeypatch):
 def test_a_step_is_cut_short_by_its_way_along_the_floor(along, climb, bump):
     """As the simulator judges it: on a ramp the way through space is longer."""
     before, after = camera_pose(0.0, 1.25, 0.0, 0.0), camera_pose(0.0, 1.25 + climb, -along, 0.0)
-    assert explored_places._cut_short(before, after, Robot(forward_step=0.25)) is bump
+    assert explored_places._is_bump(before, after, Robot(forward_step=0.25)) is bump
 
 
 @pytest.mark.parametrize("distance", [1.0, 2.0])

@@ -142,7 +142,9 @@ def test_large_datasets_are_sampled_for_pixels_only():
     assert (card.frames, card.sampled) == (48, 5)
 
 
-@pytest.mark.parametrize(("poses", "known", "says"), [(2, True, "lists no train frames"), (4, False, "no true depth")])
+@pytest.mark.parametrize(
+    ("poses", "known", "says"), [(2, True, "lists no train frames"), (4, False, "no ground truth")]
+)
 def test_what_has_no_scorecard_says_so(poses, known, says):
     with pytest.raises(DeuxError, match=says):
         score(Wall(Path("d"), along(poses, 0.25), known=known))
@@ -191,5 +193,5 @@ def test_what_is_no_scorecard_says_so(tmp_path, change):
     score(Wall(Path("d"), along(10, 0.25))).save(tmp_path)
     content = json.loads((tmp_path / "scorecard.json").read_text())
     (tmp_path / "scorecard.json").write_text(json.dumps({**content, **change}))
-    with pytest.raises(DeuxError, match=r"is no scorecard of deux \(.*collect or run it again"):
+    with pytest.raises(DeuxError, match=r"is not a scorecard of deux \(.*collect or run it again"):
         Scorecard.load(tmp_path)

@@ -65,7 +65,7 @@ def test_a_pickle_is_refused_and_not_run(tmp_path):
 
     path = tmp_path / "policy.safetensors"
     path.write_bytes(pickle.dumps(Trap()))
-    with pytest.raises(DeuxError, match="is no policy file"):
+    with pytest.raises(DeuxError, match="is not a policy file"):
         load_policy(path)
     assert not (tmp_path / "sprung").exists()
 
@@ -116,7 +116,7 @@ def test_a_damaged_file_is_told_in_one_sentence(path, damage):
     with pytest.raises(DeuxError) as caught:
         load_policy(path)
     message = str(caught.value)
-    assert message.startswith(f"{path} is no policy file as task=train_explorer writes it (")
+    assert message.startswith(f"{path} is not a policy file of task=train_explorer (")
     assert message.endswith(").")
     assert "\n" not in message
 

@@ -234,7 +234,7 @@ def test_a_start_chooses_the_part_of_the_floor(mesh_of, room, sheet):
 
 
 def test_a_scene_that_is_too_large_for_a_map_says_so(mesh_of, slab):
-    with pytest.raises(DeuxError, match=r"1000 x 1000 m is too large for a map: bound it by scenes.region"):
+    with pytest.raises(DeuxError, match=r"1000 x 1000 m is too large for a map: limit it by scenes.region"):
         free_space(mesh_of(slab([0, -1, 0], [1000, 0, 1000])), 0.0, ROBOT)
 
 

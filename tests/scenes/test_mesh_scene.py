@@ -6,7 +6,8 @@ import trimesh
 
 from deux.contracts import Material, SceneMesh
 from deux.errors import DeuxError
-from deux.scenes.mesh_scene import _warn_once, has_colors, mesh_scene
+from deux.log_once import warn_once
+from deux.scenes.mesh_scene import has_colors, mesh_scene
 from deux_plugins.scenes.files import load_scene
 
 RED = np.full((4, 4, 3), (255, 0, 0), np.uint8)
@@ -48,7 +49,7 @@ def test_what_is_unlikely_is_said_once(room, caplog):
     for _ in range(2):
         mesh_scene("grey", room, "test:2", "grey.ply")
     assert [record.message for record in caplog.records] == [
-        "grey.ply has no colours: all its images are of one single colour, which teaches no depth."
+        "grey.ply has no colours: models cannot learn depth from its images, which have a single colour."
     ]
 
 
@@ -86,6 +87,6 @@ def test_a_likely_ceiling_is_not_said(room, caplog):
 
 @pytest.mark.parametrize("name", ["small_house.glb", "lounge.ply"])
 def test_nothing_is_said_of_real_scenes(shared_data, name, caplog):
-    _warn_once.cache_clear()  # whatever an earlier test of this process has said
+    warn_once.cache_clear()  # an earlier test of this process may have logged it
     assert load_scene(shared_data("scenes") / name).floors[0].height == pytest.approx(0.0, abs=0.05)
     assert caplog.text == ""

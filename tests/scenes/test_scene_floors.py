@@ -56,11 +56,12 @@ def test_all_floors_and_a_floor_by_its_number(tall_house, caplog):
     with caplog.at_level(logging.WARNING):
         upper = chosen(tall_house, floor=1)
     assert "2 floors, 0 at 0.00 m" in caplog.text
-    assert "the robot lives at 2.90 m" in caplog.text
+    assert "the robot explores the floor at 2.90 m" in caplog.text
     assert heights(upper) == [2.9]
     assert upper.free_space(0).floor_height == pytest.approx(2.9)
     with pytest.raises(
-        DeuxError, match=r"no floor 2: counted .* 0 at 0.00 m \(\d+ m2\), 1 at 2.90 m \(\d+ m2\); choose"
+        DeuxError,
+        match=r"no floor 2: its floors, from the lowest, are 0 at 0.00 m \(\d+ m2\), 1 at 2.90 m \(\d+ m2\); choose",
     ):
         chosen(tall_house, floor=2)
     with pytest.raises(DeuxError, match=r"no floor 1: its floors are numbered 0 to 0, at 2.90 m"):
@@ -135,8 +136,10 @@ def test_rooms_behind_closed_doors_and_floor_without_a_ceiling_are_said(scene_of
         scene = scene_of(*house(door=True), parted, terrace)
         assert chosen(scene).free_space(0).area == pytest.approx(4.6 * 5.4, rel=0.05)
         (closed, outside) = caplog.messages
-        assert "beside the 25 m2 where the robot lives, 14 m2 cannot be reached, such as behind closed doors" in closed
-        assert re.search(r", 2[23] m2 have no ceiling and are taken for outside: scenes\.region=", outside)
+        assert "beside the 25 m2 of free space, 14 m2 cannot be reached, such as behind closed doors" in closed
+        assert re.search(
+            r", 2[23] m2 have no ceiling and are considered outdoors: include them by scenes\.region=", outside
+        )
         caplog.clear()
         assert chosen(scene, region=(0, -3, 8, 6), start=(1.0, 1.0)).free_space(0).area > 45.0
         assert chosen(scene_of(*house())).free_space(0).area == pytest.approx(7.4 * 5.4, rel=0.05)

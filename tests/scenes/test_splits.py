@@ -21,7 +21,7 @@ def test_splits_keep_the_order_and_may_be_empty():
 
 
 def test_a_scene_is_listed_once():
-    with pytest.raises(DeuxError, match=r"scenes\.train lists a 2 times: once is enough"):
+    with pytest.raises(DeuxError, match=r"scenes\.train lists a 2 times: list it once"):
         make_splits({"train": [Named("a"), Named("b"), Named("a")]})
 
 
@@ -82,8 +82,8 @@ def test_scenes_in_files_are_told_apart_by_their_places_and_parts(tmp_path):
 def test_two_names_of_one_content_in_one_split_are_taken_once(caplog):
     kept = each_once({"train": ["A", "b", "a", "B"], "test": ["a"]}, "seed", str.lower)
     assert kept == {"train": ("A", "b"), "test": ("a",)}
-    assert "seed a of scenes.train is the same as A: it is taken once." in caplog.text
-    assert caplog.text.count("taken once") == 2
+    assert "seed a of scenes.train is the same as A: it is used once." in caplog.text
+    assert caplog.text.count("used once") == 2
 
 
 def test_needed_splits_must_hold_a_scene():

@@ -35,5 +35,5 @@ def test_the_generator_decides() -> None:
 def test_a_floor_without_a_free_cell_is_told() -> None:
     space = room(2, 2)
     assert not space.free.any()
-    with pytest.raises(DeuxError, match="the free space of 4 x 4 cells has no free one: the robot fits nowhere"):
+    with pytest.raises(DeuxError, match="none of the 4 x 4 cells of the free space is free: the robot fits nowhere"):
         random_starts(space, 1, np.random.default_rng(0))

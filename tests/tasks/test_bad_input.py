@@ -84,7 +84,7 @@ MISTAKES = {
     "objective.structural_consistency.window_size=4": "objective.structural_consistency.window_size is 4: it must be",
     "objective.sparse_depth=-1": "objective.sparse_depth has the weight -1: a weight is a number of 0 or more",
     "scenes.test=0": "scenes.test names no scene: at least one is needed.",
-    "model.min_depth=-1": "min_depth=-1.0 and max_depth=10.0 are no depth range",
+    "model.min_depth=-1": "min_depth=-1.0 and max_depth=10.0 must satisfy 0 < min_depth < max_depth",
     "compare.explorers=[]": "compare.explorers is empty: list some, or set it to null for all installed explorers.",
     "compare.explorers=random": "compare.explorers must be a list",
     # what another option asks for
@@ -166,11 +166,11 @@ def scene_file(kind: str, room, folder: Path) -> Path:
         ),
         ("tilted", "tilted.glb: there is no floor to stand on: no level surface of 1 m2 has 1 m of empty space above"),
         ("bare", "has no frame that passes verification ("),
-        ("points", "points.glb holds no triangles: there is nothing to see in it."),
-        ("text", "text.glb cannot be read as a .glb file: it does not begin as such a file does."),
+        ("points", "points.glb contains no triangles: a scene needs surfaces."),
+        ("text", "text.glb is not a .glb file: it does not begin like one."),
         ("truncated", "truncated.glb is truncated to "),
-        ("ply", "header.ply cannot be read as a .ply file, it is damaged or something else: "),
-        ("suffix", "scene.txt is no scene file: it must end in one of .glb, .gltf, .obj, .ply."),
+        ("ply", "header.ply is damaged or not a .ply file: "),
+        ("suffix", "scene.txt is not a scene file: its name must end in one of .glb, .gltf, .obj, .ply."),
         ("nowhere", "there is no scene file "),
     ],
 )
@@ -200,8 +200,8 @@ DAMAGES = {
     "truncated image": ("image/*.png", truncate, "is truncated (100 bytes)."),
     "missing image": ("image/*.png", Path.unlink, "is missing."),
     "missing points": ("sparse_depth/*.png", Path.unlink, "is missing."),
-    "empty pose": ("absolute_pose/*.txt", empty, "does not hold a pose: 3 or 4 rows of 4 finite numbers are expected."),
-    "singular intrinsics": ("K.txt", make_singular, "does not hold the intrinsics of a pinhole camera"),
+    "empty pose": ("absolute_pose/*.txt", empty, "is not a pose: 3 or 4 rows of 4 finite numbers are expected."),
+    "singular intrinsics": ("K.txt", make_singular, "is not the matrix of a pinhole camera"),
     "missing intrinsics": ("K.txt", Path.unlink, "is missing."),
 }
 
@@ -309,7 +309,10 @@ def load_settings(model: Path) -> dict:
         ("lacking", "does not fit the kbnet that is installed: it lacks 1 tensor ("),
         ("lightning", ".ckpt is for resuming a training: give the model.safetensors of a run folder, or the folder."),
         ("layout", "layout.pth is not a published checkpoint of kbnet: it lacks "),
-        ("code", "code.pth cannot be read as a checkpoint of tensors: it is damaged, something else, or holds code"),
+        (
+            "code",
+            "code.pth cannot be read as a checkpoint of tensors: it is damaged, not a checkpoint, or contains code",
+        ),
         ("folder", "there is no model "),
         ("missing", "there is no model "),
     ],
@@ -362,7 +365,7 @@ def test_a_full_disk_is_said_and_the_same_command_goes_on_when_there_is_room(tin
     command = ("task=train", "explore=random", f"hydra.run.dir={disk}/run")
     sentence = tiny(disk, *command).sentence
     assert sentence.startswith(f"The disk is full: {disk}/datasets/.random-")
-    assert " kB are free there; make room and start again, what is already written is kept." in sentence
+    assert " kB are free; free some space and start again, finished files are kept." in sentence
     collected = {path: path.stat().st_mtime_ns for path in disk.glob("datasets/.*.partial/data/*/absolute_pose/0*.txt")}
     assert 0 < len(collected) < 8
     assert unfinished(disk) == []
@@ -506,7 +509,7 @@ def test_the_episode_of_a_killed_collector_is_done_again(tiny_arguments, tmp_pat
     _, err = process.communicate(timeout=250)
     assert process.returncode == 1
     assert err.count("\n") == 1
-    assert "was killed by SIGKILL, which is what the system does when memory runs out" in err
+    assert "was killed by SIGKILL, as the system does when memory runs out" in err
 
     for folder in ("killed", "whole"):
         again = subprocess.run(

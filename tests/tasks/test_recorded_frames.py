@@ -326,7 +326,7 @@ def test_a_damaged_list_of_validation_frames_is_no_lack_of_them(tmp_path, capsys
     (folder / "validation_image.txt").write_bytes(b"\xff\xfe" * 40)
     reader = DatasetReader(folder)
     for use in (lambda: validation_readers(reader, (-1, -2), Needs()), lambda: frame_checks.check_frames(reader)):
-        with pytest.raises(DeuxError, match=r"validation_image\.txt is no list of frames"):
+        with pytest.raises(DeuxError, match=r"validation_image\.txt is not a list of frames"):
             use()
     assert "no validation" not in capsys.readouterr().out
 

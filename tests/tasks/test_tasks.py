@@ -232,7 +232,9 @@ def test_source_frames_of_a_dataset_that_lists_none(tiny, collected, tmp_path):
     (dataset / "train_triplets.txt").unlink()
     arguments = ["task=train", f"training_data={dataset}", f"hydra.run.dir={tmp_path}/run", "training.sources=recent"]
     sentence = tiny(tmp_path, *arguments, "training.offsets=[-4,4]").sentence  # of eight in all
-    assert sentence.startswith(f"None of the 6 train frames of {dataset} has source frames: what lies -4 and +4 frames")
+    assert sentence.startswith(
+        f"None of the 6 train frames of {dataset} has source frames: the frames at the offsets -4 and +4"
+    )
     outcome = tiny(tmp_path, *arguments, "training.offsets=[-3,3]")
     assert (outcome.code, outcome.err) == (0, "")
 

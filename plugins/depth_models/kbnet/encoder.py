@@ -29,7 +29,7 @@ def _layout(x: Tensor) -> torch.memory_format:
 
 
 class _Halve(torch.autograd.Function):
-    """Slicing with a channels-last gradient: that of plain slicing is channels first, which slows down later steps."""
+    """Slicing with a channels-last gradient: that of plain slicing is channels-first, which slows down later steps."""
 
     @staticmethod
     def forward(context: Any, x: Tensor) -> Tensor:

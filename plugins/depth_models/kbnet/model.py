@@ -36,9 +36,9 @@ class KBNet(DepthModel):
         decoder_filters: channels of the decoder's five levels.
         min_depth: nearest predicted depth in metres.
         max_depth: farthest predicted depth in metres.
-        margin: in evaluation, images are extended on all sides by this many pixels, by repeating their edge, and depth
-            is cropped. The convolutions have no bias and zero padding, so that a briefly trained network predicts the
-            outer pixels too near; a margin crops those. Training does not use it, as it gains nothing from it
+        margin: in evaluation, images are padded on all sides by this many pixels, by repeating their edge, and depth is
+            cropped. Because of zero padding without a bias, a briefly trained network predicts the outer pixels too
+            near; the margin crops these. It is not used in training, which does not profit from it
             (docs/decisions/0022-rim.md). 0 is the published network.
         first_weights: initial weights: "glorot", as published; or "he", with which short trainings less often saturate
             at the near end (docs/decisions/0023-first-weights.md).

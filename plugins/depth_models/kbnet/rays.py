@@ -7,12 +7,11 @@ Scale = tuple[float, float]
 
 
 def camera_rays(intrinsics: Tensor, size: tuple[int, int], scale: Scale) -> Tensor:
-    """K_l^-1 [u v 1] of every pixel of a level: times the depth it is the point in camera axes.
+    """The rays K_l^-1 [u v 1] of every pixel of a level; multiplied by the depth they are points in camera axes.
 
-    K_l is K with its rows scaled to the level. The published network scales them at all levels below the full size by
-    the ratio of the first halving, and its weights were trained with the rays that this gives; only at the full and
-    at half the size do they point where the pixels look.
-    The inverse is written out, for a camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]].
+    K_l is K with its rows scaled to the level. As in the published network, all levels below the full size use the
+    scale of the first halving, so that the rays are geometrically correct only at the full and at half the size.
+    The inverse is explicit, for a camera matrix [[fx, s, cx], [0, fy, cy], [0, 0, 1]].
 
     Args:
         intrinsics: N x 3 x 3, of the full size.

@@ -1,4 +1,4 @@
-"""The convolutions that the published depth models are made of."""
+"""The convolution layers of the published depth models."""
 
 from typing import Literal
 
@@ -18,11 +18,11 @@ def activation_layer(name: Activation) -> nn.Module:
 
 
 class Convolution(nn.Module):
-    """A k x k convolution without bias, batch normalisation where asked for, then an activation.
+    """A k x k convolution without bias, optional batch normalisation, then an activation.
 
-    Zero padding of k // 2 keeps the size at stride 1 and gives ceil(size / 2) at stride 2. The weights start from
-    Glorot's normal distribution, as in all published trainings. They lie channels last in memory, which carries over
-    to the results whatever layout the input has: the vectorised kernels of CPUs and GPUs want it so.
+    Zero padding of k // 2 preserves the size at stride 1 and gives ceil(size / 2) at stride 2. The weights are
+    initialised by Glorot's normal distribution, as in all published trainings. They are in channels-last memory format,
+    and so are the outputs, because this is faster on CPUs and GPUs.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Convolution(nn.Module):
         return self.finish(self.conv(x))
 
     def finish(self, x: Tensor) -> Tensor:
-        """What follows the convolution: normalisation and activation."""
+        """Apply normalisation and activation to the output of the convolution."""
         return self.activation(self.batch_norm(x))
 
 

@@ -7,25 +7,25 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from deux.geometry.tuned_forms import merges_steps
+from deux.geometry.tuned_forms import fuses_steps
 from deux_plugins.depth_models.parts.convolution import Convolution
 
 Size = tuple[int, int]
 
 
 MERGE_PIXELS = 128
-"""From this many pixels on, merging the enlargement into the kernel costs less than it saves, at batch 2 and above.
+"""Number of pixels from which on merging the upsampling into the kernel is faster, at batch sizes of 2 and above.
 
-Not a matter of the batch's size: a sample's result must not depend on the samples beside it.
+It does not depend on the batch size, because a sample's result must not depend on other samples.
 """
 
 
 def doubling_kernel(weight: Tensor) -> Tensor:
-    """The kernel that doubles the size and convolves in one go.
+    """The kernel that merges nearest-neighbour upsampling by 2 with a 3 x 3 convolution.
 
-    A 3 x 3 convolution of an image doubled by nearest neighbours is a transposed convolution of stride 2 and padding
-    1 with the mirrored 3 x 3 kernel summed over 2 x 2 windows: 16 instead of 36 products a pixel. The sums of all
-    kernels are one product with a 9 x 16 matrix, which takes half the time of adding shifted views.
+    The merged operation is a transposed convolution of stride 2 and padding 1, with the flipped 3 x 3 kernel summed
+    over 2 x 2 windows: 16 instead of 36 products per pixel. The sums of all kernels are computed as one product with a
+    9 x 16 matrix, which takes half the time of adding shifted views.
 
     Args:
         weight: out x in x 3 x 3.
@@ -41,7 +41,7 @@ def doubling_kernel(weight: Tensor) -> Tensor:
 
 
 class UpConvolution(nn.Module):
-    """Nearest-neighbour enlargement, then a 3 x 3 convolution."""
+    """Nearest-neighbour upsampling, then a 3 x 3 convolution."""
 
     def __init__(self, in_channels: int, out_channels: int, batch_norm: bool = False) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class UpConvolution(nn.Module):
     def forward(self, x: Tensor, size: Size) -> Tensor:
         """N x in_channels x h x w to N x out_channels x H x W, where size = (H, W)."""
         height, width = x.shape[2:]
-        merged = merges_steps() and height * width >= MERGE_PIXELS
+        merged = fuses_steps() and height * width >= MERGE_PIXELS
         if size != (2 * height, 2 * width) or not merged:
             return self.conv(functional.interpolate(x, size))
         kernel = doubling_kernel(self.conv.conv.weight)
@@ -58,7 +58,7 @@ class UpConvolution(nn.Module):
 
 
 class DecoderBlock(nn.Module):
-    """One level up: enlarge, join with the skip connection where there is one, convolve."""
+    """One level of the decoder: upsample, concatenate the skip connection if there is one, convolve."""
 
     def __init__(self, in_channels: int, skip_channels: int, out_channels: int, batch_norm: bool = False) -> None:
         super().__init__()
@@ -66,19 +66,19 @@ class DecoderBlock(nn.Module):
         self.conv = Convolution(out_channels + skip_channels, out_channels, batch_norm=batch_norm)
 
     def forward(self, x: Tensor, skip: Sequence[Tensor], size: Size) -> Tensor:
-        """Enlarge `x` to `size`; `skip` holds the tensors of that size to join, none at a level without any."""
+        """Upsample `x` to `size` and concatenate the tensors of `skip`, which may be empty."""
         x = self.deconv(x, size)
         return self.conv(torch.cat([x, *skip], dim=1) if skip else x)
 
 
 class Decoder(nn.Module):
-    """From the latent code up to level `last` (0 is the full size, 1 half of it), then a linear 3 x 3 convolution.
+    """Decodes from the latent code to level `last` (0 is the full size, 1 half of it), then a linear 3 x 3 convolution.
 
-    The blocks are called deconv4 ... deconv0 and the output layer output<last>, as in the published checkpoints.
+    The blocks are named deconv4 ... deconv0 and the output layer output<last>, as in the published checkpoints.
 
     Args:
         latent_channels: channels of the latent code at 1/32 of the size.
-        skip_channels: channels of the skip connection at each level, from 1/16 of the size upwards; 0 is none.
+        skip_channels: channels of the skip connection at each level, from 1/16 of the size upwards; 0 for none.
         filters: channels of each level's convolutions, in the same order.
         out_channels: channels of the output.
         batch_norm: whether the convolutions are normalised (never the output).
@@ -110,12 +110,12 @@ class Decoder(nn.Module):
 
         Args:
             latent: N x latent_channels x h x w.
-            skips: the tensors to join at each level, from 1/16 of the size upwards.
+            skips: the tensors to concatenate at each level, from 1/16 of the size upwards.
             sizes: (height, width) of each level, in the same order.
 
         Returns:
-            N x out_channels x H x W float32, also under autocast and from a network in half precision: 8 bits of
-            mantissa before a sigmoid would step the depth by more than a per cent. float64 from a network in float64.
+            N x out_channels x H x W float32, also under autocast and for networks in half precision, in which 8 bits of
+            mantissa before the sigmoid would quantise depth by more than 1 %; float64 for networks in float64.
         """
         x = latent
         for level, skip, size in zip(self.levels, skips, sizes, strict=True):
@@ -123,7 +123,7 @@ class Decoder(nn.Module):
         weight = self.output.conv.weight
         dtype = torch.promote_types(torch.promote_types(x.dtype, weight.dtype), torch.float32)
         with torch.autocast(x.device.type, enabled=False):
-            if self.training and merges_steps():
+            if self.training and fuses_steps():
                 return convolve_to_few_channels(x.to(dtype), weight)
             if weight.dtype == dtype:
                 return self.output(x.to(dtype))
@@ -131,20 +131,20 @@ class Decoder(nn.Module):
 
 
 def convolve_to_few_channels(x: Tensor, weight: Tensor) -> Tensor:
-    """A 3 x 3 convolution of stride 1 with zero padding, for a few output channels.
+    """A 3 x 3 convolution of stride 1 with zero padding, optimised for few output channels.
 
-    One matrix product gives each pixel's share in the nine pixels around it, and the shares are added up. With one
-    output channel oneDNN's convolution leaves most of its vector registers empty: forward and backward take 2 to 3
-    times as long at 64 channels, 1.1 to 1.6 times as long at 12 to 32.
+    One matrix product gives each pixel's contributions to its nine neighbours, which are then summed. oneDNN's
+    convolution uses vector registers poorly with one output channel: forward and backward take 2 to 3 times as long at
+    64 input channels, and 1.1 to 1.6 times as long at 12 to 32.
 
     Args:
-        x: N x in x H x W, channels last in memory.
+        x: N x in x H x W, channels-last memory format.
         weight: out x in x 3 x 3.
 
     Returns:
-        N x out x H x W in the wider of both types.
+        N x out x H x W in the promoted type of both.
     """
     dtype = torch.promote_types(x.dtype, weight.dtype)
-    shares = weight.to(dtype).flip(2, 3).transpose(0, 1).flatten(1)
-    columns = x.to(dtype).permute(0, 2, 3, 1).flatten(1, 2) @ shares
+    kernels = weight.to(dtype).flip(2, 3).transpose(0, 1).flatten(1)
+    columns = x.to(dtype).permute(0, 2, 3, 1).flatten(1, 2) @ kernels
     return functional.fold(columns.transpose(1, 2), x.shape[2:], kernel_size=3, padding=1)

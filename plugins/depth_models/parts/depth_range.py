@@ -1,4 +1,4 @@
-"""From a network's unbounded output to metres."""
+"""Conversion of a network's unbounded output to depth in metres."""
 
 from typing import Any
 
@@ -8,14 +8,14 @@ from torch import Tensor
 from deux.errors import DeuxError
 
 FARTHEST, NEAREST = 5e-4, 0.95
-"""Nearness beyond which the gradient is that of these values: within about 5 % of the ends of 0.1 to 10 m."""
+"""Values of nearness between which the gradient is clamped: within about 5 % of the ends of 0.1 to 10 m."""
 
 
 def check_depth_range(min_depth: float, max_depth: float, prefix: str = "") -> None:
     """Raise DeuxError unless 0 < min_depth < max_depth; `prefix` begins the names of the two options."""
     if not 0.0 < min_depth < max_depth:
         near, far = f"{prefix}min_depth", f"{prefix}max_depth"
-        raise DeuxError(f"{near}={min_depth} and {far}={max_depth} are no depth range: 0 < {near} < {far} (metres).")
+        raise DeuxError(f"{near}={min_depth} and {far}={max_depth} must satisfy 0 < {near} < {far} (metres).")
 
 
 def depth_from_nearness(nearness: Tensor, min_depth: float, max_depth: float) -> Tensor:
@@ -29,9 +29,9 @@ def depth_from_nearness(nearness: Tensor, min_depth: float, max_depth: float) ->
 def nearness_from_logits(logits: Tensor) -> Tensor:
     """Nearness s = sigmoid(x) in [0, 1] from the network's unbounded output x.
 
-    In training its gradient does not vanish at the ends: beyond `FARTHEST` and `NEAREST` it is that at these values.
-    One bad step may throw all outputs far beyond an end, where the sigmoid's own gradient is 0 in float32, so that
-    no later step could bring them back.
+    In training the gradient does not vanish at the ends: beyond `FARTHEST` and `NEAREST` it is the gradient at these
+    values. Otherwise the outputs could not recover from a bad step far beyond an end, where the sigmoid's gradient is 0
+    in float32.
     """
     return _Nearness.apply(logits) if torch.is_grad_enabled() and logits.requires_grad else torch.sigmoid(logits)
 
@@ -42,10 +42,10 @@ def depth_from_logits(logits: Tensor, min_depth: float, max_depth: float) -> Ten
 
 
 def recoverable_clamp(values: Tensor, lowest: float, highest: float) -> Tensor:
-    """Values limited to [lowest, highest], for outputs that no sigmoid bounds.
+    """Clamp values to [lowest, highest] with a gradient from which they can recover.
 
-    In training the gradient of a value beyond an end passes where a step against it leads back into the range. That of
-    `torch.clamp` is 0 there, so that what one bad step throws out of the range would stay outside for good.
+    In training the gradient of a value outside of the range passes if a step against it leads back into the range. The
+    gradient of `torch.clamp` is 0 there, so that values could not recover from a bad step.
     """
     if torch.is_grad_enabled() and values.requires_grad:
         return _RecoverableClamp.apply(values, lowest, highest)

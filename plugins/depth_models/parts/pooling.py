@@ -1,4 +1,4 @@
-"""What windows of sparse depth hold."""
+"""Pooling of sparse depth in windows."""
 
 from torch import Tensor
 
@@ -9,14 +9,14 @@ BEYOND_ANY_DEPTH = 999.0
 
 
 def check_windows(option: str, windows: tuple[int, ...]) -> None:
-    """Raise DeuxError unless every window has a centre pixel."""
+    """Raise DeuxError unless the side of every window is an odd number of pixels."""
     for window in windows:
         if window < 1 or window % 2 == 0:
-            raise DeuxError(f"{option} holds the window {window}: windows are odd numbers of pixels.")
+            raise DeuxError(f"{option} contains the window {window}: windows must be odd numbers of pixels.")
 
 
 def sliding_min_of_points(sparse_depth: Tensor, window: int) -> Tensor:
-    """Nearest of the sparse points in the window around each pixel, 0 where the window holds none.
+    """Depth of the nearest sparse point in the window around each pixel; 0 if the window has no point.
 
     Args:
         sparse_depth: N x 1 x H x W metres, 0 = none.

@@ -1,4 +1,4 @@
-"""From a pose network's six numbers to a rigid motion."""
+"""Conversion of a pose network's six numbers to a rigid transform."""
 
 import torch
 from torch import Tensor
@@ -14,8 +14,8 @@ def skew_matrix(vector: Tensor) -> Tensor:
 def rotation_matrix(rotation: Tensor) -> Tensor:
     """Rotations by |v| radians about v: the exponential of so(3), by Rodrigues' formula.
 
-    R = I + (sin a / a) [v]x + ((1 - cos a) / a^2) [v]x^2 with a = |v|, written with sinc so that it and its
-    gradient hold at v = 0.
+    R = I + (sin a / a) [v]x + ((1 - cos a) / a^2) [v]x^2 with a = |v|, computed with sinc, so that R and its gradient
+    are also defined at v = 0.
 
     Args:
         rotation: N x 3 rotation vectors.
@@ -32,10 +32,10 @@ def rotation_matrix(rotation: Tensor) -> Tensor:
 
 
 def pose_matrix(pose: Tensor) -> Tensor:
-    """Rigid motions from pose vectors: rotate, then translate. In float32, also under autocast.
+    """Rigid transforms from pose vectors: rotate, then translate. Computed in float32, also under autocast.
 
     Args:
-        pose: N x 6, three numbers of a rotation vector (radians), three of a translation (metres).
+        pose: N x 6, a rotation vector (radians) and a translation (metres).
 
     Returns:
         N x 4 x 4 float32.
@@ -43,6 +43,6 @@ def pose_matrix(pose: Tensor) -> Tensor:
     with torch.autocast(pose.device.type, enabled=False):
         pose = pose.float()
         upper = torch.cat([rotation_matrix(pose[:, :3]), pose[:, 3:, None]], dim=-1)
-    # Made on the device: a list would be copied there, and the host would wait.
+    # Created on the device: copying a list to the device would make the host wait.
     lower = torch.eye(4, dtype=pose.dtype, device=pose.device)[3:]
     return torch.cat([upper, lower.expand(len(pose), 1, 4)], dim=1)

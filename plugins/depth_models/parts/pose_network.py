@@ -1,4 +1,4 @@
-"""The published pose networks: the motion between the cameras of two images."""
+"""The published pose networks, which predict the relative pose of two images."""
 
 import torch
 from torch import Tensor, nn
@@ -7,15 +7,15 @@ from deux_plugins.depth_models.parts.convolution import Convolution
 from deux_plugins.depth_models.parts.pose_matrix import pose_matrix
 
 POSE_SCALE = 0.01
-"""The six numbers are scaled down, so that an untrained network predicts almost no motion."""
+"""Scale of the six outputs, so that an untrained network predicts almost no motion."""
 
 
 class PoseNetwork(nn.Module):
     """Encodes two images into a map of six channels, whose mean is the pose vector.
 
     Args:
-        encoder: from N x 6 x H x W to N x 256 x h x w.
-        decoder: from there to the pose vector.
+        encoder: maps N x 6 x H x W to N x 256 x h x w.
+        decoder: maps the features to the pose vector.
     """
 
     def __init__(self, encoder: nn.Module, decoder: "PoseDecoder") -> None:
@@ -24,20 +24,20 @@ class PoseNetwork(nn.Module):
         self.decoder = decoder
 
     def forward(self, target_image: Tensor, source_image: Tensor) -> Tensor:
-        """Predict the motion.
+        """Predict the relative pose.
 
         Args:
             target_image: N x 3 x H x W in [0, 1].
             source_image: N x 3 x H x W.
 
         Returns:
-            N x 4 x 4 float32, carries points of the target camera into the source camera.
+            N x 4 x 4 float32, transforms points of the target camera to the source camera.
         """
         features = self.encoder(torch.cat([target_image, source_image], dim=1))
         return pose_matrix(POSE_SCALE * self.decoder(features))
 
     def published_modules(self) -> dict[str, nn.Module]:
-        """The published pose checkpoint's sub-dictionaries and the modules whose state they hold."""
+        """The modules by the names of their state dictionaries in the published pose checkpoint."""
         return {"encoder_state_dict": self.encoder, "decoder_state_dict": self.decoder}
 
 
@@ -55,15 +55,15 @@ class PoseDecoder(nn.Module):
         before = (
             Convolution(channels, channels, stride=2, activation="relu", batch_norm=True) for _ in range(convolutions)
         )
-        # The published names differ: conv.<index> where there are several convolutions, conv where there is one.
+        # The published names differ: conv.<index> for several convolutions, conv for a single one.
         self.conv = nn.Sequential(*before, last) if convolutions else last
 
     def forward(self, x: Tensor) -> Tensor:
         """N x channels x H x W to N x 6 float32.
 
-        The mean and the last convolution are both linear, so the mean is taken first, which costs less. All of it is
-        float32 also under autocast: the pose keeps its precision, and on maps of a single pixel, as small images come
-        to here, oneDNN's bfloat16 gradients of convolutions of stride 2 are not finite (PyTorch 2.15).
+        The mean and the last convolution are both linear, so the mean is computed first, which is cheaper. Everything
+        is computed in float32, also under autocast, for the precision of the pose, and because oneDNN's bfloat16
+        gradients of convolutions of stride 2 are not finite on maps of a single pixel (PyTorch 2.15).
         """
         *before, last = self.conv if isinstance(self.conv, nn.Sequential) else [self.conv]
         with torch.autocast(x.device.type, enabled=False):
@@ -95,7 +95,7 @@ class SevenConvolutionEncoder(nn.Module):
 
 
 class ResidualBlock(nn.Module):
-    """Two 3 x 3 convolutions and a shortcut, which is projected where the shape changes."""
+    """Two 3 x 3 convolutions and a shortcut, which is projected if the shape changes."""
 
     def __init__(self, in_channels: int, out_channels: int, stride: int) -> None:
         super().__init__()
@@ -103,7 +103,7 @@ class ResidualBlock(nn.Module):
         self.conv2 = Convolution(out_channels, out_channels, activation="relu", batch_norm=True)
         self.projection = Convolution(in_channels, out_channels, kernel=1, stride=stride, activation="linear")
         self.projects = stride != 1 or in_channels != out_channels
-        # The published checkpoints hold a projection in every block; one that is not used is never trained.
+        # The published checkpoints contain a projection in every block; unused ones are not trained.
         self.projection.requires_grad_(self.projects)
 
     def forward(self, x: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Convolutions of small maps, trained in bfloat16 on a CPU: their weights' gradient as a matrix product."""
+"""Convolutions of small maps for training in bfloat16 on a CPU, with the weights' gradient as a matrix product."""
 
 from typing import Any
 
@@ -10,14 +10,14 @@ from torch.nn.grad import conv2d_input
 from deux.geometry.tuned_forms import tuned_for_cpu
 
 MAX_PIXELS = 288
-"""Pixels of the output, of all samples together, up to which the matrix product costs less than oneDNN's convolution.
+"""Total number of output pixels of a batch up to which the matrix product is faster than oneDNN's convolution.
 
-The gradient of the weights is a sum over all samples anyway, so no sample's result depends on those beside it.
+The gradient of the weights is a sum over the batch anyway, so no sample's result depends on other samples.
 """
 
 
 def is_small_map(x: Tensor, weight: Tensor, stride: int) -> bool:
-    """Whether `convolve_small_map` is the faster one: on a CPU, in bfloat16, where the weights are trained."""
+    """Whether `convolve_small_map` is faster: on a CPU, in bfloat16, if the weights are trained."""
     if not (tuned_for_cpu(x) and weight.requires_grad and torch.is_grad_enabled()):
         return False
     height, width = (-(-length // stride) for length in x.shape[-2:])
@@ -26,16 +26,15 @@ def is_small_map(x: Tensor, weight: Tensor, stride: int) -> bool:
 
 
 def convolve_small_map(x: Tensor, weight: Tensor, stride: int) -> Tensor:
-    """A convolution with zero padding of k // 2, as `functional.conv2d` computes it.
+    """A convolution with zero padding of k // 2, equal to `functional.conv2d`.
 
-    For the gradient of the weights oneDNN (PyTorch 2.14) takes 1.1 to 5 times as long as the product of the output's
-    gradient with the windows laid out as a matrix, and at stride 2 on a map of one pixel it leaves that gradient
-    unwritten.
+    For the gradient of the weights, oneDNN (PyTorch 2.14) takes 1.1 to 5 times as long as the product of the output's
+    gradient with the unfolded windows, and at stride 2 on a map of one pixel it does not write that gradient at all.
 
     Args:
         x: N x in x H x W.
-        weight: out x in x k x k, k odd; it and `x` are converted to an enclosing autocast's type.
-        stride: in both directions.
+        weight: out x in x k x k, k odd; both are converted to the dtype of an enclosing autocast.
+        stride: stride in both directions.
 
     Returns:
         N x out x ceil(H / stride) x ceil(W / stride).
@@ -46,7 +45,7 @@ def convolve_small_map(x: Tensor, weight: Tensor, stride: int) -> Tensor:
 
 
 def _dtype(weight: Tensor) -> torch.dtype:
-    """The type that a convolution with these weights computes in."""
+    """The dtype in which a convolution with these weights is computed."""
     device = weight.device.type
     return torch.get_autocast_dtype(device) if torch.is_autocast_enabled(device) else weight.dtype
 
@@ -75,7 +74,7 @@ class _SmallMapConvolution(torch.autograd.Function):
 
 
 def _windows(x: Tensor, kernel: int, stride: int) -> Tensor:
-    """The k x k windows of N x C x H x W, zeros beyond its edges: (N H' W') x (k k C)."""
+    """Unfold the k x k windows of N x C x H x W with zero padding: (N H' W') x (k k C)."""
     padded = functional.pad(x.permute(0, 2, 3, 1), (0, 0, *[kernel // 2] * 4))
     windows = padded.unfold(1, kernel, stride).unfold(2, kernel, stride)
     return windows.permute(0, 1, 2, 4, 5, 3).flatten(0, 2).flatten(1)

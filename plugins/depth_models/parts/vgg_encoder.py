@@ -15,13 +15,13 @@ VGG11 = (1, 1, 2, 2, 2)
 
 
 class VGGEncoder(nn.Module):
-    """Five blocks of convolutions, each half the size of the one before: a 5 x 5 convolution, then VGG blocks.
+    """Five blocks, each with half the size of the previous one: a 5 x 5 convolution, then four VGG blocks.
 
     Args:
         in_channels: channels of the input.
         filters: channels of the five blocks.
         convolutions: number of convolutions in each block, `VGG8` or `VGG11`.
-        batch_norm: whether the convolutions are normalised.
+        batch_norm: whether to use batch normalisation.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Videos divided into blocks of frames: training frames first, then validation, then test, with margins in between."""
+"""Division of videos into blocks of training, validation and test frames, with margins between them."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -7,17 +7,17 @@ from typing import NamedTuple
 from deux.errors import counted, plural
 
 NAMED = 5
-"""Videos that a sentence names at most."""
+"""Greatest number of videos that a message names."""
 
 
 class Division(NamedTuple):
-    """How a sequence of items is divided.
+    """The division of a sequence of items into splits.
 
     Args:
         validation: fraction in the validation split.
         test: fraction in the test split.
-        margin: items between two splits that belong to neither.
-        count: makes a number of items of a fraction of them.
+        margin: number of items between two splits that belong to neither.
+        count: rounds a fractional number of items.
     """
 
     validation: float
@@ -26,7 +26,7 @@ class Division(NamedTuple):
     count: Callable[[float], int] = round
 
     def blocks(self, items: int) -> dict[str, slice]:
-        """The part of so many items that each split has."""
+        """The range of each split in a sequence of `items` items."""
         end = items
         found = {}
         for split, fraction in (("test", self.test), ("validation", self.validation)):
@@ -38,15 +38,15 @@ class Division(NamedTuple):
         return found
 
     def between(self, items: int) -> int:
-        """How many of so many items the margins keep out of all splits."""
+        """The number of items in no split because of the margins."""
         return items - sum(block.stop - block.start for block in self.blocks(items).values())
 
     def untrained(self, lengths: Mapping[str, int], folder: Path) -> str | None:
-        """The sentence for videos that are too short to have training frames; None where there are none.
+        """The warning for videos that are too short to have training frames; None if there are none.
 
         Args:
-            lengths: frames of each video.
-            folder: of the videos.
+            lengths: number of frames of each video.
+            folder: the folder of the videos.
         """
         short = [video for video, frames in lengths.items() if not self.blocks(frames)["train"].stop]
         if not short:
@@ -58,7 +58,6 @@ class Division(NamedTuple):
         others = f" and {counted(len(short) - NAMED, 'other')}" if len(short) > NAMED else ""
         has = f"{len(short)} of {counted(len(lengths), 'video')} {plural('has', len(short))}"
         return (
-            f"{folder}: {has} no training frames ({', '.join(short[:NAMED])}{others}), as data.validation="
-            f"{self.validation:g}, data.test={self.test:g} and data.margin={self.margin} take them all: {remedy} "
-            "leaves some."
+            f"{folder}: {has} no training frames ({', '.join(short[:NAMED])}{others}) with data.validation="
+            f"{self.validation:g}, data.test={self.test:g} and data.margin={self.margin}: set {remedy} to leave some."
         )

@@ -1,4 +1,4 @@
-"""What the readers of recorded video have in common: frames by their files, source frames, and sampled points."""
+"""The base class of the readers of recorded video: files of frames, source frames, and sampled points."""
 
 import logging
 from abc import abstractmethod
@@ -18,7 +18,7 @@ from deux.errors import DeuxError, check_range, image_size, near_matches
 from deux.io.camera_files import read_any_depth, read_any_image
 
 MANY_FRAMES = 10
-"""An offset that is as large counts frames: a gap on top of it would take frames that show other things."""
+"""Offsets of at least this are meant as frames: multiplied by a gap, source frames would not overlap the target."""
 
 log = logging.getLogger(__name__)
 
@@ -29,10 +29,10 @@ class FrameFiles:
 
     Args:
         image: the colour image.
-        sparse_depth: the sparse points; None where they are sampled from the ground truth.
+        sparse_depth: the sparse points; None if they are sampled from the ground truth.
         ground_truth: the true depth.
-        scale: stored depth values per metre, in PNG files.
-        sparse_scale: the same of the sparse points; None for `scale`.
+        scale: stored depth values per metre in PNG files.
+        sparse_scale: stored depth values per metre of the sparse points; None for `scale`.
     """
 
     image: Path
@@ -43,7 +43,7 @@ class FrameFiles:
 
     @property
     def has_depth(self) -> bool:
-        """Whether there are sparse points; a frame without them can be a source frame, but no target."""
+        """Whether there are sparse points; a frame without them can be a source frame, but not a target."""
         return self.sparse_depth is not None or self.ground_truth is not None
 
 
@@ -57,9 +57,8 @@ class Clip(NamedTuple):
     Args:
         sequence: the sequence's name.
         targets: names of the target frames, in the order of time.
-        frames: names of the frames among which source frames are counted, in the order of time; none where the
-            sequence is no video and its frames stand alone.
-        gap: source frames are so many times as far from the target as the offsets say.
+        frames: names of the possible source frames, in the order of time; empty for single frames.
+        gap: factor by which offsets are multiplied.
     """
 
     sequence: str
@@ -69,36 +68,36 @@ class Clip(NamedTuple):
 
 
 class RecordedVideo(Reader):
-    """A reader of recorded video. A subclass is a frozen dataclass that finds the frames and divides them into splits.
+    """The base class of readers of recorded video. Subclasses are frozen dataclasses that list frames and splits.
 
     Attributes:
-        density: number of sparse points as a fraction of the pixels, where they are sampled.
+        density: number of sparse points as a fraction of the pixels, if they are sampled.
     """
 
     density: float = SparseSettings.density
 
     @abstractmethod
     def _find(self) -> Frames:
-        """List the frames' files; called once, with the first frame that is asked for."""
+        """List the files of all frames; called once, on first use."""
 
     @abstractmethod
     def _clips(self, split: str) -> list[Clip]:
-        """The parts of the sequences that make up one of `SPLITS`, none if there is no such split.
+        """The clips of one of `SPLITS`, empty if there is no such split.
 
-        It is called once for each, and reports what it leaves out by `report_skipped`.
+        It is called once for each split, and reports excluded frames by `report_skipped`.
         """
 
     @abstractmethod
     def _expected(self, split: str) -> str:
-        """Which files, or which option, would make up a split that has no frames: the end of a sentence."""
+        """The files or the option that a missing split needs, for the end of a sentence."""
 
     def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-        """The split's targets with their source frames, `Clip.gap` times as far away as the offsets say.
+        """The targets of a split with their source frames, at the offsets multiplied by `Clip.gap`.
 
-        Frames of a video that lack a source frame, and single frames, come without source frames.
+        Single frames, and frames of which a source frame does not exist, have no source frames.
         """
         if split not in SPLITS:
-            raise DeuxError(f"there is no split called {split!r}: {near_matches(split, SPLITS)}")
+            raise DeuxError(f"there is no split {split!r}: {near_matches(split, SPLITS)}")
         found = []
         if split not in self._divided:
             self._divided[split] = self._clips(split)
@@ -120,7 +119,7 @@ class RecordedVideo(Reader):
         return found
 
     def frames(self) -> list[FrameReference]:
-        """Every frame that has depth, those between two splits included."""
+        """All frames with depth, including those between two splits."""
         found = [
             FrameReference(sequence, name)
             for sequence, frames in self._frames.items()
@@ -136,7 +135,7 @@ class RecordedVideo(Reader):
         return read_any_image(self._files(frame).image)
 
     def sparse_depth(self, frame: FrameReference) -> np.ndarray:
-        """H x W float32 metres, 0 = none; at corners of the image where there is no file of points."""
+        """H x W float32 metres, 0 = none; sampled at corners of the image if there is no file of points."""
         files = self._files(frame)
         if files.sparse_depth is not None:
             return read_any_depth(files.sparse_depth, files.sparse_scale or files.scale)
@@ -152,7 +151,7 @@ class RecordedVideo(Reader):
         return sample_sparse(image, depth, SparseSettings(self.density))
 
     def ground_truth(self, frame: FrameReference) -> np.ndarray | None:
-        """H x W float32 metres, 0 = none; None for a frame without."""
+        """H x W float32 metres, 0 = none; None for a frame without ground truth."""
         files = self._files(frame)
         return None if files.ground_truth is None else read_any_depth(files.ground_truth, files.scale)
 
@@ -168,12 +167,12 @@ class RecordedVideo(Reader):
 
     @cached_property
     def _divided(self) -> dict[str, list[Clip]]:
-        """The clips of the splits that have been asked for."""
+        """The clips of each split, cached on first use."""
         return {}
 
 
 def check_video_options(gap: int | None, scale: float | None = None, density: float = SparseSettings.density) -> None:
-    """Raise DeuxError if an option that several readers have is out of its range."""
+    """Raise DeuxError if one of the options that several readers have is out of range."""
     check_range("data.density", density, 1e-6, 1)
     if gap is not None:
         check_range("data.gap", gap, 1)
@@ -182,21 +181,21 @@ def check_video_options(gap: int | None, scale: float | None = None, density: fl
 
 
 def held_out(names: Sequence[str], count: int, what: str, folder: Path) -> tuple[list[str], list[str]]:
-    """Divide sequences into those to train on and the last `count`, which are kept for validation.
+    """Divide sequences into those for training and the last `count`, which are held out for validation.
 
     Raises:
-        DeuxError: no sequence would be left to train on.
+        DeuxError: no sequence would be left for training.
     """
     if count >= len(names) > 0:
         raise DeuxError(
             f"data.validation={count} leaves nothing to train on: {folder} has {len(names)} {what} for training."
         )
-    kept = len(names) - count
-    return list(names[:kept]), list(names[kept:])
+    first = len(names) - count
+    return list(names[:first]), list(names[first:])
 
 
 def report_skipped(what: object, usable: int, skipped: Mapping[str, int]) -> None:
-    """Log how many frames of a folder, list or split are usable, and how many are not, for which reasons."""
+    """Log the number of usable frames of a folder, list or split, and of excluded frames by reason."""
     reasons = ", ".join(f"{count} {reason}" for reason, count in skipped.items() if count)
     total = usable + Counter(skipped).total()
     if reasons:
@@ -206,17 +205,17 @@ def report_skipped(what: object, usable: int, skipped: Mapping[str, int]) -> Non
 
 
 def _check_reach(gap: int, offsets: tuple[int, ...]) -> None:
-    """Refuse offsets that are meant as frames, such as those of the published experiments, beside a gap."""
+    """Raise DeuxError if offsets that are meant as frames would be multiplied by a gap."""
     farthest = max(map(abs, offsets), default=0)
     if gap > 1 and farthest >= MANY_FRAMES:
         raise DeuxError(
-            f"training.offsets={list(offsets)} and data.gap={gap} make source frames {gap * farthest} frames away: "
-            "data.gap=1 takes the offsets as frames, or training.offsets=[-1,1] takes frames that are a gap away."
+            f"training.offsets={list(offsets)} and data.gap={gap} put source frames {gap * farthest} frames away: set "
+            "data.gap=1 to use the offsets as frames, or training.offsets=[-1,1] to use frames one gap away."
         )
 
 
 def _sources(frames: Sequence[str], index: int | None, steps: Sequence[int]) -> list[str] | None:
-    """The frames at the given distances from the one at `index`; None if one is not there."""
+    """The frames at the given distances from the one at `index`; None if one of them does not exist."""
     if index is None or any(not 0 <= index + step < len(frames) for step in steps):
         return None
     return [frames[index + step] for step in steps]

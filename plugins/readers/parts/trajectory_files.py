@@ -1,4 +1,4 @@
-"""Camera poses of a video, in the text files that are common."""
+"""Camera poses of a video from common text formats."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,32 +14,32 @@ from deux.io.frame_files import list_files, matching
 from deux.io.number_lines import as_numbers, read_lines, read_numbers
 
 TRAJECTORY_FILES = ("poses.txt", "groundtruth.txt", "trajectory.txt", "poses", "pose")
-"""Names under which poses are looked for; the last two are folders with a file for each frame."""
+"""Default names of pose files; the last two are folders with a file for each frame."""
 
 TOLERANCE = 0.02
-"""Seconds by which a pose may be apart from its image."""
+"""Greatest difference in seconds between the time stamps of an image and its pose."""
 
 
 def read_trajectory(path: Path, stems: Sequence[str], world_to_camera: bool = False) -> dict[str, np.ndarray]:
     """Read the poses of a video's frames.
 
-    A folder has a text file for each frame, of its name or number, with a 3 x 4 or 4 x 4 matrix. A file has one line
-    for each frame in their order, of 12 or 16 numbers, the rows of such a matrix; or lines of a time stamp in seconds
-    and tx ty tz qx qy qz qw, the form of the TUM benchmark, each of which belongs to the image that is nearest in time,
-    by its name, within `TOLERANCE`.
+    Three formats are supported. A folder contains a text file for each frame, with its name or number and a 3 x 4 or
+    4 x 4 matrix. A file contains one line for each frame in order, with the 12 or 16 numbers of such a matrix in
+    row-major order. A file in the format of the TUM benchmark contains lines of a time stamp in seconds and tx ty tz qx
+    qy qz qw; each image gets the pose nearest to the time stamp in its file name, within `TOLERANCE`.
 
     Args:
         path: the file or folder.
         stems: the images' file names without suffix, in the order of time.
-        world_to_camera: whether the files hold the inverse of the camera's pose.
+        world_to_camera: whether the files contain world-to-camera matrices.
 
     Returns:
-        Camera-to-world matrices, 4 x 4 float64, by file name; frames without a pose are not in it, nor are those whose
-        numbers are not finite, by which recordings mark lost tracking.
+        Camera-to-world matrices, 4 x 4 float64, by file name. Frames without a pose are missing, and so are those with
+        numbers that are not finite, which mark lost tracking.
 
     Raises:
-        DeuxError: the file is missing, its lines are of another form, or a matrix is not rigid, which a transposed one
-            is not.
+        DeuxError: the file is missing, its lines have another format, or a matrix is not rigid (such as a transposed
+            matrix).
     """
     if path.is_dir():
         files = matching(stems, list_files(path, (".txt",)))
@@ -63,7 +63,7 @@ def _by_time(table: np.ndarray, path: Path, stems: Sequence[str]) -> dict[str, n
         times = np.array([[float(stem)] for stem in stems])
     except ValueError as error:
         raise DeuxError(
-            f"{path} has poses by time stamps, so the images must be called by theirs, such as 1305031102.175304.png."
+            f"{path} has poses by time stamp, so the images must be named by time stamp, such as 1305031102.175304.png."
         ) from error
     table = table[np.isfinite(table).all(axis=1)]
     if not len(table):
@@ -77,7 +77,7 @@ def _by_time(table: np.ndarray, path: Path, stems: Sequence[str]) -> dict[str, n
 
 
 def _from_quaternion(row: np.ndarray, where: str) -> np.ndarray:
-    """Tx ty tz qx qy qz qw as a matrix."""
+    """Convert tx ty tz qx qy qz qw to a 4 x 4 matrix."""
     pose = np.eye(4)
     try:
         pose[:3, :3], pose[:3, 3] = Rotation.from_quat(row[3:]).as_matrix(), row[:3]
@@ -87,12 +87,12 @@ def _from_quaternion(row: np.ndarray, where: str) -> np.ndarray:
 
 
 def _table(path: Path) -> np.ndarray:
-    """The numbers of a text file, line by line."""
+    """The numbers of a text file, one row for each line."""
     lines = read_lines(path)
     widths = sorted({len(line) for line in lines})
     if len(widths) != 1 or widths[0] not in (8, 12, 16):
         raise DeuxError(
-            f"{path} has lines of {', '.join(map(str, widths)) or 'no'} numbers: a pose is 12 or 16 numbers, the rows "
-            "of its matrix, or a time stamp and tx ty tz qx qy qz qw."
+            f"{path} has lines of {', '.join(map(str, widths)) or 'no'} numbers: a pose must be 12 or 16 numbers, the "
+            "rows of its matrix, or a time stamp and tx ty tz qx qy qz qw."
         )
     return as_numbers(lines, path)

@@ -1,4 +1,4 @@
-"""Generated flats: several furnished rooms from a seed, nothing to download."""
+"""Generated flats: several furnished rooms from a seed, without downloads."""
 
 from deux_plugins.scenes.apartments.generator import APARTMENT_VERSION, apartment
 from deux_plugins.scenes.apartments.source import ApartmentReference, Apartments

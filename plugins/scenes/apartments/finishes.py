@@ -1,4 +1,4 @@
-"""What the rooms of a flat are covered with, and its building."""
+"""Materials of the floors, walls and ceilings of a flat."""
 
 from deux_plugins.scenes.parts.floor_plan import FloorPlan
 from deux_plugins.scenes.parts.mesh_builder import MeshBuilder
@@ -22,15 +22,15 @@ WALLS = {
     "hallway": ("plaster", "striped wallpaper", "flowered wallpaper"),
 }
 WAINSCOTS = {"kitchen": ("wall tiles",), "bathroom": ("wall tiles",), "hallway": ("panelling",)}
-"""What the lower part of the walls is made of, where it is not the same as the upper."""
+"""Materials of the lower part of the walls, if it differs from the upper part."""
 
 CEILINGS = ("plaster", "ceiling panels", "panelling")
 
 
 def build_structure(plan: FloorPlan, style: Style, builder: MeshBuilder) -> None:
-    """Add all that belongs to the building: each kind of room has one floor, all rooms have one ceiling."""
+    """Add floors, walls and ceilings: one floor material for each kind of room, one ceiling material for all rooms."""
     ceiling = style.pick(*CEILINGS)
-    floors = {kind: style.pick(*stuffs) for kind, stuffs in FLOORS.items()}
+    floors = {kind: style.pick(*materials) for kind, materials in FLOORS.items()}
     for index, room in enumerate(plan.rooms):
         upper = style.pick(*WALLS[room.kind])
         lower = style.pick(*WAINSCOTS[room.kind]) if room.kind in WAINSCOTS else upper

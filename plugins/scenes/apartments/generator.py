@@ -1,4 +1,4 @@
-"""A generated flat, from its seed."""
+"""The generator of flats."""
 
 from deux.contracts import Floor, Scene
 from deux.errors import DeuxError
@@ -14,20 +14,20 @@ from deux_plugins.scenes.parts.style import Style
 from deux_plugins.scenes.parts.surfaces import Surfaces
 
 APARTMENT_VERSION = 1
-"""Version of the generator: raised whenever any seed gives another flat than before."""
+"""Version of the generator, to be increased whenever the flat of any seed changes."""
 
 
 def apartment(seed: int) -> Scene:
-    """A furnished flat of 35 to 90 square metres; the same seed gives the same bytes on every machine.
+    """Generate a furnished flat of 35 to 90 square metres, byte by byte the same on every machine.
 
     Args:
-        seed: 0 or more; different seeds give independent flats.
+        seed: random seed, 0 or more.
 
     Returns:
         The scene, with its floor at height 0 and the labels of `LABEL_NAMES`.
 
     Raises:
-        DeuxError: if the seed is negative.
+        DeuxError: the seed is negative.
     """
     if seed < 0:
         raise DeuxError(f"The seed of a generated flat is {seed}, but must be 0 or more.")
@@ -44,7 +44,7 @@ def apartment(seed: int) -> Scene:
 
 
 def _lights(plan: FloorPlan, draws: Draws) -> list[Light]:
-    """Lamps from warm to cool."""
+    """One lamp for each room, with colours from warm to cool."""
     lights = []
     for room in plan.rooms:
         warmth = draws.uniform(-0.05, 0.07)

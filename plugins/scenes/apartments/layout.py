@@ -1,4 +1,4 @@
-"""Floor plans: a rectangle split into rooms, joined by doorways, lit by windows."""
+"""Floor plans of flats: a rectangle split into rooms, with doorways and windows."""
 
 from dataclasses import replace
 from itertools import combinations, pairwise
@@ -19,11 +19,11 @@ from deux_plugins.scenes.parts.floor_plan import (
 DOOR_HEIGHT = 2.05
 LEAST_ROOMS, MOST_ROOMS = 4, 7
 ROOM_ORDER = ("living room", "bedroom", "kitchen", "bedroom", "study", "study", "bedroom")
-"""Use of the rooms from the largest down; the smallest is always the bathroom."""
+"""Uses of the rooms from the largest to the second smallest; the smallest is the bathroom."""
 
 
 def make_floor_plan(draws: Draws) -> FloorPlan:
-    """Draw a plan of 35 to 90 square metres with 4 to 7 rooms, all joined by doorways."""
+    """Draw a plan of 35 to 90 square metres with 4 to 7 rooms, all connected by doorways."""
     while True:
         cells, hallway = _cells(draws)
         if len(cells) < LEAST_ROOMS:
@@ -92,7 +92,7 @@ def _kinds(cells: list[Cell], hallway: int | None, draws: Draws) -> list[str]:
         key=lambda i: (cells[i][0] - cells[i][2]) * (cells[i][3] - cells[i][1]),
     )
     order = list(ROOM_ORDER[: len(by_area) - 1])
-    # Living room, bedroom and kitchen need the space; which of the two smaller ones is larger is left to chance.
+    # The living room is the largest; the bedroom or the kitchen comes next.
     if draws.chance(0.4):
         order[1], order[2] = order[2], order[1]
     for index, kind in zip(by_area, [*order, "bathroom"], strict=True):
@@ -101,12 +101,12 @@ def _kinds(cells: list[Cell], hallway: int | None, draws: Draws) -> list[str]:
 
 
 def _doors(cells: list[Cell], kinds: list[str], draws: Draws) -> list[Opening] | None:
-    """Doorways along a random spanning tree, and some more; None if the rooms cannot be joined."""
+    """Draw doorways along a random spanning tree, and some more; None if the rooms cannot all be connected."""
     shared = []
     for a, b in combinations(range(len(cells)), 2):
         wall = shared_wall(cells[a], cells[b])
         if wall is not None:
-            # Bathrooms are entered from a hallway rather than through a kitchen, and bedrooms are not passed through.
+            # Prefer doors to hallways and living rooms, and avoid passages through bathrooms and bedrooms.
             private = sum(kinds[index] in ("bathroom", "bedroom") for index in (a, b))
             through = any(kinds[index] in ("hallway", "living room") for index in (a, b))
             shared.append((draws.uniform(0.0, 1.0) + 0.8 * private - 1.5 * through, a, b, wall))

@@ -1,4 +1,4 @@
-"""The scene source `apartments`: generated flats by seed, disjoint between the splits."""
+"""The scene source `apartments`: generated flats, with disjoint seeds for the splits."""
 
 from dataclasses import dataclass, replace
 
@@ -29,14 +29,14 @@ class ApartmentReference(SceneReference):
 
 
 class Apartments(SeededScenes):
-    """Furnished flats of 35 to 90 square metres, several rooms each, labelled; no download and no licence.
+    """Generated flats of 35 to 90 square metres with several furnished, labelled rooms; no download or licence needed.
 
     Args:
-        train: number of flats that are explored, or a list of their seeds.
-        validation: number of flats that choose between models, or a list of their seeds.
-        test: number of flats that are kept for the final numbers, or a list of their seeds.
-        draw: number of the draw: each has other flats. The configuration sets the seed here, so that a seed changes the
-            flats as well; None takes the same ones for every seed, those of draw 0. Lists of seeds stay as they are.
+        train: number of flats to explore, or a list of their seeds.
+        validation: number of flats for model selection, or a list of their seeds.
+        test: number of flats for the final evaluation, or a list of their seeds.
+        draw: index of the draw, each of which has different flats; the configuration sets it to the seed of the run.
+            None is draw 0. Lists of seeds do not depend on it.
     """
 
     noun = "flats"
@@ -51,10 +51,10 @@ class Apartments(SeededScenes):
         super().__init__(train, validation, test, draw)
 
     def reference(self, seed: int) -> ApartmentReference:
-        """The locator of the flat of a seed."""
+        """The reference to the flat of a seed."""
         return reference(seed)
 
 
 def reference(seed: int) -> ApartmentReference:
-    """The locator of the flat of a seed."""
+    """The reference to the flat of a seed."""
     return ApartmentReference(f"apartment_{seed:06d}", seed)

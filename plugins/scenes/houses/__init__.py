@@ -1,4 +1,4 @@
-"""Generated houses: large furnished buildings on one floor from a seed, nothing to download."""
+"""Generated houses: large furnished buildings with one floor from a seed, without downloads."""
 
 from deux_plugins.scenes.houses.generator import HOUSE_VERSION, house
 from deux_plugins.scenes.houses.source import HouseReference, Houses

@@ -1,4 +1,4 @@
-"""The character of a room: how hard its surfaces are for a depth model, and how much stands in it."""
+"""The character of a room: the difficulty of its surfaces for a depth model, and its amount of furniture."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -13,11 +13,11 @@ Clutter = Literal["bare", "usual", "dense"]
 
 @dataclass(frozen=True)
 class Character:
-    """What one room is like.
+    """The character of one room.
 
     Args:
-        surfacing: near-uniform surfaces, surfaces that repeat exactly, or rich ones.
-        clutter: how much stands in the room and hangs on its walls.
+        surfacing: nearly uniform surfaces, surfaces with exactly repeated patterns, or richly textured surfaces.
+        clutter: the amount of furniture and of pictures on the walls.
     """
 
     surfacing: Surfacing
@@ -44,11 +44,11 @@ CLUTTER: dict[str, tuple[Clutter, ...]] = {
     "bathroom": ("usual", "usual", "dense"),
 }
 ANY_CLUTTER: tuple[Clutter, ...] = ("bare", "usual", "usual", "usual", "dense", "dense")
-"""Options of which a room of each use draws one; each is as probable as it is often listed."""
+"""Options from which a room draws one; options that are listed several times are more probable."""
 
 
 def draw_character(kind: str, draws: Draws) -> Character:
-    """The character of a room of this use."""
+    """Draw the character of a room of the given kind."""
     return Character(
         draws.choice(SURFACING.get(kind, ANY_SURFACING)),
         draws.choice(CLUTTER.get(kind, ANY_CLUTTER)),
@@ -62,7 +62,7 @@ WET_ROOMS = frozenset({"kitchen", "bathroom"})
 
 
 def draw_finish(kind: str, surfacing: Surfacing, style: Style) -> Finish:
-    """Floor, ceiling and walls of a room."""
+    """Draw the materials of a room's floor, ceiling and walls."""
     if surfacing == "plain":
         floor = style.pick("linoleum", "linoleum", "screed", "planks")
         ceiling = upper = style.pick("distemper")

@@ -1,4 +1,4 @@
-"""What each kind of room in a house holds, and how much of it."""
+"""The furniture of each kind of room in a house."""
 
 from collections.abc import Callable
 
@@ -23,7 +23,7 @@ AISLE = 1.7
 
 
 def furnish_house_room(space: RoomSpace, style: Style, clutter: Clutter) -> None:
-    """Fill a room: the furniture of its kind, and as much more as its clutter says."""
+    """Furnish a room: the furniture of its kind, and further pieces by its clutter."""
     if space.entrance and space.outer_sides:
         space.against_wall(decor.front_door(style), tries=40, gap=0.002, at=space.outer_sides)
     if space.room.kind == "hall":
@@ -121,7 +121,7 @@ HOUSE_ROOMS: dict[str, Callable[[RoomSpace, Style], None]] = {
 
 
 def _rows(space: RoomSpace, style: Style, piece: Callable[[Style], Model]) -> None:
-    """Rows of shelves back to back in the middle of a room that is wide enough."""
+    """Add rows of shelves back to back in the middle of the room, if it is wide enough."""
     room = space.room
     along_x = room.x1 - room.x0 >= room.z1 - room.z0
     length, breadth = sorted((room.x1 - room.x0, room.z1 - room.z0), reverse=True)
@@ -144,7 +144,7 @@ def _rows(space: RoomSpace, style: Style, piece: Callable[[Style], Model]) -> No
 
 
 def _set_pillars(space: RoomSpace, style: Style) -> None:
-    """Two or four pillars, away from the middle line where the lamps hang."""
+    """Add two or four pillars, away from the middle line with the lamps."""
     room = space.room
     if min(room.x1 - room.x0, room.z1 - room.z0) < 4.5 or not style.draws.chance(0.6):
         return
@@ -157,7 +157,7 @@ def _set_pillars(space: RoomSpace, style: Style) -> None:
 
 
 def _add_more(space: RoomSpace, style: Style, count: int) -> None:
-    """Pieces that any room may hold, along the walls."""
+    """Add pieces that any room may contain, along the walls."""
     pieces = (
         storage.bookshelf, storage.dresser, seating.armchair, seating.chair, seating.stool, decor.floor_lamp,
         decor.plant, stack, bench, storage.shoe_cabinet, rack,
@@ -175,7 +175,7 @@ def _hang_pictures(space: RoomSpace, style: Style, count: int) -> None:
 
 
 def _hang_lamps(space: RoomSpace, style: Style) -> None:
-    """Lamps along the middle line of the room."""
+    """Add lamps along the middle line of the room."""
     room = space.room
     width, depth = room.x1 - room.x0, room.z1 - room.z0
     count = max(round(max(width, depth) / LAMP_DISTANCE), 1)

@@ -1,4 +1,4 @@
-"""Furniture of houses that flats have no room for: racks of boxes, stacks of boxes, benches, pillars."""
+"""Furniture that only houses have: racks of boxes, stacks of boxes, benches, pillars."""
 
 from deux_plugins.scenes.parts.furniture_clutter import carton, vase
 from deux_plugins.scenes.parts.shapes import Model
@@ -67,7 +67,7 @@ def pillar(style: Style, height: float) -> Model:
     """A square or round pillar from the floor to the ceiling."""
     half = style.draws.uniform(0.14, 0.24)
     surface = style.pick("distemper", "plaster", "brick", "mosaic")
-    # The ceiling hides the top, which would otherwise lie in its plane.
+    # The top is slightly above the ceiling, to avoid coplanar faces.
     model = Model("wall", 2 * half, 2 * half, height - 0.025)
     if style.draws.chance(0.5):
         model.box((-half, 0.0, 0.0), (half, height + 0.01, 2 * half), surface)

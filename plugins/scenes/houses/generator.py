@@ -1,4 +1,4 @@
-"""A generated house, from its seed."""
+"""The generator of houses."""
 
 from deux.contracts import Floor, Scene
 from deux.errors import DeuxError
@@ -15,31 +15,31 @@ from deux_plugins.scenes.parts.surfaces import Surfaces
 from deux_plugins.scenes.parts.walls import build_room
 
 HOUSE_VERSION = 1
-"""Version of the generator: raised whenever any seed gives another house than before."""
+"""Version of the generator, to be increased whenever the house of any seed changes."""
 
 LEAST_AREA, MOST_AREA = 150, 500
 """Range of the floor area, square metres."""
 
 STYLES = 3
-"""Styles of a house: each room has one of them."""
+"""Number of styles in a house; each room has one of them."""
 
 FIRST_STREAM = 1_000_000_000
-"""Added to the seed: a house shares no random choices with the flat of its seed, such as its textures."""
+"""Is added to the seed, so that a house shares no random numbers with the flat of the same seed."""
 
 
 def house(seed: int, least_area: int = LEAST_AREA, most_area: int = MOST_AREA) -> Scene:
-    """A furnished house on one floor; the same arguments give the same bytes on every machine.
+    """Generate a furnished house with one floor, byte by byte the same on every machine.
 
     Args:
-        seed: 0 or more; different seeds give independent houses.
-        least_area: least area of the rooms together, square metres.
-        most_area: greatest area.
+        seed: random seed, 0 or more.
+        least_area: least total area of the rooms, square metres.
+        most_area: greatest total area.
 
     Returns:
         The scene, with its floor at height 0 and the labels of `LABEL_NAMES`.
 
     Raises:
-        DeuxError: if the seed is negative.
+        DeuxError: the seed is negative.
     """
     if seed < 0:
         raise DeuxError(f"The seed of a generated house is {seed}, but must be 0 or more.")
@@ -59,17 +59,17 @@ def house(seed: int, least_area: int = LEAST_AREA, most_area: int = MOST_AREA) -
 
 
 def house_plan(seed: int, least_area: int = LEAST_AREA, most_area: int = MOST_AREA) -> FloorPlan:
-    """The floor plan of the house of these arguments."""
+    """The floor plan of the house with these arguments."""
     return make_house_plan(Draws(FIRST_STREAM + seed, "floor plan"), least_area, most_area)
 
 
 def house_identity(seed: int, least_area: int, most_area: int) -> str:
-    """The generator's version and its arguments."""
+    """A string of the generator's version and arguments."""
     return f"house:{HOUSE_VERSION}:{least_area}-{most_area}:{seed}"
 
 
 def _lights(plan: FloorPlan, draws: Draws) -> list[Light]:
-    """Lamps from warm to cool, no two rooms quite alike."""
+    """One lamp for each room, with random brightness and colours from warm to cool."""
     lights = []
     for room in plan.rooms:
         warmth = draws.uniform(-0.07, 0.09)

@@ -1,4 +1,4 @@
-"""Floor plans of houses: wings along corridors, rooms behind rooms, openings between large rooms."""
+"""Floor plans of houses: wings along corridors, nested rooms, and wide openings between large rooms."""
 
 import math
 from dataclasses import dataclass
@@ -23,16 +23,16 @@ LEAST_SIDE = 180
 """Least width of a room between the middle lines of its walls, centimetres."""
 
 LEAST_WING = 220
-"""Least breadth of what lies on either side of a corridor, centimetres."""
+"""Least breadth of the wings on both sides of a corridor, centimetres."""
 
 LONGEST = 3.2
 """Greatest ratio of a room's sides; corridors are longer."""
 
 PRIVATE = frozenset({"bathroom", "closet", "storeroom"})
-"""Rooms that are entered by one door and not passed through."""
+"""Rooms with one door, which are not on the way to other rooms."""
 
 OPEN_PLAN = frozenset({"living room", "dining room", "kitchen", "hall", "workroom"})
-"""Rooms that may be joined by an opening as wide as the wall between them."""
+"""Rooms that may be connected by an opening as wide as the wall between them."""
 
 KINDS: tuple[tuple[float, tuple[str, ...]], ...] = (
     (6.5, ("closet", "closet", "storeroom", "bathroom")),
@@ -41,15 +41,15 @@ KINDS: tuple[tuple[float, tuple[str, ...]], ...] = (
     (38.0, ("living room", "library", "dining room", "workroom", "hall")),
     (1e9, ("hall", "hall", "workroom", "living room")),
 )
-"""Uses of rooms up to each area in square metres."""
+"""Kinds of rooms up to each area in square metres."""
 
 NEEDED = (("living room", 28.0), ("kitchen", 15.0), ("bathroom", 7.0), ("bedroom", 14.0), ("library", 20.0))
-"""Uses that every house has, and the area that each looks for."""
+"""Kinds of rooms that every house has, and the preferred area of each in square metres."""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A rectangle of the plan by the middle lines of its walls; the corridors are told apart while it is divided."""
+    """A rectangle of the plan, bounded by the middle lines of its walls, and whether it is a corridor."""
 
     cell: Cell
     corridor: bool = False
@@ -61,12 +61,12 @@ class _Part:
 
 
 def make_house_plan(draws: Draws, least: float, most: float) -> FloorPlan:
-    """Draw a plan of 8 to 25 rooms, all joined by doorways.
+    """Draw a plan of 8 to 25 rooms, all connected by doorways.
 
     Args:
-        draws: random choices.
-        least: least area of the rooms together, square metres.
-        most: greatest area.
+        draws: the random numbers.
+        least: least total area of the rooms, square metres.
+        most: greatest total area.
     """
     while True:
         target = draws.uniform(least, most)
@@ -85,7 +85,7 @@ def make_house_plan(draws: Draws, least: float, most: float) -> FloorPlan:
 
 
 def _divided(target: float, draws: Draws) -> list[_Part]:
-    """Divide a rectangle of about this area, wings by corridors and wings into rooms of very different sizes."""
+    """Divide a rectangle of about this area into wings along corridors, and wings into rooms of different sizes."""
     gross, ratio = target * 1.05, draws.uniform(0.5, 1.0)
     depth = round(math.sqrt(gross * ratio) * 10) * 10
     width = round(gross / depth * 1e3) * 10
@@ -118,7 +118,7 @@ def _wants_corridor(cell: Cell, level: int, draws: Draws) -> bool:
 
 
 def _cut_corridor(cell: Cell, draws: Draws) -> tuple[Cell, Cell, Cell]:
-    """A corridor through the cell, mostly along its longer side, and what lies on both sides of it."""
+    """Cut a cell by a corridor, usually along its longer side: (near wing, corridor, far wing)."""
     x0, z0, x1, z1 = cell
     along_x = (x1 - x0 >= z1 - z0) == draws.chance(0.8)
     across = (z1 - z0) if along_x else (x1 - x0)
@@ -144,7 +144,7 @@ def _halves(cell: Cell, draws: Draws) -> tuple[Cell, Cell] | None:
 
 
 def _drop_corner(parts: list[_Part], draws: Draws) -> list[_Part]:
-    """Leave out a room at a corner of the rectangle, in two houses of three."""
+    """Remove a room at a corner of the rectangle in two of three houses."""
     if not draws.chance(0.67):
         return parts
     width, depth = max(part.cell[2] for part in parts), max(part.cell[3] for part in parts)
@@ -158,7 +158,7 @@ def _drop_corner(parts: list[_Part], draws: Draws) -> list[_Part]:
 
 
 def _kinds(parts: list[_Part], draws: Draws) -> list[str]:
-    """Use of each room: those that every house needs, the others by their area."""
+    """The kind of each room: first the kinds that every house needs, then the others by area."""
     kinds = ["corridor" if part.corridor else "" for part in parts]
     for kind, area in NEEDED:
         free = [index for index, use in enumerate(kinds) if not use]
@@ -171,7 +171,7 @@ def _kinds(parts: list[_Part], draws: Draws) -> list[str]:
 
 
 def _heights(parts: list[_Part], kinds: list[str], draws: Draws) -> list[float]:
-    """Heights of the ceilings: one for the house, higher in large rooms, lower in some closets and corridors."""
+    """The height of each ceiling: one for the house, higher in large rooms, lower in some closets and corridors."""
     usual = draws.choice((2.5, 2.6, 2.7, 2.9))
     heights = []
     for part, kind in zip(parts, kinds, strict=True):
@@ -185,7 +185,7 @@ def _heights(parts: list[_Part], kinds: list[str], draws: Draws) -> list[float]:
 
 
 def _doors(cells: list[Cell], kinds: list[str], heights: list[float], draws: Draws) -> list[Opening] | None:
-    """Doorways along a random spanning tree, and some more; None if the rooms cannot be joined."""
+    """Draw doorways along a random spanning tree, and some more; None if the rooms cannot all be connected."""
     shared = []
     for a, b in combinations(range(len(cells)), 2):
         wall = shared_wall(cells[a], cells[b])
@@ -209,7 +209,7 @@ def _doors(cells: list[Cell], kinds: list[str], heights: list[float], draws: Dra
 def _doorway(
     a: int, b: int, wall: tuple[str, int, int, int, bool], kinds: list[str], top: float, draws: Draws
 ) -> Opening:
-    """A doorway in a wall, or an opening up to `top` between two rooms of an open plan."""
+    """Draw a doorway in a wall, or a wide opening up to the height `top` between two rooms of an open plan."""
     axis, coordinate, start, end, swapped = wall
     margin = CORNER_MARGIN + WALL / 2
     room = (end - start) / 100 - 2 * margin
@@ -229,7 +229,7 @@ def _doorway(
 
 
 def _outer_stretches(index: int, cells: list[Cell]) -> list[tuple[str, float, int, int]]:
-    """(axis, coordinate of the room's side of the wall, low, high) of the walls of a cell that no other one touches."""
+    """The stretches of a cell's walls that touch no other cell: (axis, coordinate of the inner side, low, high)."""
     x0, z0, x1, z1 = cells[index]
     half = WALL / 2
     stretches = []
@@ -250,7 +250,7 @@ def _outer_stretches(index: int, cells: list[Cell]) -> list[tuple[str, float, in
 
 
 def _windows(cells: list[Cell], rooms: tuple[Room, ...], draws: Draws) -> list[Opening]:
-    """Windows in most outer walls, each stretch of about five metres on its own."""
+    """Draw windows in most outer walls, independently for each stretch of about five metres."""
     windows = []
     for index, room in enumerate(rooms):
         small = room.kind in PRIVATE
@@ -258,7 +258,7 @@ def _windows(cells: list[Cell], rooms: tuple[Room, ...], draws: Draws) -> list[O
             count = max(round((high - low) / 500), 1)
             for number in range(count):
                 if draws.chance(0.3 if small else 0.7):
-                    # A hand's breadth more from the ends: the wall beyond is another room's.
+                    # 0.15 m away from the ends, beyond which the wall belongs to other rooms.
                     first = round((low + (high - low) * number / count) / 100 + 0.15, 2)
                     last = round((low + (high - low) * (number + 1) / count) / 100 - 0.15, 2)
                     windows += windows_in_wall(index, small, axis, wall, first, last, draws)
@@ -266,7 +266,7 @@ def _windows(cells: list[Cell], rooms: tuple[Room, ...], draws: Draws) -> list[O
 
 
 def _entrance(cells: list[Cell], kinds: list[str]) -> int:
-    """The room with the front door: the first corridor or else hall, living room or other one with an outer wall."""
+    """The room with the front door: the first corridor with an outer wall, else hall, living room, or any room."""
     order = {"corridor": 0, "hall": 1, "living room": 2}
     outer = [index for index in range(len(cells)) if _outer_stretches(index, cells)]
     return min(outer, key=lambda index: (order.get(kinds[index], 3), index))

@@ -1,4 +1,4 @@
-"""The scene source `houses`: generated houses by seed, disjoint between the splits."""
+"""The scene source `houses`: generated houses, with disjoint seeds for the splits."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ from deux_plugins.scenes.houses.generator import LEAST_AREA, MOST_AREA, house, h
 from deux_plugins.scenes.parts.seeded_scenes import SeededScenes
 
 NARROWEST = 1.2
-"""Least ratio of the greatest to the least area: sizes in a narrower range are met too rarely."""
+"""Least ratio of the greatest to the least area; in a narrower range plans of valid size are too rare."""
 
 
 @dataclass(frozen=True)
@@ -37,20 +37,19 @@ class HouseReference(SceneReference):
 
 
 class Houses(SeededScenes):
-    """Furnished houses of 150 to 500 square metres on one floor, 8 to 25 rooms each, labelled; nothing to download.
+    """Generated houses of 150 to 500 square metres with one floor and 8 to 25 furnished, labelled rooms; no download.
 
     Args:
-        train: number of houses that are explored, or a list of their seeds.
-        validation: number of houses that choose between models, or a list of their seeds.
-        test: number of houses that are kept for the final numbers, or a list of their seeds.
-        least_area: least floor area of a house, square metres, 150 or more.
-        most_area: greatest floor area, 500 or less and 1.2 times the least one or more.
-        draw: number of the draw: each has other houses. The configuration sets the seed here, so that a seed changes
-            the houses as well; None takes the same ones for every seed, those of draw 0. Lists of seeds
-            stay as they are.
+        train: number of houses to explore, or a list of their seeds.
+        validation: number of houses for model selection, or a list of their seeds.
+        test: number of houses for the final evaluation, or a list of their seeds.
+        least_area: least floor area of a house, square metres, at least 150.
+        most_area: greatest floor area, at most 500 and at least 1.2 times the least area.
+        draw: index of the draw, each of which has different houses; the configuration sets it to the seed of the run.
+            None is draw 0. Lists of seeds do not depend on it.
 
     Raises:
-        DeuxError: the range of areas is not one that houses can have.
+        DeuxError: the range of areas is invalid.
     """
 
     noun = "houses"
@@ -66,12 +65,12 @@ class Houses(SeededScenes):
     ) -> None:
         if not LEAST_AREA <= least_area <= most_area <= MOST_AREA or NARROWEST * least_area > most_area:
             raise DeuxError(
-                f"scenes.least_area is {least_area} and scenes.most_area {most_area}, but houses have {LEAST_AREA} to "
-                f"{MOST_AREA} square metres, and the greatest area must be {NARROWEST} times the least or more."
+                f"scenes.least_area is {least_area} and scenes.most_area {most_area}: both must be from {LEAST_AREA} "
+                f"to {MOST_AREA} square metres, and the greatest area at least {NARROWEST} times the least."
             )
         super().__init__(train, validation, test, draw)
         self._areas = least_area, most_area
 
     def reference(self, seed: int) -> HouseReference:
-        """The locator of the house of a seed."""
+        """The reference to the house of a seed."""
         return HouseReference(f"house_{seed:06d}", seed, *self._areas)

@@ -1,1 +1,1 @@
-"""What generated scenes are made of: floor plans, walls, furniture, textures and light."""
+"""Components of generated scenes: floor plans, walls, furniture, textures and light."""

@@ -1,4 +1,4 @@
-"""Random choices that come out the same on every machine and with every version of numpy."""
+"""Random numbers that are the same on every machine and with every version of NumPy."""
 
 from collections.abc import Sequence
 from typing import TypeVar
@@ -10,15 +10,15 @@ Option = TypeVar("Option")
 
 
 class Draws:
-    """One stream of random choices.
+    """A stream of random numbers.
 
-    Everything is derived from `Generator.random`, the plain conversion of PCG64's bits to [0, 1): the other methods
-    of numpy's generator may change their results between versions.
+    All methods use only `Generator.random`, the plain conversion of PCG64's bits to [0, 1), because the results of the
+    generator's other methods may change between versions of NumPy.
 
     Args:
-        seed: seed of the flat, 0 or more.
-        stream: name of the stream; streams of one seed are independent, so that another choice in one of them (such
-            as one more chair) leaves the others (such as the textures) as they are.
+        seed: seed of the scene, 0 or more.
+        stream: name of the stream. The streams of a seed are independent: a change of one (such as one more chair) does
+            not change others (such as the textures).
     """
 
     def __init__(self, seed: int, stream: str) -> None:
@@ -34,7 +34,7 @@ class Draws:
         return low + int(self._generator.random() * (high - low + 1))
 
     def chance(self, probability: float) -> bool:
-        """True with this probability."""
+        """True with the given probability."""
         return bool(self._generator.random() < probability)
 
     def choice(self, options: Sequence[Option]) -> Option:
@@ -42,5 +42,5 @@ class Draws:
         return options[self.integer(0, len(options) - 1)]
 
     def field(self, *shape: int) -> np.ndarray:
-        """Independent numbers in [-1, 1), float32 of this shape."""
+        """Independent numbers in [-1, 1), float32 of the given shape."""
         return (self._generator.random(shape) * 2.0 - 1.0).astype(np.float32)

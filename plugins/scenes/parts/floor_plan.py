@@ -1,4 +1,4 @@
-"""Floor plans: rooms of four walls, joined by doorways and lit by windows."""
+"""Floor plans: rectangular rooms with doorways and windows."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ WALL = 0.1
 """Thickness of the walls, metres."""
 
 CORNER_MARGIN = 0.2
-"""Least distance of a doorway from the corner of a room, metres: room for its frame."""
+"""Least distance of a doorway from the corner of a room in metres, for the door frame."""
 
 
 @dataclass(frozen=True)
 class Room:
-    """One room by its inside, metres; `height` is that of its ceiling."""
+    """The inside of one room, metres; `height` is the height of the ceiling."""
 
     kind: str
     x0: float
@@ -29,7 +29,7 @@ class Room:
 
     @property
     def centre(self) -> tuple[float, float]:
-        """(x, z) of the middle."""
+        """(x, z) of the centre."""
         return (self.x0 + self.x1) / 2, (self.z0 + self.z1) / 2
 
     @property
@@ -44,12 +44,12 @@ class Opening:
 
     Args:
         axis: "x" if the wall runs along x, "z" if along z.
-        wall: coordinate of the wall's middle on the other axis; for a window, of the room's side of the wall.
-        low: where it begins along the wall.
-        high: where it ends.
+        wall: coordinate of the wall's middle on the other axis; for a window, of the inner side of the wall.
+        low: begin along the wall.
+        high: end along the wall.
         bottom: height of its sill, 0 for a doorway.
         top: height of its lintel.
-        rooms: the rooms it joins, the one with the smaller coordinate first; a window has one.
+        rooms: the rooms that it connects, the one with the smaller coordinate first; a window has one.
     """
 
     axis: str
@@ -72,7 +72,7 @@ class FloorPlan:
 
 
 Cell = tuple[int, int, int, int]
-"""x0, z0, x1, z1 of a room by the middle lines of its walls, centimetres: integers make touching exact."""
+"""x0, z0, x1, z1 of a room, bounded by the middle lines of its walls, in centimetres (integers are exact)."""
 
 
 def cell_room(kind: str, cell: Cell, height: float) -> Room:
@@ -83,7 +83,7 @@ def cell_room(kind: str, cell: Cell, height: float) -> Room:
 
 
 def shared_wall(a: Cell, b: Cell) -> tuple[str, int, int, int, bool] | None:
-    """(axis, coordinate, low, high, whether b comes first) of the wall between two cells, if it holds a door."""
+    """(axis, coordinate, low, high, whether b comes first) of the wall between two cells, if a door fits into it."""
     for axis, (near, far, low, high) in (("z", (0, 2, 1, 3)), ("x", (1, 3, 0, 2))):
         for first, second, swapped in ((a, b, False), (b, a, True)):
             start, end = max(a[low], b[low]), min(a[high], b[high])
@@ -95,16 +95,16 @@ def shared_wall(a: Cell, b: Cell) -> tuple[str, int, int, int, bool] | None:
 def windows_in_wall(
     index: int, small: bool, axis: str, wall: float, low: float, high: float, draws: Draws
 ) -> list[Opening]:
-    """One window, or two in a long wall, evenly spread.
+    """Draw one window, or two evenly spaced windows in a long wall.
 
     Args:
-        index: the room's.
-        small: whether they are small and high, as in bathrooms.
-        axis: as of `Opening`.
-        wall: as of `Opening`.
-        low: where the wall begins along its axis, metres.
-        high: where it ends.
-        draws: random choices.
+        index: index of the room.
+        small: whether the windows are small and high, as in bathrooms.
+        axis: see `Opening`.
+        wall: see `Opening`.
+        low: begin of the wall along its axis, metres.
+        high: end of the wall along its axis, metres.
+        draws: the random numbers.
     """
     width = draws.choice((0.6, 0.7)) if small else draws.choice((0.9, 1.1, 1.3, 1.6))
     bottom, top = (1.4, 2.0) if small else (draws.choice((0.85, 0.95, 1.05)), draws.choice((2.05, 2.15, 2.25)))

@@ -1,4 +1,4 @@
-"""What each kind of room holds, in the order in which it is put there."""
+"""The furniture of each kind of room in a flat, in the order of placement."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ from deux_plugins.scenes.parts.style import Style
 
 
 def furnish(space: RoomSpace, style: Style) -> None:
-    """Fill a room: the furniture of its kind, then curtains, radiators and what else every room has."""
+    """Furnish a room: the furniture of its kind, then curtains, radiators and other things that every room has."""
     if space.entrance and space.outer_sides:
         space.against_wall(decor.front_door(style), tries=40, gap=0.002, at=space.outer_sides)
     ROOMS[space.room.kind](space, style)

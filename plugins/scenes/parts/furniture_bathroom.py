@@ -6,7 +6,7 @@ from deux_plugins.scenes.parts.style import Style
 
 
 def bathtub(style: Style) -> Model:
-    """A tub to lie in, hollow, with a tap at one end."""
+    """A hollow bathtub with a tap at one end."""
     width, depth, height, rim = style.draws.uniform(1.5, 1.75), style.draws.uniform(0.7, 0.78), 0.56, 0.07
     apron, glaze = style.pick("wall tiles", "enamel", "marble"), style.ceramic()
     model = Model("bathtub", width, depth, height, front=0.3)
@@ -75,7 +75,7 @@ def washing_machine(style: Style) -> Model:
 
 
 def mirror_cabinet(style: Style) -> Model:
-    """A shallow cabinet above the basin; its doors are painted, as nothing here reflects."""
+    """A shallow cabinet above the basin; its doors are painted, because there are no reflections."""
     width = style.draws.uniform(0.45, 0.65)
     model = Model("cabinet", width, 0.14, 0.6, hangs=True)
     model.box((-width / 2, 0.0, 0.0), (width / 2, 0.6, 0.12), style.wood())

@@ -1,4 +1,4 @@
-"""Small things that lie on furniture; their origin is in the middle of their back, on what they stand on."""
+"""Small things on furniture; their origin is at the bottom, in the middle of their back."""
 
 from deux_plugins.scenes.parts.shapes import Model
 from deux_plugins.scenes.parts.style import Style

@@ -1,4 +1,4 @@
-"""What hangs, lies and stands about: pictures, rugs, curtains, lamps, plants, radiators, coats, the front door."""
+"""Decoration: pictures, rugs, curtains, lamps, plants, radiators, coats, and the front door."""
 
 from deux_plugins.scenes.parts.shapes import Model, rectangle
 from deux_plugins.scenes.parts.style import Style
@@ -20,7 +20,7 @@ def picture(style: Style) -> Model:
 
 
 def rug(style: Style) -> Model:
-    """A rug, one centimetre thick so that a robot rolls over it."""
+    """A rug, one centimetre thick, over which a robot can drive."""
     width, depth = style.draws.uniform(1.1, 2.4), style.draws.uniform(0.9, 1.7)
     model = Model("rug", width, depth, 0.01)
     surface = style.pick("rug", "rug", "rug", "plaid")
@@ -29,7 +29,7 @@ def rug(style: Style) -> Model:
 
 
 def curtain(style: Style, height: float, surface: Surface) -> Model:
-    """One half of a pair of curtains, in folds."""
+    """One of a pair of curtains, with folds."""
     folds = style.draws.integer(3, 5)
     width = folds * 0.09
     model = Model("curtain", width, 0.1, height)

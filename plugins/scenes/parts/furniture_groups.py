@@ -1,4 +1,4 @@
-"""Furniture that is placed together: a desk and its chair, a table with chairs, what hangs at windows and ceilings."""
+"""Furniture that is placed together: a desk and its chair, a table with chairs, windows with curtains, lamps."""
 
 from deux_plugins.scenes.parts import furniture_decor as decor
 from deux_plugins.scenes.parts import furniture_seating as seating
@@ -13,7 +13,7 @@ Turn = tuple[float, float]
 
 
 def desk_group(space: RoomSpace, style: Style) -> None:
-    """A desk with a chair pushed under it."""
+    """Add a desk with a chair pushed under it."""
     desk = tables.desk(style)
     placed = space.against_wall(desk, tries=20)
     if placed is not None:
@@ -24,7 +24,7 @@ def desk_group(space: RoomSpace, style: Style) -> None:
 
 
 def dining_group(space: RoomSpace, style: Style) -> None:
-    """A table with chairs pushed under it on all sides where there is space."""
+    """Add a table with chairs pushed under it on all sides with enough space."""
     table = style.draws.choice((tables.dining_table, tables.round_table))(style)
     placed = space.in_the_open(table, tries=20) or space.against_wall(table)
     if placed is None:
@@ -40,14 +40,14 @@ def dining_group(space: RoomSpace, style: Style) -> None:
 
 
 def _aslant(turn: Turn, draws: Draws) -> Turn:
-    """The turn, changed by up to 17 degrees; rational in t = tan(angle / 2), so exact on every machine."""
+    """Change a turn by up to 17 degrees; a rational function of t = tan(angle / 2), to be exact on every machine."""
     t = draws.uniform(-0.15, 0.15)
     cosine, sine = (1.0 - t * t) / (1.0 + t * t), 2.0 * t / (1.0 + t * t)
     return turn[0] * cosine - turn[1] * sine, turn[1] * cosine + turn[0] * sine
 
 
 def lay_rug(space: RoomSpace, style: Style, middle: Placement) -> None:
-    """A rug that begins about here, made smaller by trying again if it does not fit."""
+    """Add a rug near a placement, with up to four tries of different sizes."""
     for _ in range(4):
         model: Model = decor.rug(style)
         if space.lay(model, middle.beside(0.0, -0.1)) or space.lay(model, middle.beside(0.0, -model.depth / 2)):
@@ -55,13 +55,13 @@ def lay_rug(space: RoomSpace, style: Style, middle: Placement) -> None:
 
 
 def dress_windows(space: RoomSpace, style: Style) -> None:
-    """Curtains on both sides of a window, a radiator below it."""
+    """Add curtains on both sides of each window, and a radiator below it."""
     curtained = space.room.kind != "bathroom" and style.draws.chance(0.7)
     cloth = style.cloth()
     for side, low, high, bottom, top in space.windows:
         if curtained:
             rail = min(top + 0.18, space.room.height - 0.05)
-            # Where furniture stands at the window, the curtain ends above it.
+            # If furniture stands at the window, the curtain ends above it.
             for right in (low, high):
                 for foot in (0.0, bottom - 0.15):
                     model = decor.curtain(style, round(rail - foot, 3), cloth)
@@ -73,6 +73,6 @@ def dress_windows(space: RoomSpace, style: Style) -> None:
 
 
 def hang_lamp(space: RoomSpace, style: Style, middle: Placement) -> None:
-    """A lamp at a place of the ceiling."""
+    """Add a lamp to the ceiling."""
     model = decor.ceiling_lamp(style, space.room.height)
     space.hang_free(model, middle.beside(0.0, -model.depth / 2))

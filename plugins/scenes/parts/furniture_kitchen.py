@@ -1,4 +1,4 @@
-"""Kitchens: worktops, wall cabinets and appliances, 0.6 m deep so that they stand in a row."""
+"""Kitchen furniture: worktops, wall cabinets and appliances, 0.6 m deep to form a row."""
 
 from deux_plugins.scenes.parts.furniture_clutter import book_row, bowl, carton, vase
 from deux_plugins.scenes.parts.shapes import Model
@@ -75,7 +75,7 @@ def refrigerator(style: Style) -> Model:
 
 
 def wall_cabinet(style: Style, width: float, front: Surface) -> Model:
-    """A cabinet that hangs above the worktop; a board with pots and books in some kitchens."""
+    """A cabinet above the worktop, or sometimes a board with books."""
     model = Model("cabinet", width, 0.33, 0.62, hangs=True)
     half = width / 2
     if style.draws.chance(0.25):
@@ -93,7 +93,7 @@ def wall_cabinet(style: Style, width: float, front: Surface) -> Model:
 def _base(model: Model, front: Surface, style: Style) -> None:
     """Cabinets under a worktop, with doors and handles."""
     half = model.width / 2
-    # The sides stand back by a few millimetres, so that neighbours in a row do not share a plane.
+    # The sides are inset by a few millimetres, to avoid coplanar faces of neighbours.
     model.box((-half + 0.003, 0.0, 0.01), (half - 0.003, WORKTOP - 0.15, DEPTH - 0.05), style.wood())
     model.box((-half + 0.003, WORKTOP - 0.15, DEPTH - 0.09), (half - 0.003, WORKTOP - 0.03, DEPTH - 0.05), front)
     model.box((-half + 0.003, WORKTOP - 0.15, 0.01), (-half + 0.02, WORKTOP - 0.03, DEPTH - 0.09), front)

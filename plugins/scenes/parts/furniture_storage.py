@@ -1,4 +1,4 @@
-"""Beds and what things are kept in: wardrobes, cabinets, shelves, the television's board."""
+"""Beds and storage furniture: wardrobes, cabinets, shelves, and the television's board."""
 
 from deux_plugins.scenes.parts.furniture_clutter import book_pile, book_row, bowl, carton, table_lamp, vase
 from deux_plugins.scenes.parts.shapes import Model
@@ -106,7 +106,7 @@ def television(style: Style) -> Model:
 
 
 def _chest(label: str, width: float, depth: float, height: float, grid: tuple[int, int], style: Style) -> Model:
-    """A body with columns x rows of drawers or doors under a board."""
+    """A cabinet with columns x rows of drawers or doors under a board."""
     model = Model(label, width, depth, height)
     body, half = style.wood(), width / 2
     model.box((-half + 0.01, 0.0, 0.005), (half - 0.01, height - 0.025, depth - 0.025), body)
@@ -118,7 +118,7 @@ def _chest(label: str, width: float, depth: float, height: float, grid: tuple[in
 def _fronts(
     model: Model, rise: tuple[float, float], columns: int, rows: int, z: float, front: Surface, knob: Surface
 ) -> None:
-    """Doors or drawers with handles, columns x rows between two heights, proud of the body's face at z."""
+    """Add columns x rows doors or drawers with handles between two heights, in front of the face at z."""
     width, height = (model.width - 0.04) / columns, (rise[1] - rise[0]) / rows
     for column in range(columns):
         for row in range(rows):

@@ -1,4 +1,4 @@
-"""Tables and desks, laid with small things."""
+"""Tables and desks with small things on them."""
 
 from deux_plugins.scenes.parts.furniture_clutter import book_pile, bowl, carton, computer, table_lamp, vase
 from deux_plugins.scenes.parts.shapes import Model
@@ -7,7 +7,7 @@ from deux_plugins.scenes.parts.surfaces import Surface
 
 
 def dining_table(style: Style) -> Model:
-    """A rectangular table for four to six."""
+    """A rectangular table for four to six people."""
     width, depth = style.draws.uniform(1.15, 1.7), style.draws.uniform(0.75, 0.9)
     model = _four_legged("table", width, depth, style.draws.uniform(0.72, 0.77), style)
     _strew(model, style, style.draws.integer(2, 4))

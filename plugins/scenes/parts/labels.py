@@ -1,4 +1,4 @@
-"""The semantic labels of generated flats and houses: the building's first, then those of furniture."""
+"""The semantic labels of generated flats and houses: first parts of the building, then furniture."""
 
 LABEL_NAMES: tuple[str, ...] = (
     "wall", "floor", "ceiling", "door frame", "door", "window",
@@ -6,7 +6,7 @@ LABEL_NAMES: tuple[str, ...] = (
     "counter", "refrigerator", "stove", "sink", "bathtub", "toilet", "washing machine", "coat rack", "radiator",
     "tv", "computer", "lamp", "plant", "rug", "picture", "curtain", "cushion", "book", "vase", "box",
 )  # fmt: skip
-"""The labels of every flat, whatever it contains; a face's label is an index into this tuple."""
+"""The labels of every generated scene; a face's label is an index into this tuple."""
 
 LABEL_INDEX: dict[str, int] = {name: index for index, name in enumerate(LABEL_NAMES)}
 """Index of each label."""

@@ -1,14 +1,14 @@
-"""Light baked into vertex colours: it depends on where a surface is and how it is turned, never on the camera."""
+"""Baked lighting in vertex colours, which depends on position and orientation of surfaces but not on the camera."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 AMBIENT, LAMP, SIDE = 0.66, 0.44, 0.04
-"""Shares of the light that comes from everywhere, from the room's lamp, and from one side of the building."""
+"""Fractions of ambient light, of light from the room's lamp, and of light from one side of the building."""
 
 CORNER_DEPTH, CORNER_LOSS = 0.5, 0.16
-"""Within this many metres of a corner between wall, floor and ceiling, up to this fraction of the light is lost."""
+"""Ambient occlusion: distance in metres from edges between wall, floor and ceiling, and greatest loss of light."""
 
 
 @dataclass(frozen=True)
@@ -16,9 +16,9 @@ class Light:
     """The lamp of one room.
 
     Args:
-        room: (x0, z0, x1, z1) of the room's inside, metres.
+        room: (x0, z0, x1, z1) of the inside of the room, metres.
         height: height of its ceiling, metres.
-        color: what the lamp does to red, green and blue, about 1.
+        color: factors of red, green and blue, about 1.
     """
 
     room: tuple[float, float, float, float]
@@ -27,7 +27,12 @@ class Light:
 
 
 def shade(corners: np.ndarray, lights: list[Light]) -> np.ndarray:
-    """Colour of every corner of quadrilaterals (N x 4 x 3, metres, float64) under the lamp of its room, uint8."""
+    """The vertex colours, N x 4 x 3 uint8, of N x 4 x 3 corners of quadrilaterals, lit by the lamp of their room.
+
+    Args:
+        corners: N x 4 x 3 float64, metres.
+        lights: the lamps of all rooms.
+    """
     diagonal = corners[:, 2] - corners[:, 0]
     other = corners[:, 3] - corners[:, 1]
     normals = _cross(diagonal, other)
@@ -51,7 +56,7 @@ def shade(corners: np.ndarray, lights: list[Light]) -> np.ndarray:
 
 
 def _corner(corners: np.ndarray, normals: np.ndarray, room: np.ndarray, height: np.ndarray) -> np.ndarray:
-    """How deep in a corner a point is, 0 to 1: by its height on upright faces, by the nearest wall on level ones."""
+    """Ambient occlusion in [0, 1]: by the height of points on vertical faces, by the nearest wall on level faces."""
     x, y, z = corners[..., 0], corners[..., 1], corners[..., 2]
     to_wall = np.minimum(np.minimum(x - room[..., 0], room[..., 2] - x), np.minimum(z - room[..., 1], room[..., 3] - z))
     to_edge = np.minimum(y, height - y)
@@ -61,7 +66,7 @@ def _corner(corners: np.ndarray, normals: np.ndarray, room: np.ndarray, height: 
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Sum of products over the last axis of three, in a fixed order (a library's sum may use another)."""
+    """Dot product over the last axis of three, with a fixed order of the sum for exact results."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 

@@ -1,4 +1,4 @@
-"""Collects placed models and builds the flat's mesh."""
+"""Placement of models, and construction of the scene's mesh."""
 
 from dataclasses import dataclass
 
@@ -8,18 +8,18 @@ from deux.contracts import SceneMesh
 from deux_plugins.scenes.parts.labels import LABEL_INDEX, LABEL_NAMES
 from deux_plugins.scenes.parts.lighting import Light, shade
 from deux_plugins.scenes.parts.shapes import Model, Quads
-from deux_plugins.scenes.parts.surfaces import STUFFS, Surfaces
+from deux_plugins.scenes.parts.surfaces import MATERIAL_KINDS, Surfaces
 
 DECIMALS = 4
 """Vertices are rounded to 0.1 mm."""
 
 SOUTH, NORTH, EAST, WEST = (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)
-"""(cos, sin) of the turns that make a model's front look along +z, -z, +x and -x."""
+"""(cos, sin) of the rotations by which a model's front faces +z, -z, +x and -x."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a model stands: its origin and the (cosine, sine) of its turn about the upright axis."""
+    """The pose of a model: its origin, and the (cosine, sine) of its rotation about the vertical axis."""
 
     x: float
     z: float
@@ -27,13 +27,13 @@ class Placement:
     y: float = 0.0
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Points of the model's frame (... x 3) in the world."""
+        """Transform ... x 3 points from the model's frame to the world."""
         cosine, sine = self.turn
         x, y, z = points[..., 0], points[..., 1], points[..., 2]
         return np.stack([x * cosine + z * sine + self.x, y + self.y, z * cosine - x * sine + self.z], axis=-1)
 
     def beside(self, right: float, out: float, turn: tuple[float, float] = SOUTH) -> "Placement":
-        """The placement `right` of and `out` in front of this one, turned against it."""
+        """The placement `right` metres to the right and `out` metres in front of this one, rotated relative to it."""
         cosine, sine = self.turn
         return Placement(
             self.x + right * cosine + out * sine,
@@ -50,19 +50,19 @@ class MeshBuilder:
         self._quads: list[Quads] = []
 
     def extend(self, quads: list[Quads]) -> None:
-        """Add quadrilaterals that are in world coordinates already."""
+        """Add quadrilaterals in world coordinates."""
         self._quads += quads
 
     def add(self, model: Model, placement: Placement) -> None:
-        """Add a model; where it stands also shifts its textures, so that twins do not look alike."""
+        """Add a model; its textures are shifted by its position, so that equal models look different."""
         for part in model.parts:
-            fit = STUFFS[part.surface.stuff].fit
+            fit = MATERIAL_KINDS[part.surface.kind].fit
             shift = np.array([placement.x * 0.7 + placement.z * 0.3, placement.z * 0.6 + placement.y * 0.5])
             shift *= {"none": (1.0, 1.0), "height": (1.0, 0.0), "face": (0.0, 0.0)}[fit]
             self._quads.append(Quads(placement.apply(part.corners), part.uv + shift, part.surface, part.label))
 
     def build(self, surfaces: Surfaces, lights: list[Light]) -> SceneMesh:
-        """The mesh: two triangles a quadrilateral, four vertices of its own for each, light baked into their colour."""
+        """Build the mesh: two triangles and four separate vertices for each quadrilateral, with baked lighting."""
         counts = [len(quads.corners) for quads in self._quads]
         total = sum(counts)
         corners = np.round(np.concatenate([quads.corners for quads in self._quads]), DECIMALS)
@@ -87,9 +87,9 @@ class MeshBuilder:
 
 
 def _period(quads: Quads) -> tuple[float, float]:
-    stuff = STUFFS[quads.surface.stuff]
+    kind = MATERIAL_KINDS[quads.surface.kind]
     return {
-        "none": (stuff.period, stuff.period),
-        "height": (stuff.period, 1.0),
+        "none": (kind.period, kind.period),
+        "height": (kind.period, 1.0),
         "face": (1.0, 1.0),
-    }[stuff.fit]
+    }[kind.fit]

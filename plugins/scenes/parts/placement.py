@@ -1,4 +1,4 @@
-"""Where furniture may stand in a room: nothing overlaps, doorways and windows stay clear, every door can be reached."""
+"""Placement of furniture in a room: without overlaps, with free doorways and windows, and all doors connected."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ from deux_plugins.scenes.parts.shapes import Model
 from deux_plugins.scenes.parts.walls import Side, sides
 
 GAP = 0.025
-"""Distance of furniture from the wall, more than skirting boards and door frames stand out, metres."""
+"""Distance of furniture from the wall in metres, more than the depth of skirting boards and door frames."""
 
 WALK_CELL = 0.1
 WALK_RADIUS = 0.32
-"""Cell of the walking grid and radius of what must be able to pass between all doors of a room, metres."""
+"""Cell of the walking grid, and radius of a disc that must fit through between all doors of a room, metres."""
 
 HEAD_HEIGHT = 1.6
-"""What hangs higher than this does not stop a robot, metres."""
+"""Height in metres above which things are no obstacles for a robot."""
 
 LEAST_CONNECTED = 0.8
-"""Least fraction of a room's free cells that must be connected."""
+"""Least fraction of a room's free cells that are connected with its doors."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Block:
     z1: float
 
     def overlaps(self, other: "Block") -> bool:
-        """Whether the insides of the boxes meet."""
+        """Whether the interiors of the boxes overlap."""
         return (
             self.x0 < other.x1
             and other.x0 < self.x1
@@ -50,20 +50,20 @@ class Block:
 
 
 def block(placement: Placement, width: float, z0: float, z1: float, height: float) -> Block:
-    """The box around a placed model's part between two depths."""
+    """The bounding box of the part of a placed model between two depths."""
     corners = [placement.beside(right, out) for right in (-width / 2, width / 2) for out in (z0, z1)]
     x, z = [corner.x for corner in corners], [corner.z for corner in corners]
     return Block(min(x), placement.y, min(z), max(x), placement.y + height, max(z))
 
 
 class RoomSpace:
-    """The free and the occupied parts of one room while it is furnished.
+    """The free and the occupied space of one room while it is furnished.
 
     Args:
-        plan: the flat's plan.
+        plan: the floor plan.
         index: index of the room.
-        builder: receives what is placed.
-        draws: random choices.
+        builder: the mesh builder to which models are added.
+        draws: the random numbers.
     """
 
     def __init__(self, plan: FloorPlan, index: int, builder: MeshBuilder, draws: Draws) -> None:
@@ -108,17 +108,20 @@ class RoomSpace:
         ignoring: Placement | None = None,
         at_window: bool = False,
     ) -> Placement | None:
-        """Put a model where it is told to, and return the placement; None, and nothing done, where it does not fit.
+        """Place a model if it fits.
 
         Args:
-            model: what to place.
-            placement: where.
-            ignoring: placement of a table that the model may be pushed under.
+            model: the model.
+            placement: its placement.
+            ignoring: placement of a table under which the model may be pushed.
             at_window: whether it may cover a window's edge.
+
+        Returns:
+            The placement, or None if the model does not fit.
         """
         body = block(placement, model.width, 0.0, model.depth, model.height)
         front = block(placement, model.width, model.depth, model.depth + model.front, min(model.height, 1.0))
-        others = [solid for solid in self._solids if ignoring is None or not _stands_at(solid, ignoring)]
+        others = [solid for solid in self._solids if ignoring is None or not _is_placed_at(solid, ignoring)]
         obstacles = [*others, *self._reserved, *([] if at_window else self._panes)]
         if not self._inside(body) or any(body.overlaps(other) for other in obstacles):
             return None
@@ -143,7 +146,18 @@ class RoomSpace:
         gap: float = GAP,
         at: Sequence[Side] | None = None,
     ) -> Placement | None:
-        """Put a model with its back to a wall (one of `at`, if given), often into a corner; `up` hangs it that high."""
+        """Place a model at a random position along a wall, often in a corner.
+
+        Args:
+            model: the model.
+            up: height above the floor, metres.
+            tries: number of random positions to try.
+            gap: distance from the wall, metres.
+            at: the walls to choose from; None for all.
+
+        Returns:
+            The placement, or None if the model does not fit.
+        """
         for _ in range(tries):
             side = self._draws.choice(at or self.sides)
             room = side.length / 2 - model.width / 2 - 2 * GAP
@@ -157,7 +171,7 @@ class RoomSpace:
         return None
 
     def in_the_open(self, model: Model, tries: int = 12) -> Placement | None:
-        """Put a model somewhere around the middle of the room."""
+        """Place a model near the middle of the room; None if it does not fit."""
         room, turns = self.room, [side.turn for side in self.sides]
         for _ in range(tries):
             x = room.x0 + (room.x1 - room.x0) * self._draws.uniform(0.3, 0.7)
@@ -169,7 +183,7 @@ class RoomSpace:
         return None
 
     def lay(self, model: Model, placement: Placement) -> Placement | None:
-        """Lay a rug on the floor; furniture may stand on it, other rugs may not lie on it."""
+        """Place a rug, which may overlap with furniture but not with other rugs; None if it does not fit."""
         body = block(placement, model.width, 0.0, model.depth, model.height)
         if not self._inside(body, 0.03) or any(body.overlaps(other) for other in self._rugs):
             return None
@@ -178,7 +192,7 @@ class RoomSpace:
         return placement
 
     def hang_free(self, model: Model, placement: Placement) -> None:
-        """Hang a model above everything else."""
+        """Add a model that hangs above everything else, without checks."""
         self._builder.add(model, placement)
 
     def _inside(self, body: Block, margin: float = 0.001) -> bool:
@@ -192,7 +206,7 @@ class RoomSpace:
         )
 
     def _shadow(self, body: Block) -> np.ndarray:
-        """Cells of the walking grid that the box closes to whoever has the walking radius."""
+        """The cells of the walking grid that a box blocks for a disc of the walking radius."""
         if body.y0 >= HEAD_HEIGHT:
             return np.zeros_like(self._blocked)
         x = (self._x > body.x0 - WALK_RADIUS) & (self._x < body.x1 + WALK_RADIUS)
@@ -200,7 +214,7 @@ class RoomSpace:
         return z[:, None] & x[None, :]
 
     def _walkable(self, blocked: np.ndarray) -> bool:
-        """Whether all doors of the room are joined by free cells, and few free cells lie apart from them."""
+        """Whether all doors of the room are connected by free cells, and most free cells are connected with them."""
         regions, _ = ndimage.label(~blocked)
         joined = {int(regions[cell]) for cell in self._door_cells}
         if len(joined) != 1 or 0 in joined:
@@ -208,14 +222,14 @@ class RoomSpace:
         return int((regions == joined.pop()).sum()) >= LEAST_CONNECTED * int((~blocked).sum())
 
 
-def _stands_at(solid: Block, placement: Placement) -> bool:
-    """Whether the box is that of the model at this placement: it holds the point just inside the model's back."""
+def _is_placed_at(solid: Block, placement: Placement) -> bool:
+    """Whether a box belongs to the model at a placement: it contains the point just inside the model's back."""
     inside = placement.beside(0.0, 0.05)
     return solid.x0 < inside.x < solid.x1 and solid.z0 < inside.z < solid.z1
 
 
 def _touches(side: Side, room: Room) -> bool:
-    """Whether the room lies on the other side of the wall."""
+    """Whether the room is on the other side of the wall."""
     along_x = side.axis == "x"
     low, high = (room.x0, room.x1) if along_x else (room.z0, room.z1)
     near, far = (room.z0, room.z1) if along_x else (room.x0, room.x1)

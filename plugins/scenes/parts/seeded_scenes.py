@@ -1,4 +1,4 @@
-"""Sources of generated scenes: the same seeds for each split, whatever is generated."""
+"""The base class of sources of generated scenes, which assigns seeds to splits."""
 
 from abc import abstractmethod
 from collections.abc import Collection, Sequence
@@ -8,31 +8,31 @@ from deux.errors import DeuxError, check_range
 from deux.scenes.splits import SPLITS, check_disjoint, make_splits
 
 FIRST_SEEDS = dict(zip(SPLITS, (0, 100_000, 200_000), strict=True))
-"""The first seed of each split where a number of scenes is asked for."""
+"""The first seed of each split, if a number of scenes is requested."""
 
 MOST_SCENES = 100_000
-"""Scenes that a split of one draw has room for."""
+"""Greatest number of scenes in a split of one draw."""
 
 FIRST_FURTHER_SEED = 300_000
-"""The first seed of the scenes that belong to no split of any draw."""
+"""The first seed of the scenes that are in no split of any draw."""
 
 SEEDS_OF_A_DRAW = 1_000_000
-"""Distance between the seeds of one draw and of the next: the further scenes lie below it, in the first."""
+"""Distance between the seeds of consecutive draws; the further scenes are between the first and the second draw."""
 
 
 class SeededScenes(SceneSource):
-    """Scenes by seed, disjoint between the splits.
+    """Generated scenes, with disjoint seeds for the splits.
 
     Args:
-        train: number of scenes that are explored, or a list of their seeds.
-        validation: number of scenes that choose between models, or a list of their seeds.
-        test: number of scenes that are kept for the final numbers, or a list of their seeds.
-        draw: number of the draw, from 0 upwards: no two draws share a scene where numbers of scenes are asked for.
-            None takes the scenes of draw 0.
+        train: number of scenes to explore, or a list of their seeds.
+        validation: number of scenes for model selection, or a list of their seeds.
+        test: number of scenes for the final evaluation, or a list of their seeds.
+        draw: index of the draw, from 0; if numbers of scenes are given, no two draws have a scene in common. None is
+            draw 0.
     """
 
     noun: str
-    """What the messages call a number of these scenes, such as "flats"."""
+    """The plural noun for the scenes in messages, such as "flats"."""
 
     def __init__(
         self, train: int | list[int], validation: int | list[int], test: int | list[int], draw: int | None
@@ -47,7 +47,7 @@ class SeededScenes(SceneSource):
 
     @abstractmethod
     def reference(self, seed: int) -> SceneReference:
-        """The locator of the scene of a seed."""
+        """The reference to the scene of a seed."""
 
     def splits(self) -> SceneSplits:
         """The scenes of each split."""
@@ -62,11 +62,11 @@ class SeededScenes(SceneSource):
     def _split_seeds(self, split: str, asked: int | Sequence[int]) -> tuple[int, ...]:
         if isinstance(asked, int):
             if asked > MOST_SCENES:
-                raise DeuxError(f"scenes.{split} is {asked}, but a draw has no more than {MOST_SCENES} {self.noun}.")
+                raise DeuxError(f"scenes.{split} is {asked}: it must be at most {MOST_SCENES} {self.noun}.")
             first = self._first_seed + FIRST_SEEDS[split]
             asked = range(first, first + asked) if asked >= 0 else (asked,)
         if any(seed < 0 for seed in asked):
             raise DeuxError(
-                f"scenes.{split} is {list(asked)}, but it must be a number of {self.noun} or a list of seeds >= 0."
+                f"scenes.{split} is {list(asked)}: it must be a number of {self.noun} or a list of seeds >= 0."
             )
         return tuple(asked)

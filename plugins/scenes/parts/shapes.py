@@ -1,7 +1,7 @@
-"""Furniture as lists of textured quadrilaterals in its own frame.
+"""Models of furniture as lists of textured quadrilaterals.
 
-The frame of a model: x to its right and z to its front, the origin on the floor in the middle of its back. Every
-quadrilateral is counter-clockwise as seen from outside.
+In the frame of a model x points to its right and z to its front; the origin is on the floor in the middle of its back.
+Quadrilaterals are counter-clockwise as seen from outside.
 """
 
 import math
@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deux_plugins.scenes.parts.surfaces import STUFFS, Surface
+from deux_plugins.scenes.parts.surfaces import MATERIAL_KINDS, Surface
 
 Point = tuple[float, float, float]
 
 ANGLE_DECIMALS = 6
-"""Sines and cosines are rounded, so that the last bit of a machine's libm does not matter."""
+"""Decimals to which sines and cosines are rounded, because the last bit differs between implementations of libm."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class Quads:
 
     Args:
         corners: N x 4 x 3, metres.
-        uv: N x 4 x 2, metres along the surface; 0 to 1 where the stuff is fitted to the face.
-        surface: what they are made of.
-        label: what they belong to.
+        uv: N x 4 x 2, metres along the surface; 0 to 1 if the texture is fitted to the face.
+        surface: their material.
+        label: their semantic label.
     """
 
     corners: np.ndarray
@@ -36,7 +36,7 @@ class Quads:
 
 
 def rectangle(origin: Point, right: Point, up: Point, surface: Surface, label: str) -> Quads:
-    """One rectangle from its lower left corner and two edges along axes; it faces right x up."""
+    """A rectangle, given by its lower left corner and two edges along axes; its normal is right x up."""
     corner, a, b = (np.asarray(vector, dtype=np.float64) for vector in (origin, right, up))
     width, height = np.abs(a).max(), np.abs(b).max()
     corners = np.stack([corner, corner + a, corner + a + b, corner + b])
@@ -44,8 +44,8 @@ def rectangle(origin: Point, right: Point, up: Point, surface: Surface, label: s
     return Quads(corners[None], uv, surface, label)
 
 
-# Corners of the faces of a box, counter-clockwise from outside from the lower left one: 0 takes the least coordinate,
-# 1 the greatest. Front, back, right, left, top, bottom; then the axes along which u and v run.
+# Corners of the faces of a box (front, back, right, left, top, bottom), counter-clockwise as seen from outside from the
+# lower left corner: 0 is the least coordinate, 1 the greatest. Then the axes of u and v.
 _BOX_CORNERS = np.array(
     [
         [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
@@ -75,11 +75,11 @@ def _box_faces(low: Point, high: Point, faces: np.ndarray, surface: Surface, lab
 
 
 def _lay(origin: np.ndarray, size: np.ndarray, surface: Surface) -> np.ndarray:
-    """Texture coordinates (N x 4 x 2) of faces that begin at N x 2 `origin` and measure N x 2 `size`, metres."""
-    stuff = STUFFS[surface.stuff]
-    fitted = np.array({"none": (False, False), "height": (False, True), "face": (True, True)}[stuff.fit])
+    """Texture coordinates, N x 4 x 2, of faces that begin at `origin`, N x 2 metres, and have `size`, N x 2 metres."""
+    kind = MATERIAL_KINDS[surface.kind]
+    fitted = np.array({"none": (False, False), "height": (False, True), "face": (True, True)}[kind.fit])
     uv = np.where(fitted, 0.0, origin)[:, None] + _UNIT_UV * np.where(fitted, 1.0, size)[:, None]
-    if stuff.grain:
+    if kind.grain:
         upright = size[:, 1] > size[:, 0]
         uv[upright] = uv[upright][..., ::-1]
     return uv
@@ -89,12 +89,12 @@ class Model:
     """Builder of a piece of furniture.
 
     Args:
-        label: label of all parts that name no other.
+        label: default label of its parts.
         width: extent along x, metres.
         depth: extent along z, metres.
         height: extent along y, metres.
         front: metres in front of it that must stay free, such as for opening a door.
-        hangs: whether it hangs: what stands needs no faces at its foot, height 0.
+        hangs: whether it hangs; standing models have no faces at their bottom, height 0.
     """
 
     def __init__(
@@ -124,9 +124,9 @@ class Model:
         front: Surface | None = None,
         label: str | None = None,
     ) -> None:
-        """An axis-aligned box from its least to its greatest corner; `front` covers its +z face.
+        """Add an axis-aligned box from its least to its greatest corner; `front` is the material of its +z face.
 
-        The lower face of a box at the foot of a standing model is left out.
+        The lower face of a box at the bottom of a standing model is left out.
         """
         name = label or self.label
         faces = ALL_FACES if low[1] > 0.0 or self.hangs else SIDE_FACES
@@ -145,15 +145,15 @@ class Model:
         axis: str = "y",
         label: str | None = None,
     ) -> None:
-        """A solid of revolution, as from a lathe.
+        """Add a solid of revolution.
 
         Args:
-            base: foot of the axis.
+            base: lower end of the axis.
             profile: (height above the base, radius > 0) from bottom to top, metres.
-            surface: what it is made of.
+            surface: its material.
             sides: even number of sides.
-            axis: "y" upright, "z" pointing to the front.
-            label: label, if not the model's.
+            axis: "y" for a vertical axis, "z" for an axis to the front.
+            label: label; by default the model's.
         """
         turn = [2.0 * math.pi * (step + 0.5) / sides for step in range(sides)]
         circle = np.array([(round(math.sin(a), ANGLE_DECIMALS), 0.0, round(math.cos(a), ANGLE_DECIMALS)) for a in turn])
@@ -163,18 +163,18 @@ class Model:
             corners = np.stack([corners[..., 0], -corners[..., 2], corners[..., 1]], axis=-1)
         if axis == "y" and base[1] <= 0.0 and not self.hangs:
             corners, uv = corners[: -(sides // 2 - 1)], uv[: -(sides // 2 - 1)]
-        if STUFFS[surface.stuff].fit != "none":
+        if MATERIAL_KINDS[surface.kind].fit != "none":
             uv = np.broadcast_to(_UNIT_UV, uv.shape)
         self.parts.append(Quads(corners + np.asarray(base), uv, surface, label or self.label))
 
     def add(self, other: "Model", x: float, y: float, z: float) -> None:
-        """Put another model on this one, with its origin at (x, y, z)."""
+        """Add another model with its origin at (x, y, z)."""
         shift = np.array([x, y, z])
         self.parts += [Quads(part.corners + shift, part.uv, part.surface, part.label) for part in other.parts]
 
 
 def _lathe(rings: np.ndarray, radii: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Quadrilaterals between rings (K x sides x 3) and their caps, top cap before bottom cap; their uv in metres."""
+    """Quadrilaterals between K x sides x 3 rings, then those of the top and bottom caps; and their uv in metres."""
     count = rings.shape[1]
     following = np.roll(rings, -1, axis=1)
     sides = np.stack([rings[:-1], following[:-1], following[1:], rings[1:]], axis=2).reshape(-1, 4, 3)
@@ -189,7 +189,7 @@ def _lathe(rings: np.ndarray, radii: Sequence[float]) -> tuple[np.ndarray, np.nd
         [np.stack(pair, axis=-1) for pair in ((u, v_low), (u + edge, v_low), (u + edge, v_high), (u, v_high))],
         axis=1,
     )
-    # A fan of quadrilaterals covers the cap of an even polygon.
+    # The cap of a polygon with an even number of sides is a fan of quadrilaterals.
     order = [[0, i + 1, i + 2, i + 3] for i in range(0, count - 2, 2)]
     top = rings[-1][np.array(order)]
     bottom = rings[0][np.array(order)[:, ::-1]]

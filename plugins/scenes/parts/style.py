@@ -1,15 +1,15 @@
-"""The style of a flat: which of its surfaces each piece of furniture is made of."""
+"""The style of a scene: the materials of its furniture."""
 
 from deux_plugins.scenes.parts.draws import Draws
 from deux_plugins.scenes.parts.surfaces import Surface, Surfaces
 
 
 class Style:
-    """Chooses surfaces so that a flat's furniture goes together, with exceptions.
+    """Chooses materials such that most of the furniture matches.
 
     Args:
-        surfaces: the flat's surfaces.
-        draws: random choices, also for the sizes of the furniture.
+        surfaces: the surfaces of the scene.
+        draws: the random numbers, also for the sizes of the furniture.
     """
 
     def __init__(self, surfaces: Surfaces, draws: Draws) -> None:
@@ -19,7 +19,7 @@ class Style:
         self._main_paint = surfaces.pick(draws, "paint", "wood")
         self._main_metal = surfaces.pick(draws, "metal")
         self.trim = surfaces.pick(draws, "paint", "wood")
-        """Door frames, window frames and skirting boards of the whole flat."""
+        """The material of all door frames, window frames and skirting boards."""
 
     def wood(self) -> Surface:
         """Wood of furniture."""
@@ -46,7 +46,7 @@ class Style:
         return self.pick("weave", "weave", "plaid", "linen")
 
     def upholstery(self) -> Surface:
-        """What a sofa or an armchair is covered with."""
+        """The cover of a sofa or an armchair."""
         return self.pick("weave", "plaid", "leather")
 
     def linen(self) -> Surface:
@@ -57,6 +57,6 @@ class Style:
         """A painting."""
         return self.pick("landscape", "abstract", "still life", "city")
 
-    def pick(self, *stuffs: str) -> Surface:
-        """A surface of one of these stuffs."""
-        return self._surfaces.pick(self.draws, *stuffs)
+    def pick(self, *kinds: str) -> Surface:
+        """A random surface of one of these kinds of material."""
+        return self._surfaces.pick(self.draws, *kinds)

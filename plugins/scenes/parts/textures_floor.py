@@ -1,4 +1,4 @@
-"""Textures of floors, and of what is made of the same stuff: wood, tiles, stone, carpet."""
+"""Textures of floors, and of other surfaces of wood, tiles, stone and carpet."""
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def planks(canvas: Canvas) -> np.ndarray:
 
 
 def parquet(canvas: Canvas) -> np.ndarray:
-    """Squares of four strips, laid in turn along and across."""
+    """Squares of four strips, alternately along and across."""
     tone = canvas.tint(canvas.draws.choice(WOOD_TONES))
     count = canvas.draws.choice((6, 8))
     row, column, vertical, horizontal = canvas.cells(count, count)

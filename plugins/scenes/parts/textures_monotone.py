@@ -1,4 +1,4 @@
-"""Textures that give a depth model little to match: near-uniform ones, and ones that repeat exactly."""
+"""Textures that are difficult for depth models: nearly uniform ones, and ones that repeat exactly."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ def screed(canvas: Canvas) -> np.ndarray:
 
 
 def damask(canvas: Canvas) -> np.ndarray:
-    """Wallpaper with one ornament on a staggered lattice, each like the other."""
+    """Wallpaper with identical ornaments on a staggered lattice."""
     tone = canvas.tint(canvas.draws.choice(WALL_TONES))
     accent = canvas.tint(canvas.draws.choice(ACCENT_TONES))
     count = canvas.draws.choice((6, 8, 12))
@@ -42,7 +42,7 @@ def damask(canvas: Canvas) -> np.ndarray:
 
 
 def mosaic(canvas: Canvas) -> np.ndarray:
-    """Small tiles in two colours by turns, each like the other."""
+    """Small identical tiles in two alternating colours."""
     tone = canvas.tint(canvas.draws.choice(WALL_TONES + STONE_TONES))
     accent = canvas.tint(canvas.draws.choice(ACCENT_TONES + STONE_TONES))
     count = canvas.draws.choice((16, 24, 32))
@@ -53,7 +53,7 @@ def mosaic(canvas: Canvas) -> np.ndarray:
 
 
 def chequers(canvas: Canvas) -> np.ndarray:
-    """Floor tiles like a chessboard, each like the other."""
+    """Identical floor tiles in a chessboard pattern."""
     tone = canvas.tint(canvas.draws.choice(STONE_TONES))
     count = canvas.draws.choice((6, 8, 12))
     row, column, _, _ = canvas.cells(count, count)

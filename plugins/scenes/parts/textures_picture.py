@@ -1,4 +1,4 @@
-"""Images that are shown once over a whole face: paintings, views through windows, rugs."""
+"""Textures that are stretched over a whole face: paintings, views through windows, rugs."""
 
 import numpy as np
 
@@ -119,5 +119,5 @@ def _sky(canvas: Canvas) -> np.ndarray:
 
 
 def _silhouette(canvas: Canvas, cells: int) -> np.ndarray:
-    """A line over x as 1 x size, deviation 1."""
+    """Heights of a random line over x, 1 x size, with unit deviation."""
     return canvas.streaks(1, cells)[:1]

@@ -37,7 +37,7 @@ def striped_wallpaper(canvas: Canvas) -> np.ndarray:
 
 
 def flowered_wallpaper(canvas: Canvas) -> np.ndarray:
-    """Blossoms on a staggered lattice, no two quite alike."""
+    """Blossoms of random sizes on a staggered lattice."""
     tone = canvas.tint(canvas.draws.choice(WALL_TONES))
     accent = canvas.tint(canvas.draws.choice(ACCENT_TONES))
     second = canvas.tint(canvas.draws.choice(ACCENT_TONES))
@@ -119,7 +119,7 @@ def ceiling_panels(canvas: Canvas) -> np.ndarray:
 
 
 def _flowers(canvas: Canvas, rows: int, columns: int, petals: int, stagger: bool = True) -> np.ndarray:
-    """Blossoms, one a cell: radius 0.5 + 0.25 cos(petals x angle), where cos comes from the real part of a power."""
+    """One blossom in each cell, with radius 0.55 + 0.22 cos(petals x angle), computed as the real part of a power."""
     row, column, vertical, horizontal = canvas.cells(rows, columns, stagger)
     real, imaginary = horizontal, vertical
     for _ in range(petals - 1):

@@ -1,4 +1,4 @@
-"""The building: floors, walls, ceilings, doorways and windows, closed all round."""
+"""The building: floors, walls, ceilings, doorways and windows."""
 
 import itertools
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from deux_plugins.scenes.parts.style import Style
 from deux_plugins.scenes.parts.surfaces import Surface
 
 TILE = 0.75
-"""Greatest edge of the quadrilaterals of floors, walls and ceilings, metres; light varies from corner to corner."""
+"""Greatest edge of the quadrilaterals of floors, walls and ceilings in metres, the resolution of baked lighting."""
 
 NICHE = 0.14
 """Depth of the window niches, metres."""
@@ -26,14 +26,14 @@ CASING_DEPTH, CASING_WIDTH = 0.016, 0.08
 class Side:
     """One wall of a room as seen from inside.
 
-    Its frame is that of a model that stands at the middle of the wall: x to the right, y up, z into the room.
+    The origin of its frame is at the middle of the wall, with x to the right, y up and z into the room.
 
     Args:
         axis: "x" if the wall runs along x, "z" if along z.
         wall: the wall's coordinate on the other axis, metres.
-        low: where it begins along its axis.
-        high: where it ends.
-        turn: turn of the frame.
+        low: begin along its axis.
+        high: end along its axis.
+        turn: (cosine, sine) of the rotation of the frame.
     """
 
     axis: str
@@ -55,7 +55,7 @@ class Side:
         return Placement(middle, wall, self.turn, up) if self.axis == "x" else Placement(wall, middle, self.turn, up)
 
     def span(self, opening: Opening) -> tuple[float, float]:
-        """Where an opening in this wall begins and ends, right of the middle."""
+        """Begin and end of an opening in this wall, as distances to the right of the middle."""
         cosine, sine = self.turn
         middle = (self.low + self.high) / 2
         ends = sorted(((opening.low - middle) * (cosine - sine), (opening.high - middle) * (cosine - sine)))
@@ -78,14 +78,14 @@ def sides(room: Room) -> tuple[Side, Side, Side, Side]:
 
 @dataclass(frozen=True)
 class Finish:
-    """What the inside of one room is covered with.
+    """The materials of one room.
 
     Args:
-        floor: the floor, also in the doorways that the room comes first in.
+        floor: the floor, also in doorways in which the room is the first.
         ceiling: the ceiling.
         upper: the walls above `border`.
-        lower: the walls below it.
-        border: height of the border between the two, metres; 0 where there is none.
+        lower: the walls below `border`.
+        border: height of the border between the two, metres; 0 for none.
         accent: the upper part of the first wall.
     """
 
@@ -113,7 +113,7 @@ def build_room(plan: FloorPlan, index: int, finish: Finish, style: Style, builde
 
 
 def _lines(fixed: list[float]) -> np.ndarray:
-    """The fixed coordinates, and more between them so that none are farther apart than TILE."""
+    """The fixed coordinates, and further ones between them such that all distances are at most `TILE`."""
     marks = sorted({round(mark, 3) for mark in fixed})
     lines = [
         np.linspace(start, end, int(np.ceil(round((end - start) / TILE, 3))) + 1)[:-1]
@@ -129,7 +129,7 @@ def _sheet(
     surface: Surface,
     label: str,
 ) -> Quads:
-    """Quadrilaterals between the lines u and v in the plane (u, v, 0), where `keep` holds at their centres."""
+    """Quadrilaterals of the grid of lines u and v in the plane (u, v, 0) whose centres satisfy `keep`."""
     low_u, low_v = np.meshgrid(u[:-1], v[:-1], indexing="ij")
     high_u, high_v = np.meshgrid(u[1:], v[1:], indexing="ij")
     kept = keep((low_u + high_u) / 2, (low_v + high_v) / 2)
@@ -161,7 +161,7 @@ def _wall(
     covering: tuple[Surface, Surface, float],
     builder: MeshBuilder,
 ) -> None:
-    """One wall with its openings cut out, in two coverings if the border between them is not at 0."""
+    """Add one wall with its openings cut out; `covering` is (lower material, upper material, border)."""
     lower, upper, border = covering
     holes = [(*side.span(opening), opening.bottom, opening.top) for opening in openings]
     u = _lines([-side.length / 2, side.length / 2, *(edge for hole in holes for edge in hole[:2])])
@@ -189,9 +189,9 @@ def _outside(
 
 
 def _skirting(side: Side, doors: list[tuple[float, float]], surface: Surface, builder: MeshBuilder) -> None:
-    """A board along the foot of the wall between the door frames."""
+    """Add a skirting board along the wall between the door frames."""
     model = Model("wall", side.length, SKIRTING_DEPTH, SKIRTING_HEIGHT)
-    # One of two walls that meet leaves the corner to the other.
+    # At a corner only one of the two boards extends to the end.
     end = side.length / 2 - (SKIRTING_DEPTH if side.axis == "z" else 0.0)
     edges = [
         -end,
@@ -225,7 +225,7 @@ def _casing(width: float, top: float, surface: Surface) -> Model:
 
 
 def _reveal(width: float, top: float, surface: Surface, floor: Surface) -> Model:
-    """The inside of a doorway through the wall, and the floor in it."""
+    """The reveal of a doorway, and the floor in it."""
     half = width / 2
     model = Model("door frame", width, WALL, top)
     model.parts = [
@@ -238,7 +238,7 @@ def _reveal(width: float, top: float, surface: Surface, floor: Surface) -> Model
 
 
 def _window(width: float, opening: Opening, style: Style) -> Model:
-    """A niche with a board, a frame, bars and a view painted on the pane."""
+    """A window niche with a sill, a frame, bars and a view painted on the pane."""
     half, bottom, top, trim = width / 2, opening.bottom, opening.top, style.trim
     height, bar = top - bottom, 0.05
     model = Model("window", width, NICHE, top)

@@ -92,7 +92,7 @@ def test_scaffnet_has_a_range_of_its_own():
 
 @pytest.mark.parametrize("bounds", [{"scaffnet_min_depth": 12.0}, {"scaffnet_max_depth": 0.05}], ids=str)
 def test_a_range_of_scaffnets_that_is_none(bounds):
-    with pytest.raises(DeuxError, match="are no depth range: 0 < scaffnet_min_depth < scaffnet_max_depth"):
+    with pytest.raises(DeuxError, match="must satisfy 0 < scaffnet_min_depth < scaffnet_max_depth"):
         FusionNet(**bounds)
 
 
@@ -135,5 +135,7 @@ def test_outliers_set_no_scale():
 
 @pytest.mark.parametrize("window", [4, 0, -1])
 def test_a_window_without_a_centre_is_refused(window):
-    with pytest.raises(DeuxError, match=rf"model\.scale_window holds the window {window}: windows are odd numbers"):
+    with pytest.raises(
+        DeuxError, match=rf"model\.scale_window contains the window {window}: windows must be odd numbers"
+    ):
         FusionNet(scale_window=window)

@@ -62,7 +62,7 @@ def test_the_pyramid_sees_a_point_as_far_as_half_its_window():
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [({"pools": (12,)}, "pools holds the window 12"), ({"decoder_filters": (8, 8)}, "decoder_filters")],
+    [({"pools": (12,)}, "pools contains the window 12"), ({"decoder_filters": (8, 8)}, "decoder_filters")],
 )
 def test_impossible_options_are_refused(options, message):
     with pytest.raises(DeuxError, match=message):

@@ -77,5 +77,5 @@ def test_outliers_stay_in_the_network_inputs():
 
 
 def test_impossible_options_are_refused():
-    with pytest.raises(DeuxError, match=r"depth_filters=\[8\] has 1 entries: the network has 5 levels"):
+    with pytest.raises(DeuxError, match=r"depth_filters=\[8\] has 1 entries: it must have 5, one per level"):
         VOICED(depth_filters=(8,))

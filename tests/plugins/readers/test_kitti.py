@@ -129,7 +129,7 @@ def test_frames_in_which_the_car_stands_are_no_training_targets(
     assert moving[1].sources[0].name[-1] == "3"
     assert f"{tmp_path}, train: 4 of 6 frames: 2 static" in [record.getMessage() for record in caplog.records]
     assert len(with_sources(Kitti(tmp_path, min_speed=0.0), (-1,))) == 5
-    with pytest.raises(MissingSplit, match=r"the car is slower than data\.min_speed=99 m/s in each of the 6\.$"):
+    with pytest.raises(MissingSplit, match=r"the car is slower than data\.min_speed=99 m/s in all 6 frames\.$"):
         Kitti(tmp_path, min_speed=99.0).triplets("train", (-1,))
 
 
@@ -205,10 +205,10 @@ def test_the_anonymous_test_set_has_no_ground_truth(tmp_path: Path) -> None:
 
 
 def test_what_is_missing_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with pytest.raises(DeuxError, match=r"has no depth maps of KITTI: neither data_depth_velodyne/train"):
+    with pytest.raises(DeuxError, match=r"has no depth maps of KITTI: data_depth_velodyne/train"):
         Kitti(tmp_path)
     write_drive(tmp_path, drive_name(1), list(video(4)), raw="elsewhere")
-    with pytest.raises(DeuxError, match=r"has none of the images of its drives.*data\.raw names"):
+    with pytest.raises(DeuxError, match=r"has no images of its drives.*data\.raw="):
         with_sources(Kitti(tmp_path), (-1,))
     reader = Kitti(tmp_path, raw=tmp_path / "elsewhere")
     with pytest.raises(DeuxError, match=r"calib_cam_to_cam\.txt is missing"):

@@ -122,17 +122,17 @@ def test_damaged_matlab_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match=r"splits\.mat is missing"):
         NyuV2(tmp_path).triplets("test", ())
     scipy.io.savemat(tmp_path / "splits.mat", {"testNdxs": [7], "trainNdxs": [1]})
-    with pytest.raises(DeuxError, match=r"splits\.mat names images up to 7: .* has 5"):
+    with pytest.raises(DeuxError, match=r"splits\.mat lists image 7, but .* has 5 images"):
         NyuV2(tmp_path).triplets("test", ())
     (tmp_path / "nyu_depth_v2_labeled.mat").write_bytes(b"MATLAB 7.3")
-    with pytest.raises(DeuxError, match=r"labeled\.mat is damaged or no MATLAB 7\.3 file"):
+    with pytest.raises(DeuxError, match=r"labeled\.mat is damaged or not a MATLAB 7\.3 file"):
         NyuV2(tmp_path).triplets("test", ())
 
 
 @pytest.mark.parametrize("scene", ["../../out", "/out", "..", "a/b", ""])
 def test_a_scene_whose_results_would_lie_elsewhere_is_refused(tmp_path: Path, scene: str) -> None:
     write_labelled(tmp_path, list(video(5)), ["kitchen_0004"] * 4 + [scene])
-    with pytest.raises(DeuxError, match=r"labeled\.mat calls a scene '.*': a name like kitchen_0004 is expected\.$"):
+    with pytest.raises(DeuxError, match=r"labeled\.mat has a scene '.*': a name like kitchen_0004 is expected\.$"):
         NyuV2(tmp_path).triplets("test", ())
 
 
@@ -218,11 +218,11 @@ def test_the_kinects_matrix_is_for_its_own_size(tmp_path: Path) -> None:
 
 
 def test_what_is_missing_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    with pytest.raises(DeuxError, match=r"is not laid out as NYU Depth V2: nyu_depth_v2_labeled\.mat, <scene>/rgb_"):
+    with pytest.raises(DeuxError, match=r"has no layout of NYU Depth V2: nyu_depth_v2_labeled\.mat, <scene>/rgb_"):
         NyuV2(tmp_path)
     (tmp_path / "bath_0001").mkdir()
     (tmp_path / "bath_0001/r-1294886360.208451-2996770081.ppm").touch()
-    with pytest.raises(DeuxError, match=r"has the recordings as published.*the data set's toolbox"):
+    with pytest.raises(DeuxError, match=r"has the raw recordings.*the dataset.s toolbox"):
         NyuV2(tmp_path)
     for number, frame in enumerate(video(3)):
         save_image(tmp_path / f"bath_0001/rgb_{number}.jpg", frame.image)

@@ -69,14 +69,14 @@ def test_a_pose_too_far_in_time_belongs_to_no_frame(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("1 0 0 0 0 1 0 0 0 0 1 0\n", "has 1 lines for 3 images: one line for each"),
-        ("1 2 3\n", "has lines of 3 numbers: a pose is 12 or 16"),
+        ("1 2 3\n", "has lines of 3 numbers: a pose must be 12 or 16"),
         ("", "has lines of no numbers"),
         ("a b c d e f g h\n", "is not a text file of numbers"),
         ("1 0 0 0 0 2 0 0 0 0 1 0\n" * 3, f"line of {STAMPS[0]}, .* first 3 x 3 numbers are not a rotation"),
-        ("1 0 0 0 0 1 0 0 0 0 -1 0\n" * 3, "first 3 x 3 numbers mirror"),
-        ("1 0 0 2e8 0 1 0 0 0 0 1 0\n" * 3, r"holds a position of 2e\+08 m"),
+        ("1 0 0 0 0 1 0 0 0 0 -1 0\n" * 3, "first 3 x 3 numbers are a reflection"),
+        ("1 0 0 2e8 0 1 0 0 0 0 1 0\n" * 3, r"has a position of 2e\+08 m"),
         (f"{STAMPS[0]} 1 2 3 0 0 0 0\n", "quaternion of zero length"),
-        (f"{STAMPS[0]} 1 2 -2e8 0 0 0 1\n", rf"line of {STAMPS[0]}, holds a position of 2e\+08 m"),
+        (f"{STAMPS[0]} 1 2 -2e8 0 0 0 1\n", rf"line of {STAMPS[0]}, has a position of 2e\+08 m"),
     ],
 )
 def test_other_files_are_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -97,5 +97,5 @@ def test_transposed_matrices_are_refused(tmp_path: Path, form: str, monkeypatch:
 
 def test_poses_by_time_need_images_called_by_time(tmp_path: Path) -> None:
     path = write_form("TUM", tmp_path)
-    with pytest.raises(DeuxError, match="the images must be called by theirs"):
+    with pytest.raises(DeuxError, match="the images must be named by time stamp"):
         read_trajectory(path, ["frame_1", "frame_2", "frame_3"])

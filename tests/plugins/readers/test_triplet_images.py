@@ -55,14 +55,14 @@ def test_what_is_not_there(exported, read, sentence):
 
 
 def test_what_is_no_export(exported, tmp_path):
-    with pytest.raises(DeuxError, match="has no folder data/ with sequences of triplet images"):
+    with pytest.raises(DeuxError, match="is not a dataset of triplets: a folder data/ with sequences"):
         TripletImages(tmp_path)
     folder, _ = exported
     Image.fromarray(np.zeros((8, 20, 3), np.uint8)).save(folder / "data/hall-00/image/000002.png")
-    with pytest.raises(DeuxError, match=r"is 20 pixels wide, which is no multiple of 3"):
+    with pytest.raises(DeuxError, match=r"is 20 pixels wide, not a multiple of 3"):
         TripletImages(folder).image(FrameReference("hall-00", "000002"))
     (folder / "train_image.txt").write_text("hall.png\n")
-    with pytest.raises(DeuxError, match=r"names 'hall.png', where a path like data/<sequence>/image/<frame>\.png"):
+    with pytest.raises(DeuxError, match=r"lists 'hall.png', where a path like data/<sequence>/image/<frame>\.png"):
         TripletImages(folder).triplets("train", (-1, -2))
 
 

@@ -81,7 +81,9 @@ def test_published_gap_and_margin(tmp_path: Path) -> None:
 def test_offsets_in_frames_beside_a_gap_are_refused(tmp_path: Path) -> None:
     """The published experiments have training.offsets=[-10,10]."""
     root = write_release(tmp_path / "void_1500", {"a": video(24)})
-    with pytest.raises(DeuxError, match=r"make source frames 100 frames away: data\.gap=1 takes the offsets as frames"):
+    with pytest.raises(
+        DeuxError, match=r"put source frames 100 frames away: set data\.gap=1 to use the offsets as frames"
+    ):
         with_sources(Void(root, margin=0, validation=0), (-10, 10))
     assert len(with_sources(Void(root, gap=1, margin=0, validation=0), (-10, 10))) == 4
 
@@ -111,18 +113,18 @@ def test_validation_sequences_are_the_last_training_sequences(tmp_path: Path) ->
     assert split == {"train": {"a"}, "validation": {"b2", "b10"}, "test": {"t"}}
     with pytest.raises(DeuxError, match=r"data\.validation=3 leaves nothing to train on: .* has 3 sequences"):
         with_sources(Void(root, gap=1), (-1,))
-    with pytest.raises(DeuxError, match=r"no validation frames.*data\.validation=3 keeps"):
+    with pytest.raises(DeuxError, match=r"no validation frames.*data\.validation=3 to hold out"):
         Void(root, validation=0).triplets("validation", (-1,))
 
 
 def test_one_density_is_chosen(tmp_path: Path) -> None:
     for points in (150, 500):
         write_release(tmp_path / f"void_{points}", {"a": video(3)})
-    with pytest.raises(DeuxError, match=r"has void_150, void_500: data\.points=150, 500 or 1500 chooses"):
+    with pytest.raises(DeuxError, match=r"has void_150, void_500: choose one by data\.points=150, 500 or 1500"):
         Void(tmp_path)
     with pytest.raises(DeuxError, match="has void_150, void_500"):
         Void(tmp_path, points=1500)
-    with pytest.raises(DeuxError, match="is not what"):
+    with pytest.raises(DeuxError, match="but the folder is"):
         Void(tmp_path / "void_150", points=500)
     reader = Void(tmp_path, points=500, gap=1, margin=0, validation=0)
     image = reader._files(with_sources(reader, (-1,))[0].target).image

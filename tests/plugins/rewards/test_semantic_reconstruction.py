@@ -84,7 +84,7 @@ def test_only_objects_with_depth_and_in_range_count(reward, look):
 
 @pytest.mark.parametrize("names", [(), ("wall", "floor", "ceiling", "door", "window")])
 def test_scenes_without_objects_say_that_they_cannot(make_episode, names):
-    with pytest.raises(DeuxError, match="rewards labelled objects, and this scene has none: train in scenes with"):
+    with pytest.raises(DeuxError, match="needs labelled objects, but this scene has none: train in scenes with"):
         SemanticReconstructionReward().reset(make_episode(*names))
 
 

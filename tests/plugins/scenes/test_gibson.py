@@ -37,7 +37,7 @@ def test_without_a_list_the_split_is_drawn_and_said(root, caplog):
     drawn = names(Gibson(str(root)).splits())
     assert [len(split) for split in drawn] == [2, 1, 1]
     assert sorted(name for split in drawn for name in split) == list(BUILDINGS)
-    assert "drawn by scenes.split_seed=0" in caplog.text
+    assert "split at random by scenes.split_seed=0" in caplog.text
     assert any(names(Gibson(str(root), split_seed=seed).splits()) != drawn for seed in range(1, 4))
 
 
@@ -63,8 +63,8 @@ def test_a_building_is_turned_upright_and_has_no_labels(root):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"train": 3}, "asks for 3 scenes, but Gibson has 2"),
-        ({"train": ["Adrien"]}, "no scene of Gibson: did you mean Adrian"),
+        ({"train": 3}, "scenes.train is 3, but Gibson has only 2 scenes"),
+        ({"train": ["Adrien"]}, "not a scene of Gibson: did you mean Adrian"),
         ({"split_file": "nowhere.csv"}, r"scenes\.split_file is .*nowhere\.csv, which cannot be read"),
         ({"labels": False}, "labels is not an option of Gibson"),
     ],
@@ -76,5 +76,5 @@ def test_mistakes_are_one_sentence(root, settings, message):
 
 def test_a_list_of_another_kind_is_said(root):
     (root / "split.csv").write_text("Adrian\nBolton\n")
-    with pytest.raises(DeuxError, match="no table with the columns id, train, val and test"):
+    with pytest.raises(DeuxError, match="not a table with the columns id, train, val and test"):
         Gibson(str(root), split_file=str(root / "split.csv")).splits()

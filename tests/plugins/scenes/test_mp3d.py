@@ -132,7 +132,7 @@ def test_the_inventory_lists_all_90_buildings(root):
     (root / "mp3d" / OTHER).mkdir()
     again = MP3D(str(root)).inventory()["train"][1]
     assert again.missing == (f"there is no {OTHER}.glb in {root / 'mp3d' / OTHER}",)
-    assert "is cut off after" in inventory["test"][0].missing[0]
+    assert "is truncated after" in inventory["test"][0].missing[0]
 
 
 @pytest.mark.parametrize(
@@ -142,12 +142,12 @@ def test_the_inventory_lists_all_90_buildings(root):
             {},
             r"60 of the 61 scenes of scenes\.train are missing.*, first 1LXtFkjw3qL, there is no folder .*licence",
         ),
-        ({"train": 62}, r"scenes\.train asks for 62 scenes, but Matterport3D has 61"),
+        ({"train": 62}, r"scenes\.train is 62, but Matterport3D has only 61 scenes"),
         ({"train": -1}, r"scenes\.train is -1"),
         ({"limit": 0}, r"scenes\.limit is 0"),
-        ({"train": ["17DRP5sb8fx"]}, "no scene of Matterport3D: did you mean 17DRP5sb8fy"),
+        ({"train": ["17DRP5sb8fx"]}, "not a scene of Matterport3D: did you mean 17DRP5sb8fy"),
         ({"train": [TRAIN], "test": [TRAIN]}, f"scene {TRAIN} is in scenes.train and scenes.test"),
-        ({"train": [TRAIN, TRAIN], "validation": 0, "test": 0}, "once is enough"),
+        ({"train": [TRAIN, TRAIN], "validation": 0, "test": 0}, "list it once"),
         ({"train": "all"}, r"scenes\.train must be"),
         ({"floor": "top"}, r"scenes\.floor"),
         ({"region": [0, 1]}, r"scenes\.region"),
@@ -174,7 +174,7 @@ def test_a_root_that_is_not_there_is_said(tmp_path):
 def test_a_folder_of_something_else_is_said(tmp_path_factory):
     folder = tmp_path_factory.mktemp("other") / "a" / "b" / "c"
     folder.mkdir(parents=True)
-    with pytest.raises(DeuxError, match=r"does not look like Matterport3D's folder: that holds <id>/<id>\.glb"):
+    with pytest.raises(DeuxError, match=r"does not look like Matterport3D's folder: it contains <id>/<id>\.glb"):
         MP3D(str(folder)).splits()
 
 
@@ -190,8 +190,8 @@ def test_a_house_file_is_read(tmp_path):
     ("text", "message"),
     [
         ("", "no categories or no objects"),
-        (HOUSE.replace("C 0 4 floor 2 floor 0 0 0 0 0", "C 0 4"), "line 6 of .* is no C line"),
-        (HOUSE.replace("O 2 0 3", "O two 0 3"), "line 14 of .* is no O line"),
+        (HOUSE.replace("C 0 4 floor 2 floor 0 0 0 0 0", "C 0 4"), "line 6 of .* is not a C line"),
+        (HOUSE.replace("O 2 0 3", "O two 0 3"), "line 14 of .* is not a valid O line"),
     ],
 )
 def test_a_damaged_house_file_is_said(root, text, message):

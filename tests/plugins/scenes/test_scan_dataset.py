@@ -54,6 +54,6 @@ def test_what_is_wrong_with_a_mesh_file_is_told(tmp_path):
     assert ScanFiles(path).fault == ""
     size = path.stat().st_size
     path.write_bytes(path.read_bytes()[:-100])
-    assert ScanFiles(path).fault == f"{path} is cut off after {size - 100} of {size} bytes"
+    assert ScanFiles(path).fault == f"{path} is truncated after {size - 100} of {size} bytes"
     path.write_bytes(b"")
     assert ScanFiles(path).fault == f"{path} is empty"

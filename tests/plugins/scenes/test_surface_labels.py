@@ -70,7 +70,7 @@ def test_numbers_of_faces_are_read(tmp_path, ascii_, corners):
 
 def test_a_file_of_something_else_is_said(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
-    with pytest.raises(DeuxError, match=r"a\.ply holds no faces"):
+    with pytest.raises(DeuxError, match=r"a\.ply contains no faces"):
         read_annotated_ply(tmp_path / "a.ply")
 
 

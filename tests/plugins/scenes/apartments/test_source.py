@@ -47,8 +47,8 @@ def test_further_flats_are_none_of_the_splits():
     [
         ({"trian": 1}, "did you mean train"),
         ({"train": [1, 2], "test": [2]}, "seed 2 is in scenes.train and scenes.test"),
-        ({"train": 200_001}, "scenes.train is 200001, but a draw has no more than 100000 flats"),
-        ({"train": [1, 1]}, "once is enough"),
+        ({"train": 200_001}, "scenes.train is 200001: it must be at most 100000 flats"),
+        ({"train": [1, 1]}, "list it once"),
         ({"train": -2}, r"scenes\.train is"),
         ({"train": [-2]}, r"scenes\.train is"),
         ({"train": True}, r"scenes\.train must be a whole number or a list"),

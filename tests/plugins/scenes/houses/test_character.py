@@ -35,5 +35,5 @@ def test_hard_rooms_have_hard_walls(surfacing, allowed):
     style = Style(Surfaces(0), Draws(0, "style"))
     for kind in ("corridor", "kitchen", "study"):
         finishes = [draw_finish(kind, surfacing, style) for _ in range(30)]
-        assert {surface.stuff for finish in finishes for surface in (finish.upper, finish.lower)} <= allowed
-    assert {draw_finish("kitchen", "rich", style).lower.stuff for _ in range(9)} == {"wall tiles"}
+        assert {surface.kind for finish in finishes for surface in (finish.upper, finish.lower)} <= allowed
+    assert {draw_finish("kitchen", "rich", style).lower.kind for _ in range(9)} == {"wall tiles"}

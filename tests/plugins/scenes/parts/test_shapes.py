@@ -7,7 +7,7 @@ import pytest
 
 from deux_plugins.scenes.parts.mesh_builder import EAST, Placement
 from deux_plugins.scenes.parts.shapes import Model, rectangle
-from deux_plugins.scenes.parts.surfaces import STUFFS, Surface
+from deux_plugins.scenes.parts.surfaces import MATERIAL_KINDS, Surface
 
 PLAIN, WOOD, PICTURE = Surface("marble", 0), Surface("wood", 0), Surface("abstract", 0)
 
@@ -67,7 +67,7 @@ def test_texture_coordinates_are_metres_and_follow_the_grain():
     upright = rectangle((0, 0, 0), (0.2, 0, 0), (0, 1.5, 0), WOOD, "shelf")
     level = rectangle((0, 0, 0), (1.5, 0, 0), (0, 0.2, 0), WOOD, "shelf")
     plain = rectangle((0, 0, 0), (0.2, 0, 0), (0, 1.5, 0), PLAIN, "shelf")
-    assert STUFFS["wood"].grain
+    assert MATERIAL_KINDS["wood"].grain
     for quads, extent in ((upright, (1.5, 0.2)), (level, (1.5, 0.2)), (plain, (0.2, 1.5))):
         assert np.ptp(quads.uv[0], axis=0) == pytest.approx(extent)
 

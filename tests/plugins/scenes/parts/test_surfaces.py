@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from deux_plugins.scenes.parts.draws import Draws
-from deux_plugins.scenes.parts.surfaces import STUFFS, Surface, Surfaces
+from deux_plugins.scenes.parts.surfaces import MATERIAL_KINDS, Surface, Surfaces
 
 SEEDS = (0, 1)
 NEAR_UNIFORM = {"distemper", "linoleum", "screed"}
@@ -23,7 +23,7 @@ def texture(seed: int, name: str) -> np.ndarray:
 
 @pytest.fixture(scope="module", params=SEEDS)
 def textures(request: pytest.FixtureRequest) -> dict[str, np.ndarray]:
-    return {name: texture(request.param, name) for name in STUFFS}
+    return {name: texture(request.param, name) for name in MATERIAL_KINDS}
 
 
 def block_means(gray: np.ndarray, blocks: int) -> np.ndarray:
@@ -33,7 +33,7 @@ def block_means(gray: np.ndarray, blocks: int) -> np.ndarray:
 
 def test_textures_are_square_colour_images(textures: dict[str, np.ndarray]):
     for name, image in textures.items():
-        assert image.shape == (STUFFS[name].size, STUFFS[name].size, 3)
+        assert image.shape == (MATERIAL_KINDS[name].size, MATERIAL_KINDS[name].size, 3)
         assert image.dtype == np.uint8
         assert image.flags.c_contiguous
 
@@ -96,7 +96,7 @@ def test_textures_are_band_limited(textures: dict[str, np.ndarray]):
 
 def test_textures_repeat_without_a_seam(textures: dict[str, np.ndarray]):
     for name, image in textures.items():
-        if STUFFS[name].fit != "none":
+        if MATERIAL_KINDS[name].fit != "none":
             continue
         gray = image.astype(np.float64).mean(axis=2)
         for axis in (0, 1):
@@ -125,5 +125,5 @@ def test_picked_surfaces_are_among_the_variants():
     surfaces, draws = Surfaces(0), Draws(0, "test")
     for _ in range(50):
         surface = surfaces.pick(draws, "wood", "brick")
-        assert surface.stuff in ("wood", "brick")
-        assert 0 <= surface.variant < STUFFS[surface.stuff].variants
+        assert surface.kind in ("wood", "brick")
+        assert 0 <= surface.variant < MATERIAL_KINDS[surface.kind].variants

@@ -60,8 +60,8 @@ class BoxRooms(SceneSource):
 
     Args:
         train: number of rooms that are explored.
-        validation: number of rooms that choose between models.
-        test: number of rooms that are kept for the final numbers.
+        validation: number of rooms for model selection.
+        test: number of rooms for the final evaluation.
         furniture: number of pieces of furniture in each room; fewer where they do not fit.
     """
 

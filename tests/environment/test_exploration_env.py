@@ -342,5 +342,5 @@ def test_it_draws_what_the_camera_sees_if_it_is_to(make):
 def test_a_pool_without_colours_has_none_to_show(references, simulation):
     bare = ScenePool(simulation, colors=False)
     for options in ({"extras": ("rgb",)}, {"render_mode": "rgb_array"}):
-        with pytest.raises(DeuxError, match="without colours"):
+        with pytest.raises(DeuxError, match="have no colours"):
             ExplorationEnv(references, pool=bare, **options)

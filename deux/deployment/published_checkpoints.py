@@ -21,6 +21,7 @@ from deux.errors import DeuxError
 from deux.inference.weightless import without_weights
 from deux.io.atomic import write_atomically
 from deux.io.torch_files import read_torch
+from deux.log_once import warn_once
 from deux.options import options
 from deux.registry import registry
 
@@ -78,10 +79,11 @@ def load_published(
         raise DeuxError(f"the depth model {name!r} has no published checkpoints: load its model files by deux.load.")
     _load(model, Path(path), name)
     if RANGE_OPTIONS & options(model_class).keys() and not RANGE_OPTIONS & chosen.keys():
-        _warn_once(
+        warn_once(
+            log,
             f"{path} does not contain the depth range of its training, and {name}'s default of {model.min_depth:g} to "
             f"{model.max_depth:g} m gives wrong depths if another one was used: set it, even to the default, by "
-            'settings={"max_depth": ...} or model.max_depth=... on the command line.'
+            'settings={"max_depth": ...} or model.max_depth=... on the command line.',
         )
     if pose_path is not None:
         pose = model.pose_network()
@@ -127,12 +129,6 @@ def save_published(model: DepthModel, name: str, path: str | PathLike[str]) -> N
     content = io.BytesIO()
     torch.save(checkpoint, content)
     write_atomically(Path(path), content.getvalue())
-
-
-@functools.cache
-def _warn_once(message: str) -> None:
-    """Log a warning once per process, since a task may load its model several times."""
-    log.warning("%s", message)
 
 
 def _load(target: Published, path: Path, label: str) -> None:

@@ -55,7 +55,8 @@ class GoalExplorer(Explorer):
         least_way: least path length in metres to a frontier, if any is that far (`preferred_frontiers`).
         depth_error: relative depth error that the map allows for. None is 0 for the sensor's depth; for predicted depth
             it is the error at the sparse points, averaged over frames (`Observation.depth_error`).
-        max_incidence: degrees between the line of sight and a surface's normal above which pixels are not mapped.
+        max_incidence: degrees between the line of sight and a surface's normal above which pixels of predicted depth
+            are not mapped.
 
     Raises:
         DeuxError: `depth` or `motion` is neither of the two, or a number is out of its range.
@@ -113,7 +114,7 @@ class GoalExplorer(Explorer):
         check_range("explore.max_incidence", max_incidence, 0.0, 90.0)
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
         self._depth = depth
-        errors = replace(PREDICTED if depth == "predicted" else EXACT, incidence=max_incidence)
+        errors = replace(PREDICTED, incidence=max_incidence) if depth == "predicted" else EXACT
         self._errors = errors if depth_error is None else replace(errors, relative=depth_error)
         self._measures_error = depth == "predicted" and depth_error is None
         self._resolution = resolution

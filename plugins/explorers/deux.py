@@ -41,9 +41,9 @@ class DeuxExplorer(GoalExplorer):
         depth_error: relative depth error that the map allows for: if it is too small, errors turn floor into obstacles;
             if it is too large, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth it is
             the error measured at the frames' sparse points (`Observation.depth_error`).
-        max_incidence: degrees between the line of sight and a surface's normal above which pixels are not mapped. 81
-            excludes the ramps by which networks blur steps in depth but, in images of 64 x 64 pixels, also small
-            obstacles. 90 excludes nothing.
+        max_incidence: degrees between the line of sight and a surface's normal above which pixels of predicted depth
+            are not mapped. 81 excludes the ramps by which networks blur steps in depth but, in images of 64 x 64
+            pixels, also some small obstacles. 90 excludes nothing. No effect on the sensor's depth.
         safety_margin: distance in metres that paths keep from obstacles, besides the robot's radius.
         unknown_traversable: whether paths may lead through unknown cells.
         motion: "arcs" for turning while moving, if there is room; or "turns" for turning on the spot.
@@ -83,7 +83,7 @@ class DeuxExplorer(GoalExplorer):
         resolution: float = 0.05,
         max_range: float | None = None,
         depth_error: float | None = None,
-        max_incidence: float = 90.0,
+        max_incidence: float = 81.0,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",

@@ -38,9 +38,9 @@ def test_all_walks_are_taken_whatever_the_number_in_lock_step(monkeypatch: pytes
     robots: list[int] = []
 
     class Counting(Perception):
-        def __call__(self, histories, intrinsics):
+        def __call__(self, histories, intrinsics, memories=None):
             robots.append(len(histories))
-            return super().__call__(histories, intrinsics)
+            return super().__call__(histories, intrinsics, memories)
 
     monkeypatch.setattr("deux.bench.batching_speed.Perception", Counting)
     drawn: list[Frame] = []

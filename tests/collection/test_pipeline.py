@@ -122,7 +122,7 @@ def test_any_setting_changes_the_hash(change: dict[str, object]) -> None:
 
 def test_every_field_of_the_specification_is_in_its_hash() -> None:
     named = {"version", *DatasetSpec.__dataclass_fields__, "camera", "robot", "simulator"} - {"simulation"}
-    assert set(specification().description()) == named
+    assert set(specification(remembered_frames=30).description()) == named
 
 
 def test_the_specification_describes_itself_in_json() -> None:

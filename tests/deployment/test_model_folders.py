@@ -220,5 +220,5 @@ def test_a_name_of_the_hub_needs_its_package(kbnet, tmp_path, monkeypatch):
 
 def test_a_folder_that_cannot_be_made_is_told(kbnet, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(DeuxError, match="cannot be made"):
+    with pytest.raises(DeuxError, match="cannot be created"):
         kbnet.save_pretrained(tmp_path / "file")

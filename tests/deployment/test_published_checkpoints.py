@@ -123,8 +123,8 @@ def test_a_range_that_nobody_named_is_said_once(path, caplog):
         assert deux.load_published("with_range", path).max_depth == 10.0
     (message,) = caplog.messages
     assert message.startswith(f"{path} does not contain the depth range of its training, and with_range's ")
-    assert "default, 0.1 to 10 m, gives wrong depths" in message
-    assert 'settings={"max_depth": ...} or on the command line model.max_depth=...' in message
+    assert "default of 0.1 to 10 m gives wrong depths" in message
+    assert 'settings={"max_depth": ...} or model.max_depth=... on the command line' in message
 
 
 @pytest.mark.parametrize("settings", [{"max_depth": 8.0}, {"min_depth": 0.2}, {"max_depth": 10.0}], ids=str)

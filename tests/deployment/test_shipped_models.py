@@ -71,7 +71,7 @@ def test_what_exists_goes_before_a_name(packages, tmp_path, monkeypatch):
 
 def test_an_unknown_name_lists_those_that_ship(packages):
     packages(deux_models_of_two_sizes=["small", "large"])
-    with pytest.raises(DeuxError, match=r"there is no model medium: .* a model that ships \(large, small\)\."):
+    with pytest.raises(DeuxError, match=r"there is no model medium: .* a shipped model \(large, small\)\."):
         deux.load("medium")
 
 

@@ -15,8 +15,8 @@ from deux.io.layout import SequencePaths
 from deux.metrics.scorecard import Scorecard
 from deux.report.contents import read_contents
 from deux.report.display_names import DisplayNames
-from deux.report.kept_runs import keep_runs
 from deux.report.results import Results
+from deux.report.run_archive import archive_runs
 from deux.tasks.active_training import read_rounds
 from deux.tasks.prediction_folder import PredictionFolder
 from deux.tasks.report import write
@@ -192,11 +192,11 @@ def test_overrides_of_a_run(campaign, monkeypatch):
 
 def test_runs_that_are_kept(campaign):
     run = finished_run(campaign.folder)
-    keep_runs(campaign.folder / "outputs", campaign.folder / "kept")
+    archive_runs(campaign.folder / "outputs", campaign.folder / "kept")
     for file in (run / "results.json", run / "scorecard.json", run.parent / "multirun.yaml"):
         kept = campaign.folder / "kept" / file.relative_to(campaign.folder / "outputs")
         campaign.run(
-            [*NO_JSON, *BAD_YAML], kept, lambda: keep_runs(campaign.folder / "outputs", campaign.folder / "kept")
+            [*NO_JSON, *BAD_YAML], kept, lambda: archive_runs(campaign.folder / "outputs", campaign.folder / "kept")
         )
         kept.write_bytes(file.read_bytes())
     campaign.end()

@@ -114,7 +114,7 @@ def test_its_frames_show_the_uncertain_rooms(target, contrast, least):
 
     Informative targets weigh novelty too: over six seeds, their mean is 0.52 at a contrast of 2 and 0.58 at 4.
     """
-    explorer = DeuxExplorer(target=target)
+    explorer = DeuxExplorer(target=target, max_incidence=90.0)  # exact depth has no ramps
     shares = [share_of_hard_pixels(explorer, hard, seed, contrast) for hard in (0, 1) for seed in range(2)]
     assert np.mean(shares) > least
 
@@ -191,10 +191,11 @@ def test_its_fingerprint_says_what_the_map_allows_for():
     assert DeuxExplorer(depth_error=0.1).fingerprint() == DeuxExplorer(map_depth="sensor").fingerprint()
 
 
-def test_a_limit_of_incidence_reaches_its_map():
-    explorer = DeuxExplorer(max_incidence=81.0)
-    explorer.reset(Episode(0, 100, two_rooms().camera, Robot()))
-    assert explorer.occupancy.errors.incidence == 81.0
+def test_a_limit_of_incidence_reaches_its_map_of_predicted_depth():
+    for depth, incidence in (("predicted", 75.0), ("sensor", 90.0)):
+        explorer = DeuxExplorer(map_depth=depth, max_incidence=75.0)
+        explorer.reset(Episode(0, 100, two_rooms().camera, Robot()))
+        assert explorer.occupancy.errors.incidence == incidence
     with pytest.raises(DeuxError, match=r"explore\.max_incidence .*90"):
         DeuxExplorer(max_incidence=91.0)
 

@@ -1,4 +1,4 @@
-"""The benchmarks from the command line: `python -m deux.bench [BENCHMARK] [--quick] [--json PATH]`."""
+"""Command-line interface of the benchmarks: `python -m deux.bench [BENCHMARK] [--quick] [--json PATH]`."""
 
 import argparse
 import os
@@ -16,12 +16,13 @@ if TYPE_CHECKING:
 
 
 class Benchmark(NamedTuple):
-    """A benchmark, whose module is imported when it is run.
+    """Location of a benchmark's code. Its module is only imported when the benchmark runs.
 
     Args:
-        module: in `deux.bench`; it has the settings `QUICK`, of the same class as the default ones.
-        measure: the function that yields its tables, called with the settings and then `options`.
-        options: the options of the command line that it is given.
+        module: name of the module in `deux.bench`. The module defines `QUICK`, an instance of its settings class.
+        measure: name of the generator function that yields the tables. It is called with the settings and the values
+            of `options`.
+        options: names of the command-line options that are passed to `measure`.
     """
 
     module: str
@@ -42,7 +43,7 @@ BENCHMARKS = {
     "data": Benchmark("data_waiting", "measure_data_waiting", ("model", "device")),
     "peers": Benchmark("peer_figures", "measure_peers", ("scene", "device")),
 }
-"""The benchmarks by name, in the order in which all of them run."""
+"""Benchmarks by name, in the order in which `all` runs them."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -96,9 +97,9 @@ def _positive(text: str) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    # PyTorch's profiler tells of its beginning and end on stderr.
+    # Otherwise, PyTorch's profiler logs its start and end to stderr.
     os.environ.setdefault("KINETO_LOG_LEVEL", "99")
-    # Imported here because they bring torch, which `--help` must not wait for.
+    # Imported here because they import torch, which would slow down `--help`.
     from deux.bench.machine import prepare_machine
     from deux.bench.speed_tables import make_console, print_table
     from deux.io.atomic import write_json

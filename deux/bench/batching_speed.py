@@ -1,4 +1,4 @@
-"""Speed-up by batching: frames that are rendered together, and walks that run in lock-step."""
+"""Benchmark of batching: rendering of several frames at once, and walks in lock-step."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,17 +19,17 @@ from deux.geometry.camera import Camera
 
 @dataclass(frozen=True)
 class BatchingSettings:
-    """What is measured, and for how long.
+    """Settings of the benchmark of batching.
 
     Args:
-        sizes: widths, and heights, of the images in pixels that are drawn in batches.
-        poses: numbers of poses that are drawn in one call, 1 the first.
-        places: number of poses that the frames go through.
-        seconds: how long each number of poses is measured in a round.
+        sizes: sizes of the square images of the rendering benchmark, in pixels.
+        poses: numbers of poses per call of `Simulator.observe`; the first must be 1.
+        places: number of different poses to cycle through.
+        seconds: duration of each measurement of rendering.
         walk_size: width and height of a robot's images in pixels.
-        walks: numbers of walks that run in lock-step, 1 the first; the last one is the number of all walks.
-        steps: steps of each walk, besides the first ones, which have too few frames before them to be judged.
-        rounds: number of times that each is measured.
+        walks: numbers of walks that run in lock-step; the first must be 1, and the last is the total number of walks.
+        steps: number of measured steps of each walk. The first `SOURCES` steps, which have no residual, are excluded.
+        rounds: number of measurements of each variant.
     """
 
     sizes: tuple[int, ...] = (64, 128)
@@ -52,12 +52,12 @@ def measure_batching(
     """Measure one call of `Simulator.observe` with many poses, and one call of the depth model for many robots.
 
     Args:
-        settings: what is measured.
-        model_name: the depth model, as of `make_guide`.
+        settings: the settings of the benchmark.
+        model_name: name of the depth model; None for the default of `make_guide`.
         accelerator: Lightning's accelerator setting.
 
     Raises:
-        DeuxError: there is no such model.
+        DeuxError: the model does not exist.
     """
     guide = make_guide(model_name, accelerator)
     yield _frames_table(settings)
@@ -65,7 +65,7 @@ def measure_batching(
 
 
 def _frames_table(settings: BatchingSettings) -> SpeedTable:
-    """The rate of frames from `Simulator.observe`, by the number of poses in a call."""
+    """Measure the frame rate of `Simulator.observe` for each number of poses per call."""
     simulators, left_out = usable_simulators(flats(1)[0], Camera(settings.sizes[0], settings.sizes[0]))
     rows: list[dict[str, Value]] = []
     for size in settings.sizes:
@@ -90,13 +90,13 @@ def _frames_table(settings: BatchingSettings) -> SpeedTable:
 
 
 def _frame_rates(simulator: Simulator, channels: Channels, settings: BatchingSettings) -> dict[int, list[float]]:
-    """Frames a second in each round, by the number of poses in a call."""
+    """Frames per second in each round, by the number of poses per call."""
     poses = cycle(free_poses(simulator, settings.places, seed=0))
 
     def observe(count: int) -> None:
         simulator.observe(channels, np.stack([next(poses) for _ in range(count)]))
 
-    for count in settings.poses:  # compiles the kernels and uploads the scene
+    for count in settings.poses:  # warm-up: compiles the kernels and uploads the scene
         observe(count)
     calls = {count: partial(rate, partial(observe, count), settings.seconds) for count in settings.poses}
     return {
@@ -106,7 +106,7 @@ def _frame_rates(simulator: Simulator, channels: Channels, settings: BatchingSet
 
 
 def _walks_table(settings: BatchingSettings, guide: Guide | None) -> SpeedTable:
-    """The rate of the steps of walks with a depth model, by the number of walks in lock-step."""
+    """Measure the step rate of walks with a depth model for each number of walks in lock-step."""
     size, robots = settings.walk_size, settings.walks[-1]
     title = f"Walks in lock-step: steps with a depth model at {size} x {size}"
     if guide is None:
@@ -114,7 +114,7 @@ def _walks_table(settings: BatchingSettings, guide: Guide | None) -> SpeedTable:
     perception = Perception(guide.predict_depth, uncertainty=guide.uncertainty)
     simulators = [default_simulation(size).make(scene) for scene in flats(robots)]
     calls = {count: partial(_steps_per_second, simulators, perception, count, settings) for count in settings.walks}
-    for call in calls.values():  # allocates memory and chooses algorithms
+    for call in calls.values():  # warm-up: allocates memory and selects algorithms
         call()
     rates = in_turn(calls, settings.rounds)
     ratios = times(rates, settings.walks[0])
@@ -137,7 +137,7 @@ def _walks_table(settings: BatchingSettings, guide: Guide | None) -> SpeedTable:
 def _steps_per_second(
     simulators: Sequence[Simulator], perception: Perception, count: int, settings: BatchingSettings
 ) -> float:
-    """Steps a second of one walk in each simulator, `count` of them in lock-step at a time."""
+    """Steps per second of one walk in each simulator, with `count` walks at a time in lock-step."""
     watch, steps = Stopwatch(), 0
     for first in range(0, len(simulators), count):
         group = simulators[first : first + count]
@@ -150,11 +150,11 @@ def _steps_per_second(
 
 
 class _Wanderer(Explorer):
-    """Goes straight, and turns after collisions; it needs almost no time."""
+    """An explorer that goes straight and turns left after collisions; its own run time is negligible."""
 
     def reset(self, episode: Episode) -> None:
-        """No state to reset."""
+        """Do nothing: there is no state to reset."""
 
     def act(self, observation: Observation) -> Action:
-        """Forward, or left after a collision."""
+        """Return FORWARD, or LEFT after a collision."""
         return Action.LEFT if observation.collided else Action.FORWARD

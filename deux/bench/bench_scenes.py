@@ -18,12 +18,12 @@ from deux.simulator.starts import random_starts
 
 @dataclass(frozen=True)
 class FinerScene(SceneReference):
-    """A scene whose faces are split; it looks the same.
+    """A scene with subdivided faces and unchanged appearance.
 
     Args:
-        name: the scene's name.
-        original: the scene as it is.
-        triangles: least number of triangles.
+        name: name of the scene.
+        original: the scene to subdivide.
+        triangles: minimum number of triangles.
     """
 
     original: SceneReference
@@ -31,47 +31,47 @@ class FinerScene(SceneReference):
 
     @property
     def identity(self) -> str:
-        """Identity of the original, and the number of triangles."""
+        """Identity of the original scene and the number of triangles."""
         return f"{self.original.identity}:{self.triangles}"
 
     def load(self) -> Scene:
-        """Load the original and split its faces."""
+        """Load the original scene and subdivide its faces."""
         scene = self.original.load()
         return replace(scene, mesh=split_faces(scene.mesh, self.triangles), identity=self.identity)
 
 
 def flats(count: int) -> tuple[SceneReference, ...]:
-    """Generated flats, always the same ones."""
+    """Create references of `count` generated flats; they are the same in each call."""
     return _training_scenes({"name": "apartments", "train": count, "validation": 0, "test": 0})
 
 
 def scene_in(file: Path) -> SceneReference:
-    """The scene in a mesh file.
+    """Create a reference of the scene in a mesh file.
 
     Raises:
-        DeuxError: the file is missing, or of no known kind.
+        DeuxError: the file is missing or its format is unknown.
     """
     return _training_scenes({"name": "files", "train": str(file)})[0]
 
 
 def default_simulation(size: int) -> Simulation:
-    """Makes the built-in simulator with its default options, the images `size` pixels high and wide."""
+    """Create the built-in simulation with default options and images of `size` x `size` pixels."""
     chosen = registry().choose("simulators", {"name": BUILT_IN_SIMULATOR})
     return Simulation(Camera(size, size), Robot(), chosen)
 
 
 def usable_simulators(scene: SceneReference, camera: Camera) -> tuple[dict[str, Simulator], dict[str, str]]:
-    """A simulator of the scene for each renderer that works here.
+    """Create a simulator of the scene for each renderer that works on this machine.
 
     Returns:
-        The simulators by renderer, and why each of the others is left out.
+        The simulators by renderer, and the error messages of the renderers that do not work.
     """
     simulators: dict[str, Simulator] = {}
     left_out: dict[str, str] = {}
     for name, choice in renderers().items():
         try:
             simulator = Simulation(camera, Robot(), choice).make(scene)
-            simulator.observe(COLOR, free_poses(simulator, 1, seed=0))  # loads the renderer's libraries
+            simulator.observe(COLOR, free_poses(simulator, 1, seed=0))  # fails if the renderer's libraries are missing
         except DeuxError as error:
             left_out[name] = str(error)
         else:
@@ -80,7 +80,7 @@ def usable_simulators(scene: SceneReference, camera: Camera) -> tuple[dict[str, 
 
 
 def free_poses(simulator: Simulator, count: int, seed: int) -> np.ndarray:
-    """Camera poses at random places of the main floor, with random headings; `count` x 4 x 4 camera-to-world."""
+    """Random camera-to-world poses in the free space of the main floor; `count` x 4 x 4."""
     space = simulator.free_space()
     height = space.floor_height + simulator.robot.camera_height
     starts = random_starts(space, count, np.random.default_rng(seed))
@@ -88,13 +88,13 @@ def free_poses(simulator: Simulator, count: int, seed: int) -> np.ndarray:
 
 
 def split_faces(mesh: SceneMesh, triangles: int) -> SceneMesh:
-    """Split the largest faces into four at the middles of their edges until there are enough; nothing looks different.
+    """Subdivide the largest faces into four each until the mesh has enough triangles; its appearance does not change.
 
     Args:
         mesh: the mesh.
-        triangles: number of triangles that the result has at least; fewer than 3 more.
+        triangles: minimum number of triangles. The result has at most two more, or the number of the input.
     """
-    # Position, texture coordinates and colour of each corner, F x 3 x 8.
+    # Position, texture coordinates and colour of each corner: F x 3 x 8.
     colors = np.zeros((len(mesh.vertices), 3), np.uint8) if mesh.vertex_colors is None else mesh.vertex_colors
     corners = np.concatenate([mesh.triangles, mesh.uv, colors[mesh.faces]], axis=-1).astype(np.float32)
     parent = np.arange(len(mesh.faces))
@@ -119,13 +119,13 @@ def split_faces(mesh: SceneMesh, triangles: int) -> SceneMesh:
 
 
 def _training_scenes(chosen: dict[str, Any]) -> tuple[SceneReference, ...]:
-    """The training scenes of a source."""
+    """Training scenes of a scene source."""
     source: SceneSource = registry().choose("scenes", chosen).create()
     return source.splits().train
 
 
 def _quarters(corners: np.ndarray) -> np.ndarray:
-    """The four parts of each of F faces, in the same orientation: F x 3 x C to 4 F x 3 x C."""
+    """Split faces at the midpoints of their edges, keeping their orientation: F x 3 x C to 4F x 3 x C."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

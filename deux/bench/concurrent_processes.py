@@ -1,4 +1,4 @@
-"""Running the same job in several processes at once."""
+"""Function to run the same job in several processes at once."""
 
 import multiprocessing
 import os
@@ -10,19 +10,22 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-_TIMEOUT = 600.0  # seconds; longer than any process lets the others wait
+_TIMEOUT = 600.0  # seconds; longer than any process waits for the others
 
 
 def at_once(work: Callable[[Any, Callable[[], None]], T], job: Any, processes: int, opengl_threads: int) -> list[T]:
-    """Do one job in each of several newly spawned processes and return what each made of it.
+    """Run one job in each of several newly spawned processes and return their results.
 
     Args:
-        work: called as `work(job, together)`; `together()` returns when all processes have called it. It and `job` must
-            be picklable.
-        job: what is to be done.
+        work: function that is called as `work(job, together)` in each process; `together()` is a barrier, which returns
+            when all processes have called it. Must be picklable.
+        job: argument of `work`; must be picklable.
         processes: number of processes.
-        opengl_threads: number of threads on which OpenGL without a graphics card draws in each process; numpy's linear
-            algebra and OpenMP get one.
+        opengl_threads: number of threads of OpenGL's software renderer in each process. OpenMP and OpenBLAS use one
+            thread.
+
+    Returns:
+        The results of all processes.
     """
     context = multiprocessing.get_context("spawn")
     barrier = context.Barrier(processes)
@@ -33,13 +36,13 @@ def at_once(work: Callable[[Any, Callable[[], None]], T], job: Any, processes: i
 
 
 def _broken_by_another(future: "Future[Any]") -> bool:
-    """Whether a process failed only because another one did: that one's error is to be raised first."""
+    """Whether a process failed because another one did. Sorts such errors last, so that the original one is raised."""
     return isinstance(future.exception(), BrokenBarrierError)
 
 
 @contextmanager
 def _environment(changes: Mapping[str, str]) -> Iterator[None]:
-    """Change environment variables for the processes that are spawned inside; libraries read them when imported."""
+    """Set environment variables for the processes that are spawned inside; libraries read them on import."""
     before = {name: os.environ.get(name) for name in changes}
     os.environ.update(changes)
     try:
@@ -53,7 +56,7 @@ def _environment(changes: Mapping[str, str]) -> Iterator[None]:
 
 
 _barrier: Barrier | None = None
-"""Function with which this process waits for the others."""
+"""Barrier that this process shares with the others."""
 
 
 def _keep(barrier: Barrier) -> None:
@@ -71,5 +74,5 @@ def _work(work: Callable[[Any, Callable[[], None]], T], job: Any) -> T:
     try:
         return work(job, together)
     except BaseException:
-        barrier.abort()  # or the others would wait for this process
+        barrier.abort()  # otherwise the others would wait until the timeout
         raise

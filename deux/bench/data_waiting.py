@@ -1,4 +1,4 @@
-"""Time that training steps wait for their batch, for each place where frames can be cached (`data.cache`)."""
+"""Benchmark of data loading: time that training steps wait for their batch, for each choice of `data.cache`."""
 
 import logging
 import tempfile
@@ -51,17 +51,18 @@ _NOTES = (
 
 
 class DataWaiting(Callback):
-    """Measures the time between the end of a step and the arrival of the next batch on the device.
+    """Callback that measures the time between the end of a step and the arrival of the next batch on the device.
 
-    On a card the times are those of the card, from events that it passes: what the host does meanwhile counts only
-    where the card has nothing else to do. The work of the card on the batch itself counts as waiting. Without a card
-    the times are the host's. What validations take between two steps is left out.
+    On a GPU, times are measured with CUDA events: work of the host only counts while the GPU is idle, and operations
+    of the GPU on the batch count as waiting. On the CPU, wall time is measured. Validation between two steps is
+    excluded.
 
-    Where a step is bound by the host (Python launches its operations more slowly than the card does them), the card
-    has nothing to do whenever the host makes a batch, and waits for all of that time; `host_waits` tells it.
+    If steps are limited by the host, which then launches operations more slowly than the GPU executes them, the GPU is
+    idle while the host prepares a batch. `host_waits` returns that time.
 
     Args:
-        warm_up: steps of the whole training that are left out, in which memory is taken and algorithms are chosen.
+        warm_up: number of steps at the start of training that are excluded, since they allocate memory and select
+            algorithms.
     """
 
     def __init__(self, warm_up: int = 1) -> None:
@@ -70,38 +71,38 @@ class DataWaiting(Callback):
         self._marks: list[_Mark] = []
 
     def on_train_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """From here on, the epoch's first batch is waited for."""
+        """Start to wait for the first batch of the epoch."""
         self._end = _Moment.now(pl_module.device)
 
     def on_train_batch_start(self, trainer: Trainer, pl_module: LightningModule, batch: Any, batch_idx: int) -> None:
-        """The batch is there."""
+        """Record the arrival of the batch."""
         assert self._end is not None
         self._marks.append(_Mark(trainer.current_epoch, self._end, _Moment.now(pl_module.device)))
 
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """From here on, the next batch is waited for."""
+        """Record the end of the step and start to wait for the next batch."""
         self._end = self._marks[-1].end = _Moment.now(pl_module.device)
 
     def on_validation_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """From here on, the next batch is waited for."""
+        """Start to wait for the next batch."""
         self._end = _Moment.now(pl_module.device)
 
     def waits(self, first_epoch: int = 0) -> list[float]:
-        """Seconds that the device has waited before each step, from some epoch on."""
+        """Seconds that the device waited before each step, from `first_epoch` on."""
         return [mark.before.until(mark.arrival) for mark in self._counted(first_epoch)]
 
     def host_waits(self, first_epoch: int = 0) -> list[float]:
-        """Seconds of the host from the end of its part of a step until it has the next batch, from some epoch on."""
+        """Seconds between the host's end of a step and its receipt of the next batch, from `first_epoch` on."""
         return [mark.arrival.host - mark.before.host for mark in self._counted(first_epoch)]
 
     def steps(self, first_epoch: int = 0) -> list[float]:
-        """Seconds that each step has taken from the arrival of its batch, from some epoch on."""
+        """Duration of each step in seconds, without the wait for its batch, from `first_epoch` on."""
         return [mark.arrival.until(mark.end) for mark in self._counted(first_epoch) if mark.end is not None]
 
     def share(self, first_epoch: int = 0) -> float:
-        """Part of the time that was spent waiting, from some epoch on, in [0, 1]."""
+        """Fraction of the time that was spent waiting, from `first_epoch` on, in [0, 1]."""
         waited, worked = sum(self.waits(first_epoch)), sum(self.steps(first_epoch))
         return waited / (waited + worked)
 
@@ -110,7 +111,7 @@ class DataWaiting(Callback):
 
 
 class _Moment(NamedTuple):
-    """Now on the host, and on a card when it has done what it was given until now."""
+    """A point in time on the host, and on a GPU an event after all operations that were launched before."""
 
     host: float
     event: Any = None
@@ -124,7 +125,7 @@ class _Moment(NamedTuple):
         return cls(time.perf_counter(), event)
 
     def until(self, later: "_Moment") -> float:
-        """Seconds of the device between two moments."""
+        """Seconds on the device from this moment to a later one."""
         if self.event is None:
             return later.host - self.host
         later.event.synchronize()
@@ -133,7 +134,7 @@ class _Moment(NamedTuple):
 
 @dataclass
 class _Mark:
-    """One step: the end of the step before, the arrival of its batch, and its own end."""
+    """Times of one step: end of the previous step, arrival of the batch and end of the step."""
 
     epoch: int
     before: _Moment
@@ -143,14 +144,14 @@ class _Mark:
 
 @dataclass(frozen=True)
 class WaitingSettings:
-    """What is trained, and on how many frames.
+    """Settings of the benchmark of data loading.
 
     Args:
-        frames: of the training set.
-        size: height and width of the frames in pixels; the samples are crops of three quarters of it.
-        batch_size: samples in a batch.
-        epochs: passes over the frames; the first, in which files are read, is told apart.
-        rounds: number of times that each cache is measured.
+        frames: number of training frames.
+        size: height and width of the frames in pixels; samples are crops of three quarters of the size.
+        batch_size: number of samples in a batch.
+        epochs: number of epochs, at least 2. The table shows the later ones apart from the first, which reads files.
+        rounds: number of trainings with each cache.
     """
 
     frames: int = 64
@@ -167,15 +168,15 @@ QUICK = WaitingSettings(frames=12, size=64, batch_size=2, epochs=2, rounds=1)
 def measure_data_waiting(
     settings: WaitingSettings, model: str | None = None, accelerator: str = "auto"
 ) -> Iterator[SpeedTable]:
-    """Train one model on rendered frames in files, with each choice of `data.cache` in turn.
+    """Train a model on rendered frames in files with each choice of `data.cache`.
 
     Args:
-        settings: what is trained.
-        model: the depth model; by default the first that is installed and trains without ground truth.
+        settings: the settings of the benchmark.
+        model: name of the depth model; None for the first installed model that trains without ground truth.
         accelerator: Lightning's accelerator setting.
 
     Raises:
-        DeuxError: there is no depth model.
+        DeuxError: no depth model is installed.
     """
     name = model or default_model()
     if name is None:
@@ -204,12 +205,15 @@ def measure_data_waiting(
 
 
 def write_frames(folder: Path, count: int, size: int) -> Path:
-    """Write the frames of a random walk in a generated flat as a training split in the layout of our own datasets.
+    """Write a dataset in deux's layout whose training split is a random walk in a generated flat.
 
     Args:
-        folder: the dataset that is made.
+        folder: folder of the new dataset.
         count: number of frames that have source frames.
-        size: height and width in pixels.
+        size: height and width of the frames in pixels.
+
+    Returns:
+        `folder`.
     """
     simulator = default_simulation(size).make(flats(1)[0])
     rng = np.random.default_rng(0)
@@ -238,7 +242,7 @@ class _Run:
 
 
 def _train(name: str, dataset: Path, cache: CacheChoice, settings: WaitingSettings, accelerator: str) -> _Run:
-    """Train a newly made model as `deux.training.fit` does but for logs and checkpoints."""
+    """Train a new model like `deux.training.fit`, without logs and checkpoints."""
     torch.manual_seed(0)
     model: DepthModel = registry().create("depth_models", name, {})
     objective = make_objective(model)

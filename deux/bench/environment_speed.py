@@ -1,4 +1,4 @@
-"""Steps per second of the Gymnasium environment for training explorers."""
+"""Benchmark of the Gymnasium environment in which explorers are trained."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from deux.environment.scene_pool import ScenePool
 
 @dataclass(frozen=True)
 class EnvironmentSettings:
-    """What is measured, and for how long.
+    """Settings of the benchmark of the environment.
 
     Args:
         size: width and height of the images in pixels.
-        episode: steps in an episode; beginning another one is part of the time.
-        rounds: number of times that each environment is measured.
-        seconds: how long each time.
+        episode: number of steps in an episode; the reset between episodes is part of the measured time.
+        rounds: number of measurements of each environment.
+        seconds: duration of each measurement.
     """
 
     size: int = 64
@@ -37,7 +37,7 @@ QUICK = EnvironmentSettings(rounds=3, seconds=0.2)
 
 
 def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
-    """Measure the environment with every installed reward, and with each thing that an observation can also hold."""
+    """Measure the environment with every installed reward and with each optional entry of the observations."""
     rewards, broken = installed("rewards")
     plain = next((name for name, reward in rewards.items() if not reward.needs), None)
     ways: list[tuple[str, Sequence[Extra]]] = [(name, ()) for name in rewards]
@@ -45,7 +45,7 @@ def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
         ways += [(plain, ("depth",)), (plain, ("rgb",))]
     pool = ScenePool(default_simulation(settings.size))
     steps = {way: _stepper(rewards[way[0]], way[1], pool, settings.episode) for way in ways}
-    for step in steps.values():  # compiles the kernels
+    for step in steps.values():  # warm-up: compiles the kernels
         step()
     rates = in_turn(
         {way: lambda step=step: rate(step, settings.seconds) for way, step in steps.items()},  # type: ignore[misc]
@@ -68,7 +68,7 @@ def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
 
 
 def _stepper(reward: Reward, extras: Sequence[Extra], pool: ScenePool, episode: int) -> Callable[[], None]:
-    """A function that takes one step, and starts a new episode when one has ended."""
+    """Create a function that executes one random step and resets the environment after an episode."""
     environment = ExplorationEnv(flats(1), reward, extras=extras, steps=episode, pool=pool)
     environment.reset(seed=0)
     rng = np.random.default_rng(0)

@@ -1,4 +1,4 @@
-"""Steps per second of the explorers in the collector's loop."""
+"""Benchmark of explorers: steps per second of the collection of frames."""
 
 import tempfile
 import time
@@ -23,14 +23,14 @@ from deux.simulator.simulation import Simulation
 
 @dataclass(frozen=True)
 class ExploreSettings:
-    """What is explored, and for how long.
+    """Settings of the benchmark of explorers.
 
     Args:
         size: width and height of the images in pixels.
-        robots: number of flats to explore together, with one robot in each.
-        steps: steps of each robot in each round.
-        warm_up: first steps of each round that are not counted.
-        rounds: number of times that each explorer is measured.
+        robots: number of flats that are explored together, with one robot in each.
+        steps: number of steps of each robot in a round.
+        warm_up: number of steps of each robot at the start of a round that are excluded.
+        rounds: number of measurements of each explorer.
     """
 
     size: int = 128
@@ -47,15 +47,15 @@ QUICK = ExploreSettings(steps=10, warm_up=3, rounds=2)
 def measure_exploration_speed(
     settings: ExploreSettings, model_name: str | None, accelerator: str = "auto"
 ) -> Iterator[SpeedTable]:
-    """Measure every installed explorer, with its default options.
+    """Measure every installed explorer with its default options.
 
     Args:
-        settings: what is explored.
-        model_name: the depth model for explorers that need one, as of `make_guide`.
+        settings: the settings of the benchmark.
+        model_name: name of the depth model of explorers that need one; None for the default of `make_guide`.
         accelerator: Lightning's accelerator setting.
 
     Raises:
-        DeuxError: there is no such model.
+        DeuxError: the model does not exist.
     """
     guide = make_guide(model_name, accelerator)
     explorers, broken = installed("explorers")
@@ -70,7 +70,7 @@ def measure_exploration_speed(
         guided = {name: False for name in guided if not guided[name]}
     world = _World(settings, guide)
     runs = {name: partial(world.run, name, steps=settings.steps) for name in guided}
-    for run in runs.values():  # compiles the kernels, builds the free floors
+    for run in runs.values():  # warm-up: compiles the kernels and computes the free space
         run(steps=settings.warm_up + 1)
     found = in_turn(runs, settings.rounds)
     ratios = times_the_slowest({name: [run.steps_per_second for run in runs] for name, runs in found.items()})
@@ -90,7 +90,7 @@ def measure_exploration_speed(
 
 
 class _Run(NamedTuple):
-    """One round of one explorer: its rate, the seconds of each act(), and the share of each part in %."""
+    """Result of a round of one explorer: its step rate, seconds of each `act` and the share of each part in %."""
 
     steps_per_second: float
     acts: list[float]
@@ -105,7 +105,7 @@ def _shares(runs: list[_Run]) -> dict[str, Value]:
 
 
 class _World:
-    """The flats, which are loaded once, and the episodes in them."""
+    """Simulators of the flats, which are loaded once, and the collection of episodes in them."""
 
     def __init__(self, settings: ExploreSettings, guide: Guide | None) -> None:
         self._settings = settings
@@ -119,7 +119,7 @@ class _World:
         }
 
     def run(self, name: str, steps: int) -> _Run:
-        """Collect one episode in each flat, with a seed of its own in each round, into files that are then deleted."""
+        """Collect one episode in each flat into temporary files; each round has a different seed."""
         number = self._rounds[name] = self._rounds.get(name, -1) + 1
         clock = _Clock(self._watch, warm_up=self._settings.warm_up)
         with tempfile.TemporaryDirectory() as folder:
@@ -136,10 +136,10 @@ class _World:
 
 
 class _Clock:
-    """Times the steps of all robots, but for the first ones of each; told of progress by the collector.
+    """Progress callback that measures the step rate of all robots after the warm-up.
 
-    Steps are counted by the explorers' calls: the collector reports those that an explorer leaves out by stopping
-    early as well.
+    Steps are counted by the calls of the explorers, since the progress that the collector reports includes the steps
+    that an explorer omits when it stops early.
     """
 
     def __init__(self, watch: Stopwatch, warm_up: int) -> None:
@@ -158,7 +158,11 @@ class _Clock:
             self._steps, self._ended = steps, now
 
     def result(self) -> _Run:
-        """The measurements."""
+        """Return the measurements.
+
+        Raises:
+            DeuxError: no step followed the warm-up.
+        """
         if self._steps == 0:
             raise DeuxError("no step is left to measure: an explorer stopped during the warm-up.")
         seconds = self._ended - self._began

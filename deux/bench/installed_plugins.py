@@ -1,4 +1,4 @@
-"""The installed plugins to measure, and the depth model that guides explorers."""
+"""Installed plugins to measure, and the depth model that guides explorers."""
 
 from typing import Any, NamedTuple
 
@@ -9,18 +9,18 @@ from deux.registry import PluginChoice, registry
 from deux.simulator.renderers import RENDERERS
 
 UNCERTAINTY = "l1"
-"""The measure of uncertainty, the paper's (Eq. 8)."""
+"""Name of the uncertainty that guides explorers: that of the paper (Eq. 8)."""
 
 BUILT_IN_SIMULATOR = "mesh"
 
 
 class Guide(NamedTuple):
-    """What explorers that need a depth model are guided by.
+    """Depth model and uncertainty that guide the explorers that need them.
 
     Args:
-        name: of the depth model.
-        predict_depth: the model, untrained, on the device and in the precision that the collector chooses as well.
-        uncertainty: judges its predictions.
+        name: name of the depth model.
+        predict_depth: the untrained model, on the device and in the precision that the collector uses.
+        uncertainty: uncertainty of its predictions.
     """
 
     name: str
@@ -29,9 +29,12 @@ class Guide(NamedTuple):
 
 
 def installed(kind: str) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """One of each installed plugin of a kind, with its default options, by name; and a note on each broken one.
+    """Create each installed plugin of a kind with its default options.
 
-    Free viewpoints, which take no steps, are no explorer here.
+    Explorers that choose free viewpoints (`FreeViewpoints`) are excluded, since they take no steps.
+
+    Returns:
+        The plugins by name, and a note on each plugin that cannot be created.
     """
     made, notes = {}, []
     for name in registry().names(kind):
@@ -43,17 +46,17 @@ def installed(kind: str) -> tuple[dict[str, Any], tuple[str, ...]]:
 
 
 def make_guide(model_name: str | None, accelerator: str = "auto") -> Guide | None:
-    """Make the guide of explorers.
+    """Create an untrained depth model and the uncertainty that guide explorers.
 
     Args:
-        model_name: its depth model; by default the first that is installed and trains without ground truth.
+        model_name: name of the depth model; None for the first installed model that trains without ground truth.
         accelerator: Lightning's accelerator setting.
 
     Returns:
-        None if no model is named and none is installed.
+        The guide; None if `model_name` is None and no suitable model is installed.
 
     Raises:
-        DeuxError: there is no such model.
+        DeuxError: the model does not exist.
     """
     model_name = model_name or default_model()
     if model_name is None:
@@ -69,9 +72,9 @@ def default_model() -> str | None:
 
 
 def renderers() -> dict[str, PluginChoice]:
-    """Simulators by the name of what draws: the built-in one with each of its renderers, then all others as they are.
+    """Choices of simulators by renderer: the built-in simulator with each of its renderers, then all other simulators.
 
-    They are not imported yet, so some may be broken.
+    They are not imported, so some of them may not work.
     """
     found = {name: PluginChoice("simulators", BUILT_IN_SIMULATOR, {"renderer": name}) for name in RENDERERS}
     others = [name for name in registry().names("simulators") if name != BUILT_IN_SIMULATOR]

@@ -19,15 +19,15 @@ PACKAGES = ("deux", "torch", "lightning", "numpy", "numba", "embreex", "pyrender
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine, without a name.
+    """Description of a machine, without its host name.
 
     Args:
-        processor: the processor's model.
+        processor: model name of the processor.
         cores: number of cores that this process may use.
         threads: number of threads of torch and OpenCV in this process.
-        accelerator: the graphics card that models compute on, or "none".
-        load: load average of the last minute; above 0 somebody else is at work.
-        versions: of Python and the packages that matter.
+        accelerator: name of the GPU on which models compute, or "none".
+        load: load average of the last minute; values well above 0 mean that other processes were running.
+        versions: versions of Python and of `PACKAGES`.
     """
 
     processor: str
@@ -53,11 +53,11 @@ def prepare_machine(threads: int | None, device: str = "auto") -> Machine:
     """Set the number of threads of this process and describe the machine.
 
     Args:
-        threads: of torch and OpenCV; None for all cores.
-        device: where models compute: "cpu", "cuda", or "auto" for a CUDA device where there is one.
+        threads: number of threads of torch and OpenCV; None for all cores.
+        device: device on which models compute: "cpu", "cuda", or "auto" for a CUDA device if one is available.
 
     Raises:
-        DeuxError: a CUDA device is asked for and there is none.
+        DeuxError: `device` is "cuda" and no CUDA device is available.
     """
     if device == "cuda" and not torch.cuda.is_available():
         raise DeuxError("--device cuda: PyTorch finds no CUDA device here; python -m deux.doctor says more.")

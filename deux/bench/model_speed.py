@@ -1,4 +1,4 @@
-"""Speed of the depth models: training steps, where their time goes, and inference."""
+"""Benchmark of depth models: duration of training steps and of their parts, and of inference."""
 
 import logging
 import warnings
@@ -26,11 +26,11 @@ from deux.training.objective import make_objective
 from deux.training.pose_source import PoseKind, make_pose_source
 
 PRECISIONS: dict[str, Literal["32-true", "bf16-mixed"]] = {"float32": "32-true", "bfloat16": "bf16-mixed"}
-"""Precisions of the networks' layers, with Lightning's names."""
+"""Lightning's names of the precisions."""
 
 POSES: tuple[PoseKind, ...] = ("simulator", "learned")
 
-# What Lightning says of any training without validation data or loader processes, and of its own code.
+# Warnings of Lightning about missing validation data and loader processes, and about its own code.
 KNOWN_WARNINGS = (
     "You defined a `validation_step`",
     ".*does not have many workers",
@@ -41,14 +41,14 @@ KNOWN_WARNINGS = (
 
 @dataclass(frozen=True)
 class ModelSettings:
-    """What is trained, and for how long.
+    """Settings of the benchmark of depth models.
 
     Args:
-        batch_size: samples in a batch.
+        batch_size: number of samples in a batch.
         size: height and width of the samples in pixels.
-        steps: training steps in each round, after one that is not counted.
-        inference_size: height and width of the single image whose depth is predicted.
-        rounds: number of times that each variant is measured.
+        steps: number of training steps in a round, after one warm-up step.
+        inference_size: height and width of the image for inference.
+        rounds: number of measurements of each variant.
     """
 
     batch_size: int = 2
@@ -63,10 +63,10 @@ QUICK = ModelSettings(batch_size=1, size=128, steps=1, inference_size=128, round
 
 
 def measure_models(settings: ModelSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
-    """Measure every installed depth model, with its published objective and default options.
+    """Measure every installed depth model with its published objective and default options.
 
     Args:
-        settings: what is trained.
+        settings: the settings of the benchmark.
         accelerator: Lightning's accelerator setting.
     """
     models, broken = installed("depth_models")
@@ -76,12 +76,12 @@ def measure_models(settings: ModelSettings, accelerator: str = "auto") -> Iterat
 
 
 class StepVariant(NamedTuple):
-    """One way of training a model.
+    """A depth model and the options of its training.
 
     Args:
-        model: its registered name.
-        precision: of `PRECISIONS`.
-        poses: where the relative poses come from.
+        model: registered name of the model.
+        precision: a key of `PRECISIONS`.
+        poses: source of the relative poses.
     """
 
     model: str
@@ -92,7 +92,7 @@ class StepVariant(NamedTuple):
 def _step_tables(
     settings: ModelSettings, models: dict[str, DepthModel], notes: tuple[str, ...], accelerator: str
 ) -> Iterator[SpeedTable]:
-    """The rate of training steps, and the shares of their parts."""
+    """Measure the duration of training steps and the shares of their parts."""
     variants = [
         StepVariant(name, precision, poses)
         for (name, model), precision, poses in product(models.items(), PRECISIONS, POSES)
@@ -125,18 +125,19 @@ def train_steps(
     accelerator: str = "auto",
     cuda_graphs: bool = False,
 ) -> None:
-    """Train a newly made model for a few steps, as `deux.training.fit` does but for loading data and writing logs.
+    """Train a new model for a few steps like `deux.training.fit`, without loading data and writing logs.
 
     Args:
-        variant: the model and how it is trained.
-        batch: shown in every step.
-        steps: number of steps, after one to warm up.
-        watch: a callback that measures.
+        variant: the model and the options of its training.
+        batch: the batch of all steps.
+        steps: number of steps, after one warm-up step.
+        watch: callback that measures the steps.
         accelerator: Lightning's accelerator setting.
-        cuda_graphs: replay steps on a card, as trainings do by default; their parts cannot be told apart then.
+        cuda_graphs: whether a GPU replays the steps as CUDA graphs, which is the default of training. The parts of a
+            step cannot be measured then.
     """
     torch.manual_seed(0)
-    batch = batch_on(default_device(accelerator), batch)  # loading is not part of a step
+    batch = batch_on(default_device(accelerator), batch)  # outside the measured steps
     model: DepthModel = registry().create("depth_models", variant.model, {})
     poses = make_pose_source(variant.poses, model)
     module = DepthCompletion(model, make_objective(model), poses, cuda_graphs=cuda_graphs)
@@ -168,7 +169,7 @@ def _shares(clocks: Sequence[StepClock]) -> dict[str, Spread]:
 def _inference_table(
     settings: ModelSettings, models: Mapping[str, DepthModel], notes: tuple[str, ...], device: torch.device
 ) -> SpeedTable:
-    """The time of predicting the depth of one image, from points as sampled to metres."""
+    """Measure `DepthModel.predict` for one image, with the preparation of the model's inputs."""
     size = settings.inference_size
     calls = {}
     for name, model in models.items():
@@ -176,7 +177,7 @@ def _inference_table(
         inputs = [tensor.to(device) for tensor in (batch.image, batch.sparse_depth, batch.intrinsics)]
         for precision in PRECISIONS:
             calls[name, precision] = partial(_predict, model.eval().to(device), inputs, precision)
-    for call in calls.values():  # allocates memory and chooses algorithms
+    for call in calls.values():  # warm-up: allocates memory and selects algorithms
         call()
     found = in_turn(calls, settings.rounds)
     ratios = times_the_slowest({variant: [1.0 / second for second in found[variant]] for variant in calls})
@@ -193,7 +194,7 @@ def _inference_table(
 
 
 def _predict(model: DepthModel, inputs: Sequence[Tensor], precision: str) -> float:
-    """Seconds of one prediction."""
+    """Duration of one prediction in seconds."""
     watch = Stopwatch()
     autocast = torch.autocast(inputs[0].device.type, torch.bfloat16, enabled=precision == "bfloat16")
     with autocast, watch.measure("prediction"):

@@ -1,7 +1,7 @@
-"""What other software takes for the same work: one line for each figure that is known, beside what deux takes here.
+"""Benchmark against other software that does the same work.
 
-Recorded figures are single measurements on two Xeon cores without a graphics card unless a line says otherwise; a
-library that is installed anyway is measured here, in turns with deux.
+Libraries on which deux depends are measured on this machine, in alternation with deux. All other figures are recorded:
+single measurements on two Xeon cores without a GPU, unless their name says otherwise.
 """
 
 import tempfile
@@ -44,11 +44,11 @@ from deux.scenes.free_space import free_space
 
 @dataclass(frozen=True)
 class PeerSettings:
-    """How long is measured.
+    """Settings of the benchmark against other software.
 
     Args:
-        rounds: number of times that each call is measured.
-        seconds: how long each time.
+        rounds: number of measurements of each call.
+        seconds: duration of each measurement.
     """
 
     rounds: int = 5
@@ -60,12 +60,12 @@ QUICK = PeerSettings(rounds=2, seconds=0.05)
 
 
 class Peer(NamedTuple):
-    """Other software that does the same.
+    """Other software that does the same work.
 
     Args:
-        name: what it is, and on what.
-        figure: milliseconds that were recorded; None where `call` is measured here.
-        call: does the work once; None where it is not installed.
+        name: name of the software, and of the data or machine of a recorded figure where these differ.
+        figure: recorded milliseconds; None if `call` is measured.
+        call: function that does the work once; None for a recorded figure.
     """
 
     name: str
@@ -74,13 +74,13 @@ class Peer(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Something that deux and others do.
+    """Work that deux and other software do.
 
     Args:
-        name: what is done.
-        call: lets deux do it once; or measures it itself and returns the milliseconds, if `timed`.
-        peers: who else does it.
-        timed: whether `call` returns milliseconds.
+        name: name of the work.
+        call: function that does the work once with deux; if `timed`, it returns the milliseconds per unit of work.
+        peers: the other software.
+        timed: whether `call` measures the time itself.
     """
 
     name: str
@@ -90,11 +90,11 @@ class Work(NamedTuple):
 
 
 def measure_peers(settings: PeerSettings, scene_file: Path | None, accelerator: str = "auto") -> Iterator[SpeedTable]:
-    """Measure what deux takes for everything that a figure of others is known of.
+    """Measure the time that deux needs for work with known figures of other software.
 
     Args:
-        settings: how long.
-        scene_file: the scene that is drawn; a generated flat if None.
+        settings: the settings of the benchmark.
+        scene_file: scene to render; None for a generated flat.
         accelerator: Lightning's accelerator setting.
     """
     scene = flats(1)[0] if scene_file is None else scene_in(scene_file)
@@ -119,7 +119,7 @@ def measure_peers(settings: PeerSettings, scene_file: Path | None, accelerator: 
 
 def _rows(work: Work, settings: PeerSettings) -> list[dict[str, Value]]:
     others = {peer.name: peer.call for peer in work.peers if peer.call is not None}
-    for call in (work.call, *others.values()):  # compiles the kernels
+    for call in (work.call, *others.values()):  # warm-up: compiles the kernels
         call()
     timed: dict[str, Callable[[], float]] = {
         name: partial(_milliseconds, call, settings.seconds) for name, call in others.items()
@@ -146,7 +146,7 @@ def _milliseconds(call: Callable[[], object], seconds: float) -> float:
 
 
 def _drawing(scene: SceneReference) -> Iterator[Work]:
-    """A frame of colour and depth as numpy arrays, in one process."""
+    """Rendering of colour and depth to numpy arrays in one process, and computation of the free space."""
     recorded = {
         400: {
             "Habitat-Sim, small_house.glb": 81.0,
@@ -189,7 +189,7 @@ def _drawing(scene: SceneReference) -> Iterator[Work]:
 
 
 def _planning() -> Iterator[Work]:
-    """Paths over a grid of 400 x 400 cells of which 84 % are free, from corner to corner."""
+    """Paths and distances on a grid of 400 x 400 cells, 84 % of them free, from corner to corner."""
     rng = np.random.default_rng(0)
     blurred = cv2.GaussianBlur(rng.random((400, 400)), (0, 0), 4.0)
     free = blurred < np.quantile(blurred, 0.84)
@@ -217,7 +217,7 @@ def _planning() -> Iterator[Work]:
 
 
 def _points(scene: SceneReference) -> Iterator[Work]:
-    """Sparse points of a frame, and their interpolation."""
+    """Sampling of sparse points of a frame, and their interpolation."""
     frame = _frame(scene, 400)
     settings = SparseSettings()
     gray = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)
@@ -249,7 +249,7 @@ def _by_scipy(sparse: np.ndarray) -> np.ndarray:
 
 
 def _files(scene: SceneReference, folder: Path) -> Iterator[Work]:
-    """Image, depth and pose of a frame of 400 x 400 pixels, to disk and back."""
+    """Writing and reading of image, depth and pose of a frame of 400 x 400 pixels."""
     frame = _frame(scene, 400)
     paths = SequencePaths(folder / "sequence")
     prepare_folders(paths, Camera(400, 400).intrinsics, labels=False)
@@ -274,7 +274,7 @@ def _files(scene: SceneReference, folder: Path) -> Iterator[Work]:
 
 
 def _learning() -> Iterator[Work]:
-    """A step of an environment in which a policy learns by PPO, its updates included."""
+    """Training of a policy by PPO, per step of the environment, including the updates."""
     settings = PPOSettings(steps=1024, environments=8, batch_size=256)
     rewards = registry().names("rewards")
     if not rewards:
@@ -299,7 +299,7 @@ def _learning() -> Iterator[Work]:
 
 
 def _models(accelerator: str) -> Iterator[Work]:
-    """A training step and the depth of one image by KBNet, where it is installed."""
+    """Training step and inference of KBNet, if it is installed."""
     if "kbnet" not in registry().names("depth_models"):
         return
     precision = "bfloat16" if default_precision(accelerator).startswith("bf16") else "float32"
@@ -325,10 +325,10 @@ def _models(accelerator: str) -> Iterator[Work]:
 
 
 def _predict(predictor: FastPredictor, *inputs: torch.Tensor) -> float:
-    return predictor(*inputs).sum().item()  # waits for the device
+    return predictor(*inputs).sum().item()  # synchronizes with the device
 
 
 def _frame(scene: SceneReference, size: int) -> Frame:
-    """A frame from a free place."""
+    """Render one frame at a random free pose."""
     simulator = default_simulation(size).make(scene)
     return simulator.observe(COLOR, free_poses(simulator, 1, seed=0))[0]

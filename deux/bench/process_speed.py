@@ -1,4 +1,4 @@
-"""Speed-up of exploration by several processes: steps per second with one, with two, and on Ray."""
+"""Benchmark of parallel exploration: steps per second with one process, two processes and Ray."""
 
 import json
 import tempfile
@@ -23,23 +23,23 @@ from deux.errors import DeuxError
 from deux.registry import registry
 
 PROCESSES = 2
-"""Number of processes to compare with a single one."""
+"""Number of processes that are compared with a single one."""
 
 _WARM_UP = 1 / 3
-"""Fraction of the steps after which all processes are assumed to run."""
+"""Fraction of the steps after which all processes are assumed to be running."""
 
 _ONE = "one process"
 
 
 @dataclass(frozen=True)
 class ProcessSettings:
-    """What is explored, and for how long.
+    """Settings of the benchmark of parallel exploration.
 
     Args:
         size: width and height of the images in pixels.
-        robots: number of flats, with one robot in each; those that a depth model guides are one batch.
-        steps: steps of each robot in each round.
-        rounds: number of times that each is measured.
+        robots: number of flats, with one robot in each; also the batch size of the depth model.
+        steps: number of steps of each robot in a round.
+        rounds: number of measurements of each variant.
     """
 
     size: int = 128
@@ -55,18 +55,18 @@ QUICK = ProcessSettings(steps=40, rounds=1)
 def measure_processes(
     settings: ProcessSettings, model_name: str | None, accelerator: str = "auto"
 ) -> Iterator[SpeedTable]:
-    """Measure the exploration with `collect.processes` of 1 and 2, and with `collect.executor=ray` where it is there.
+    """Measure exploration with `collect.processes` of 1 and 2, and with `collect.executor=ray` if Ray is installed.
 
-    Explored by the first installed explorer that needs a depth model, and by the first that needs neither a model nor
-    what a robot does not see by itself (labels, the free floor).
+    Measures the first installed explorer that needs a depth model, and the first that needs neither a model nor data
+    that a real robot does not have (labels, free space).
 
     Args:
-        settings: what is explored.
-        model_name: the depth model, as of `make_guide`.
+        settings: the settings of the benchmark.
+        model_name: name of the depth model; None for the default of `make_guide`.
         accelerator: Lightning's accelerator setting.
 
     Raises:
-        DeuxError: there is no such model.
+        DeuxError: the model does not exist.
     """
     guide = make_guide(model_name, accelerator)
     explorers, left_out = _explorers(guide)
@@ -76,7 +76,7 @@ def measure_processes(
         for name in explorers
         for where, execute in executors.items()
     }
-    for name in explorers:  # compiles the kernels
+    for name in explorers:  # warm-up: compiles the kernels
         _Exploration(ProcessSettings(settings.size, 1, steps=4), name, guide).run(executors[_ONE])
     found = in_turn(runs, settings.rounds)
     rows: list[dict[str, Value]] = []
@@ -104,7 +104,7 @@ def measure_processes(
 
 
 def _explorers(guide: Guide | None) -> tuple[dict[str, bool], tuple[str, ...]]:
-    """The explorers that are measured, with whether a depth model guides them; and notes on what is left out."""
+    """Explorers to measure, mapped to whether they need a depth model, and notes on the excluded ones."""
     made, notes = installed("explorers")
     unseen = {Need.LABELS, Need.FREE_SPACE}
     guided = [name for name, explorer in made.items() if explorer.needs & MODEL_NEEDS]
@@ -116,7 +116,7 @@ def _explorers(guide: Guide | None) -> tuple[dict[str, bool], tuple[str, ...]]:
 
 
 def _executors() -> tuple[dict[str, Executor], tuple[str, ...]]:
-    """What hands out the jobs, by what tables call it; and a note if Ray is missing."""
+    """Executors by their names in the table, and a note if Ray is missing."""
     found: dict[str, Executor] = {
         _ONE: make_executor("local", {}),
         f"{PROCESSES} processes": make_executor("local", {}, PROCESSES),
@@ -129,19 +129,19 @@ def _executors() -> tuple[dict[str, Executor], tuple[str, ...]]:
 
 
 class _Run(NamedTuple):
-    """One exploration: its steps a second from the beginning, and after the first third."""
+    """Steps per second of an exploration: of the whole, and after the first third of the steps."""
 
     whole: float
     steady: float
 
 
 class _Exploration:
-    """Explorations by one explorer; each one has seeds of its own, those of another instance with equal arguments.
+    """Repeated explorations by one explorer. The n-th run of all instances with equal arguments has the same seeds.
 
     Args:
-        settings: what is explored.
-        name: of the explorer.
-        guide: the depth model; None without one.
+        settings: the settings of the benchmark.
+        name: name of the explorer.
+        guide: depth model and uncertainty; None if there is no model.
     """
 
     def __init__(self, settings: ProcessSettings, name: str, guide: Guide | None) -> None:
@@ -150,7 +150,7 @@ class _Exploration:
         self._round = -1
 
     def run(self, execute: Executor) -> _Run:
-        """Collect one episode in each flat, into files that are then deleted."""
+        """Collect one episode in each flat into temporary files."""
         self._round += 1
         settings, guide = self._settings, self._guide
         told: list[tuple[int, float]] = []
@@ -176,9 +176,12 @@ class _Exploration:
 
 
 def _steady_rate(told: list[tuple[int, float]], steps: int) -> float:
-    """Steps a second after the first third, of what was reported: (steps so far, seconds).
+    """Steps per second after the first third of the steps; NaN if that took no time.
 
-    Steps that an explorer leaves out by stopping early are reported too, and not counted.
+    Args:
+        told: the reports of progress, pairs of (steps so far, time in seconds). They include the steps that an explorer
+            omits when it stops early, which are not counted.
+        steps: number of steps that were taken.
     """
     reports = [(min(done, steps), when) for done, when in told]
     first = next(report for report in reports if report[0] >= _WARM_UP * steps)

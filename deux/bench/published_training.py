@@ -1,4 +1,4 @@
-"""Speed of training steps, compared with the implementation of the depth models' published code.
+"""Benchmark of training steps against the implementation of the depth models' published code.
 
 The published code uses square pooling windows, upsampling before convolution, channels-first tensors, float32,
 PyTorch's default Adam and its own training loop. Networks, losses and samples are the same.
@@ -27,13 +27,13 @@ from deux.training.pose_source import make_pose_source
 
 @dataclass(frozen=True)
 class PublishedSettings:
-    """What is trained, and for how long.
+    """Settings of the benchmark against published code.
 
     Args:
-        batch_size: samples in a batch; None for 2, on a graphics card 8.
-        size: height and width of the samples in pixels; None for 192, on a graphics card 384.
-        steps: training steps in each round, after one that is not counted; None for 3, on a graphics card 20.
-        rounds: number of times that each way is measured.
+        batch_size: number of samples in a batch; None for 2 on the CPU and 8 on a GPU.
+        size: height and width of the samples in pixels; None for 192 on the CPU and 384 on a GPU.
+        steps: number of training steps in a round, after one warm-up step; None for 3 on the CPU and 20 on a GPU.
+        rounds: number of measurements of each implementation.
     """
 
     batch_size: int | None = None
@@ -47,10 +47,10 @@ QUICK = PublishedSettings(batch_size=1, size=128, steps=1, rounds=2)
 
 
 def measure_published_training(settings: PublishedSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
-    """Measure a step of every installed depth model as deux trains here, and as the published code computes.
+    """Measure training steps of every installed depth model in deux and in the published implementation.
 
     Args:
-        settings: what is trained.
+        settings: the settings of the benchmark.
         accelerator: Lightning's accelerator setting.
     """
     models, broken = installed("depth_models")
@@ -89,13 +89,13 @@ def measure_published_training(settings: PublishedSettings, accelerator: str = "
 
 
 def _our_step(variant: StepVariant, batch: Batch, steps: int, accelerator: str) -> float:
-    """Seconds of a step as deux trains."""
+    """Mean duration of a training step of deux in seconds."""
     train_steps(variant, batch, steps, clock := MeanStep(), accelerator, cuda_graphs=True)
     return clock.seconds
 
 
 def _published_step(variant: StepVariant, batch: Batch, steps: int, device: torch.device) -> float:
-    """Seconds of a step as the published code computes."""
+    """Mean duration of a training step of the published implementation in seconds."""
     torch.manual_seed(0)
     model: DepthModel = registry().create("depth_models", variant.model, {})
     modules = torch.nn.ModuleList([model, make_pose_source(variant.poses, model), make_objective(model)])

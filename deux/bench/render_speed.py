@@ -1,4 +1,4 @@
-"""Frames per second of the renderers."""
+"""Benchmark of renderers: frames per second."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,15 +20,15 @@ from deux.geometry.camera import Camera
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """What is rendered, and for how long.
+    """Settings of the benchmark of renderers.
 
     Args:
-        sizes: widths, and heights, of the images in pixels.
+        sizes: sizes of the square images in pixels.
         processes: numbers of processes that render at once.
         triangles: number of triangles of the larger scene.
-        rounds: number of times that each renderer is measured.
-        seconds: how long each time.
-        poses: number of poses that the frames go through.
+        rounds: number of measurements of each renderer.
+        seconds: duration of each measurement.
+        poses: number of different poses to cycle through.
     """
 
     sizes: tuple[int, ...] = (400, 128)
@@ -47,11 +47,11 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
     """Measure every renderer on a generated flat and on a larger scene.
 
     Args:
-        settings: what is rendered.
-        scene_file: the larger scene; the flat with its faces split if None.
+        settings: the settings of the benchmark.
+        scene_file: the larger scene; None for the flat with subdivided faces.
 
     Raises:
-        DeuxError: the file is no scene.
+        DeuxError: the file is not a scene.
     """
     (flat,) = flats(1)
     larger = FinerScene(flat.name, flat, settings.triangles) if scene_file is None else scene_in(scene_file)
@@ -86,7 +86,7 @@ def measure_rendering(settings: RenderSettings, scene_file: Path | None) -> Iter
 
 
 def _opengl_threads(processes: int) -> int:
-    """Threads on which Mesa draws beside the calling one: with a process for each core, more only get in their way."""
+    """Number of Mesa's rendering threads beside the calling thread; none if several processes share the cores."""
     return cores() if processes == 1 else 0
 
 
@@ -96,14 +96,14 @@ class _Job(NamedTuple):
 
 
 class _Rates(NamedTuple):
-    """What one process measured: frames a second in each round, by image size and renderer."""
+    """Result of one process: frames per second in each round, by image size and renderer, and excluded renderers."""
 
     rates: dict[int, dict[str, list[float]]]
     left_out: dict[str, str]
 
 
 def _render(job: _Job, together: Callable[[], None]) -> _Rates:
-    """Measure in this process, synchronised with the others."""
+    """Measure all renderers in this process, synchronized with the other processes."""
     settings = job.settings
     simulators, left_out = usable_simulators(job.scene, Camera(settings.sizes[0], settings.sizes[0]))
     poses = {name: cycle(free_poses(simulator, settings.poses, seed=0)) for name, simulator in simulators.items()}
@@ -115,7 +115,7 @@ def _render(job: _Job, together: Callable[[], None]) -> _Rates:
     rates = {}
     for size in settings.sizes:
         sized = {name: simulator.another(Camera(size, size)) for name, simulator in simulators.items()}
-        for name, simulator in sized.items():  # compiles the kernels and uploads the scene
+        for name, simulator in sized.items():  # warm-up: compiles the kernels and uploads the scene
             simulator.observe(COLOR, next(poses[name])[None])
         calls = {name: partial(frames_per_second, simulator, poses[name]) for name, simulator in sized.items()}
         rates[size] = in_turn(calls, settings.rounds)
@@ -123,5 +123,5 @@ def _render(job: _Job, together: Callable[[], None]) -> _Rates:
 
 
 def _summed(parts: list[dict[str, list[float]]]) -> dict[str, list[float]]:
-    """Frames a second of all processes together in each round, by renderer."""
+    """Total frames per second of all processes in each round, by renderer."""
     return {name: [sum(rates) for rates in zip(*(part[name] for part in parts), strict=True)] for name in parts[0]}

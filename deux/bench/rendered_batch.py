@@ -1,4 +1,4 @@
-"""Training samples created in memory, like those of the collector and the data loader."""
+"""Batches of rendered samples, equivalent to those of the collector and the data loader."""
 
 from dataclasses import replace
 
@@ -15,11 +15,13 @@ from deux.simulator.starts import random_starts
 
 
 def render_batch(model: DepthModel, size: int, count: int) -> Batch:
-    """Samples from random places of a generated flat; the robot turns and goes forward between frames.
+    """Render a batch of samples at random places of a generated flat.
+
+    The robot moves forward and then turns left between the three frames of a sample.
 
     Args:
-        model: prepares its further inputs.
-        size: height and width in pixels.
+        model: depth model that prepares its further inputs.
+        size: height and width of the images in pixels.
         count: number of samples.
     """
     simulator = default_simulation(size).make(flats(1)[0])
@@ -35,7 +37,7 @@ def render_batch(model: DepthModel, size: int, count: int) -> Batch:
 
 
 def _sample(frames: list[Frame], camera: Camera, model: DepthModel) -> Batch:
-    """One sample, without the first dimension of a batch; the newest frame is the target."""
+    """Create a sample without batch dimension from frames, the target first."""
     target, *sources = frames
     images = np.stack([frame.rgb for frame in frames]).transpose(0, 3, 1, 2)
     points = sample_sparse(target.rgb, target.depth, SparseSettings())
@@ -56,6 +58,6 @@ def _sample(frames: list[Frame], camera: Camera, model: DepthModel) -> Batch:
 
 
 def batch_on(device: torch.device, batch: Batch) -> Batch:
-    """A batch with all its tensors on a device."""
+    """Copy of a batch with all tensors on a device."""
     tensors = {name: value.to(device) for name, value in vars(batch).items() if isinstance(value, torch.Tensor)}
     return replace(batch, **tensors, prepared={name: value.to(device) for name, value in batch.prepared.items()})

@@ -1,4 +1,4 @@
-"""Time to create and prepare scenes, and their size, for every source of generated scenes."""
+"""Benchmark of generated scenes: time to create and prepare them, and their size."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -15,11 +15,11 @@ from deux.simulator.simulation import Simulation
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """What is measured.
+    """Settings of the benchmark of generated scenes.
 
     Args:
         size: width and height of the images in pixels.
-        scenes: number of scenes of each source.
+        scenes: number of scenes of each scene source.
     """
 
     size: int = 64
@@ -31,7 +31,7 @@ QUICK = SceneSettings(scenes=4)
 
 
 def measure_scenes(settings: SceneSettings) -> Iterator[SpeedTable]:
-    """Measure making a scene, finding its free floor and drawing the first image, and count what it is made of."""
+    """Measure generation, computation of the free space, rendering of the first image and size of scenes."""
     sources, broken = installed("scenes")
     simulation = default_simulation(settings.size)
     rows: list[dict[str, Value]] = []
@@ -42,14 +42,14 @@ def measure_scenes(settings: SceneSettings) -> Iterator[SpeedTable]:
         except DeuxError as error:
             notes.append(f"{name} is left out: {error}")
             continue
-        _prepare(scenes[0].load(), simulation, Stopwatch())  # compiles the kernels
+        _prepare(scenes[0].load(), simulation, Stopwatch())  # warm-up: compiles the kernels
         rows.append({"source": name, **_measured(scenes, simulation)})
     title = f"Scenes: {settings.scenes} of each source, first image of {settings.size} x {settings.size}"
     yield SpeedTable("scenes", title, tuple(rows), tuple(notes))
 
 
 def _measured(scenes: tuple[SceneReference, ...], simulation: Simulation) -> dict[str, Spread]:
-    """Sizes and times, over the scenes."""
+    """Measure sizes and times of all scenes, by column of the table."""
     sizes: dict[str, list[float]] = defaultdict(list)
     watch = Stopwatch()
     for reference in scenes:
@@ -70,7 +70,7 @@ def _measured(scenes: tuple[SceneReference, ...], simulation: Simulation) -> dic
 
 
 def _prepare(scene: Scene, simulation: Simulation, watch: Stopwatch) -> Simulator:
-    """A simulator of a loaded scene, with its free floor computed."""
+    """Create a simulator of a scene, compute its free space and render an image, measuring the last two."""
     simulator = simulation.make(_Loaded(scene.name, scene))
     with watch.measure("free floor"):
         simulator.free_space()
@@ -82,7 +82,7 @@ def _prepare(scene: Scene, simulation: Simulation, watch: Stopwatch) -> Simulato
 
 @dataclass(frozen=True)
 class _Loaded(SceneReference):
-    """A scene that is loaded already."""
+    """Reference of a scene that is already in memory."""
 
     scene: Scene
 
@@ -95,11 +95,11 @@ class _Loaded(SceneReference):
 
 
 def _textures(mesh: SceneMesh) -> dict[int, int]:
-    """Bytes of each texture; materials share them."""
+    """Size of each texture in bytes, by its id, since materials share textures."""
     return {id(m.texture): m.texture.nbytes for m in mesh.materials if m.texture is not None}
 
 
 def _megabytes(mesh: SceneMesh) -> float:
-    """Memory of the mesh and its textures."""
+    """Memory of a mesh and its textures in MB."""
     arrays = (mesh.vertices, mesh.faces, mesh.uv, mesh.face_material, mesh.face_label, mesh.vertex_colors)
     return (sum(array.nbytes for array in arrays if array is not None) + sum(_textures(mesh).values())) / 1e6

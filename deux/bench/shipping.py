@@ -44,16 +44,16 @@ CONDITIONS = (
     PointCondition("lines", 0.01),
     PointCondition("clusters", 0.01),
 )
-"""Conditions of the errors on the card."""
+"""Sparse points for which the card lists errors."""
 
 
 class CardFrames(NamedTuple):
-    """Frames with ground truth, in their test split.
+    """Test frames with ground truth.
 
     Args:
-        title: what they are.
-        reader: reads them.
-        camera: gives the range of depths that counts.
+        title: description of the frames.
+        reader: reader of the dataset; its test split is measured.
+        camera: camera whose depth range limits the evaluation.
     """
 
     title: str
@@ -75,17 +75,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def make_card(run: Path, name: str, summary: str, frames: Sequence[CardFrames], count: int | None = None) -> ModelCard:
-    """The card of a run's model; its errors are those of the weights in half precision, as they ship.
+    """Create the card of a trained model, with errors of its weights in half precision.
 
     Args:
-        run: the run folder of a training.
-        name: by which the model will be loaded.
-        summary: one line on what it is for.
-        frames: what it is measured on.
-        count: frames of each set, spread evenly over it; None for all.
+        run: run folder of the training.
+        name: name of the shipped model.
+        summary: one line about its purpose.
+        frames: sets of frames on which it is evaluated.
+        count: number of frames of each set, evenly spaced; None for all.
 
     Raises:
-        DeuxError: the folder holds no trained model, or frames cannot be read.
+        DeuxError: the folder contains no trained model, or frames cannot be read.
     """
     model, trainings = load_model(run), _trainings(run)
     identities = [read_json_object(one / IDENTITY_FILE) for one in trainings]
@@ -107,7 +107,7 @@ def make_card(run: Path, name: str, summary: str, frames: Sequence[CardFrames], 
 
 
 def measure(model: DepthModel, frames: CardFrames, count: int | None = None) -> Iterator[CardErrors]:
-    """The errors of a model and of interpolation for each of `CONDITIONS`."""
+    """Measure, print and yield the errors of a model and of interpolation for each of `CONDITIONS`."""
     near, far = frames.camera.min_depth, frames.camera.max_depth
     for condition in CONDITIONS:
         found = errors_under(condition, model, frames.reader, near, far, count)
@@ -120,7 +120,7 @@ def measure(model: DepthModel, frames: CardFrames, count: int | None = None) -> 
 
 
 def ship(run: Path, card: ModelCard, output: Path) -> None:
-    """Write `<name>.safetensors`, in half precision and with the card in its header, and `<name>.md`."""
+    """Write `<name>.safetensors` with weights in half precision and the card in its header, and `<name>.md`."""
     make_folder(output)
     config = model_config(run)
     header = {CARD_KEY: card.to_json()}
@@ -129,7 +129,7 @@ def ship(run: Path, card: ModelCard, output: Path) -> None:
 
 
 def _frames(text: str) -> CardFrames:
-    """The test frames that an option `--frames` describes; those of generated scenes are made if they are not there."""
+    """Test frames of a `--frames` option; missing frames of generated scenes are rendered."""
     title, colon, overrides = text.partition(":")
     if not colon:
         raise DeuxError(f"--frames {text!r} has no title: write it before a colon, and overrides after it.")
@@ -151,14 +151,14 @@ def _data(identity: dict[str, Any]) -> str:
 
 
 def _trainings(run: Path) -> list[Path]:
-    """The run folders of a training and of those that it started from (`training.start`), first to last."""
+    """Run folders of a training and of its predecessors (`training.start`), the earliest first."""
     start = read_json_object(run / IDENTITY_FILE)["training"].get("start")
     before = start and user_path(start)
     return [*(_trainings(before) if before and (before / IDENTITY_FILE).exists() else []), run]
 
 
 def _command(run: Path) -> str:
-    """The command that made a run, from what Hydra wrote down."""
+    """Command line of a run, from the overrides that Hydra recorded."""
     return " ".join(["python -m deux", *read_overrides(run)])
 
 

@@ -1,4 +1,4 @@
-"""Tables of measurements, as text and JSON."""
+"""Tables of benchmark results, as text and JSON."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -15,13 +15,13 @@ Value = str | int | Spread
 
 @dataclass(frozen=True)
 class SpeedTable:
-    """The results of one benchmark.
+    """Table of the results of a benchmark.
 
     Args:
-        name: of the benchmark, a short word.
-        title: what was measured.
-        rows: values by the names of their columns, which all rows share.
-        notes: what a reader must know, such as what was left out and why.
+        name: short name of the table.
+        title: title of the table.
+        rows: values by column name; all rows have the same columns.
+        notes: notes for the reader, for example on what was excluded and why.
     """
 
     name: str
@@ -30,7 +30,7 @@ class SpeedTable:
     notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """JSON values; a spread is an object with `median`, `low` and `high`."""
+        """The table as JSON values; a `Spread` becomes an object with `median`, `low` and `high`."""
         return {
             "name": self.name,
             "title": self.title,
@@ -43,7 +43,7 @@ class SpeedTable:
 
 
 def make_console() -> Console:
-    """Standard output: coloured tables on a terminal, and Markdown of unlimited width elsewhere."""
+    """Create a console on standard output: coloured tables on a terminal, otherwise Markdown without line wrapping."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=1000)
 

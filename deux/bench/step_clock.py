@@ -1,4 +1,4 @@
-"""Timing of the parts of a training step."""
+"""Lightning callbacks that measure training steps and their parts."""
 
 from typing import Any
 
@@ -9,20 +9,20 @@ from deux.bench.timing import Stopwatch
 from deux.training.module import DepthCompletion
 
 PARTS = ("network", "poses", "objective", "backward", "optimiser")
-"""The parts of a step, in their order; what is left over is logging and Lightning itself."""
+"""Parts of a training step, in order. The rest of the step is logging and overhead of Lightning."""
 
 
 class MeanStep(Callback):
-    """Times all steps of a `Trainer` but the first as a whole, so that a card is not waited for between two of them."""
+    """Callback that measures the mean duration of all steps but the first, without synchronizing the GPU in between."""
 
     seconds: float
-    """Of one step; known after the last."""
+    """Mean duration of a step in seconds; set after the last step."""
 
     def __init__(self) -> None:
         self._watch = Stopwatch()
 
     def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
-        """Begin after the first step, end after the last."""
+        """Start the measurement after the first step and stop it after the last."""
         if trainer.global_step == 1:
             self._watch.start("steps")
         elif trainer.global_step == trainer.max_steps:
@@ -31,11 +31,13 @@ class MeanStep(Callback):
 
 
 class StepClock(Callback):
-    """Times each step of a `Trainer` and its parts. A step lasts from the end of the one before it to its own end.
+    """Callback that measures each training step and its parts.
+
+    A step is measured from the end of the previous step to its own end.
 
     Args:
-        warm_up: first steps that are not counted; at least 1, for the first has no beginning.
-        parts: whether the parts are timed as well; a card then has to be waited for at the end of each.
+        warm_up: number of first steps that are excluded; at least 1, since the first step has no previous one.
+        parts: whether the parts are measured; this synchronizes with the GPU at the start and end of each part.
     """
 
     def __init__(self, warm_up: int = 1, parts: bool = True) -> None:
@@ -46,13 +48,13 @@ class StepClock(Callback):
 
     @property
     def steps(self) -> list[float]:
-        """Seconds of each step."""
+        """Duration of each step in seconds."""
         return self.watch.durations["step"]
 
     @property
     def shares(self) -> dict[str, list[float]]:
-        """Percentage of its step that each part took, and the rest."""
-        # An objective that compares no frames asks for no poses.
+        """Percentage of each step's duration by part, including "rest"."""
+        # The poses are not computed for an objective that does not reconstruct frames.
         parts = {part: self.watch.durations[part] or [0.0] * len(self.steps) for part in PARTS}
         shares = {
             part: [100.0 * share / step for share, step in zip(durations, self.steps, strict=True)]
@@ -62,7 +64,7 @@ class StepClock(Callback):
         return shares
 
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
-        """Add hooks to the modules that a step calls."""
+        """Add hooks to the modules of the parts."""
         assert isinstance(pl_module, DepthCompletion)
         if not self._parts:
             return
@@ -81,19 +83,19 @@ class StepClock(Callback):
             hook.remove()
 
     def on_before_backward(self, *_: Any) -> None:
-        """The forward pass has ended."""
+        """Start the measurement of the backward pass."""
         self._start("backward")
 
     def on_after_backward(self, *_: Any) -> None:
-        """The backward pass has ended."""
+        """Stop the measurement of the backward pass."""
         self._stop("backward")
 
     def on_before_optimizer_step(self, *_: Any) -> None:
-        """The optimiser step starts."""
+        """Start the measurement of the optimiser."""
         self._start("optimiser")
 
     def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
-        """The optimiser step has ended."""
+        """Stop the measurement of the optimiser and of the step, and start that of the next step."""
         self._stop("optimiser")
         if trainer.global_step > self._warm_up:
             self.watch.stop("step")

@@ -1,4 +1,4 @@
-"""What limits a training step: the arithmetic of its convolutions, memory, or Python."""
+"""Benchmark of the limits of training steps: arithmetic of convolutions, memory bandwidth or Python."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,20 +19,20 @@ from deux.contracts import Batch
 from deux.inference.precision import default_device, default_precision
 
 _DTYPES = {"float32": torch.float32, "bfloat16": torch.bfloat16}
-_PRODUCTS = ("convolution", "conv2d", "mkldnn", "cudnn", "mm", "linear", "matmul")  # in names of operators
-_SIDE = 2048  # of the square matrices whose product shows a device's best rate
-_COPIED = 2**28  # bytes; more than any cache holds
+_PRODUCTS = ("convolution", "conv2d", "mkldnn", "cudnn", "mm", "linear", "matmul")  # parts of operator names
+_SIDE = 2048  # size of the square matrices of `best_product_rate`
+_COPIED = 2**28  # bytes; larger than all caches
 
 
 @dataclass(frozen=True)
 class LimitSettings:
-    """What is trained, and for how long.
+    """Settings of the benchmark of limits.
 
     Args:
-        batch_size: samples in a batch.
+        batch_size: number of samples in a batch.
         size: height and width of the samples in pixels.
-        steps: training steps that are timed, and as many that are profiled.
-        repeats: number of times that the device's best rates are measured.
+        steps: number of training steps that are timed, and number of those that are profiled.
+        repeats: number of measurements of the device's peak rates.
     """
 
     batch_size: int = 2
@@ -46,12 +46,12 @@ QUICK = LimitSettings(batch_size=1, size=128, steps=2, repeats=2)
 
 
 def measure_limits(settings: LimitSettings, accelerator: str = "auto") -> Iterator[SpeedTable]:
-    """Measure what the time of a training step goes to, for every installed depth model.
+    """Measure the composition of training steps of every installed depth model.
 
-    In the precision that deux trains in here, with a learned pose where the model has a pose network.
+    Training uses deux's default precision for the device, and learned poses if the model has a pose network.
 
     Args:
-        settings: what is trained.
+        settings: the settings of the benchmark.
         accelerator: Lightning's accelerator setting.
     """
     models, broken = installed("depth_models")
@@ -77,13 +77,13 @@ def measure_limits(settings: LimitSettings, accelerator: str = "auto") -> Iterat
 
 
 def best_product_rate(device: torch.device, dtype: torch.dtype, repeats: int) -> Spread:
-    """GFLOP/s of the product of two large square matrices."""
+    """Measure the GFLOP/s of the product of two large square matrices."""
     a, b = (torch.randn(_SIDE, _SIDE, device=device).to(dtype) for _ in range(2))
     return Spread.of([2e-9 * _SIDE**3 / second for second in _seconds(lambda: a @ b, repeats)])
 
 
 def best_bandwidth(device: torch.device, repeats: int) -> Spread:
-    """GB/s of a copy from memory to memory, each byte counted once for reading and once for writing."""
+    """Measure the memory bandwidth of a copy in GB/s; each byte counts as one read and one write."""
     source = torch.zeros(_COPIED, dtype=torch.uint8, device=device)
     target = torch.empty_like(source)
     return Spread.of([2e-9 * _COPIED / second for second in _seconds(lambda: target.copy_(source), repeats)])
@@ -99,7 +99,7 @@ def _seconds(call: Any, repeats: int) -> list[float]:
 
 
 def _row(variant: StepVariant, batch: Batch, steps: int, accelerator: str, best: float) -> dict[str, Value]:
-    """A row of the table."""
+    """Measure a depth model and create its row of the table."""
     clock, flops, shares = StepClock(parts=False), _FlopCount(), _OperationShares()
     for watch, count in ((flops, 1), (clock, steps), (shares, steps)):
         train_steps(variant, batch, count, watch, accelerator)
@@ -118,7 +118,7 @@ def _row(variant: StepVariant, batch: Batch, steps: int, accelerator: str, best:
 
 
 class _FlopCount(Callback):
-    """Counts the floating-point operations of the products in the last step of a training."""
+    """Callback that counts the floating-point operations of convolutions and matrix products in the last step."""
 
     gflops = 0.0
 
@@ -132,9 +132,10 @@ class _FlopCount(Callback):
 
 
 class _OperationShares(Callback):
-    """Shares of the time of all steps but the first, in %: of products, and of all other operations.
+    """Callback that measures the shares of products and of all other operations in the time of steps, in %.
 
-    On a graphics card an operation's time is that of its kernels, and what is left over is time without any.
+    The first step is excluded. On a GPU, the time of an operation is that of its kernels, and the remaining share is
+    time without a running kernel.
     """
 
     products = others = 0.0
@@ -158,7 +159,7 @@ class _OperationShares(Callback):
         cuda = ProfilerActivity.CUDA in found.activities
         wall = self._watch.total("steps")
         for event in found.key_averages():
-            if not event.key.startswith(("aten::", "torch::", "_")):  # autograd's own and Lightning's names
+            if not event.key.startswith(("aten::", "torch::", "_")):  # recorded by autograd or Lightning
                 continue
             share = 100e-6 * (event.self_device_time_total if cuda else event.self_cpu_time_total) / wall
             if any(word in event.key for word in _PRODUCTS):

@@ -1,4 +1,4 @@
-"""Timing of alternating measurements, with their spread."""
+"""Stopwatch, alternating measurements and their statistics."""
 
 import statistics
 import time
@@ -18,7 +18,7 @@ K = TypeVar("K", bound=Hashable)
 
 @dataclass(frozen=True)
 class Spread:
-    """Repeated measurements of one number.
+    """Median and percentiles of repeated measurements.
 
     Args:
         median: the median.
@@ -32,7 +32,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Spread":
-        """Summarise one or more measurements."""
+        """Compute the statistics of one or more measurements."""
         ordered = sorted(values)
         last = len(ordered) - 1
         return cls(statistics.median(ordered), ordered[round(0.1 * last)], ordered[round(0.9 * last)])
@@ -42,16 +42,17 @@ class Spread:
 
 
 def wait_for_device() -> None:
-    """Wait until the graphics card, if this process uses one, has done what it was given."""
+    """Wait until the GPU has completed all operations, if this process uses one."""
     if torch.cuda.is_initialized():
         torch.cuda.synchronize()
 
 
 class Stopwatch:
-    """Durations of the named parts of repeated work, in seconds.
+    """Measures the durations of named parts of repeated work, in seconds.
 
     Args:
-        synchronize: waits until a device has done what it was given; called before each reading of the clock.
+        synchronize: function that waits until a device has completed all operations; called before each reading of the
+            clock.
     """
 
     def __init__(self, synchronize: Callable[[], object] = wait_for_device) -> None:
@@ -60,22 +61,22 @@ class Stopwatch:
         self._started: dict[str, float] = {}
 
     def start(self, part: str) -> None:
-        """Begin a part; forget it if it was begun before."""
+        """Start a part, or restart it if it has been started and not stopped."""
         self._started[part] = self._now()
 
     def stop(self, part: str) -> None:
-        """End a part."""
+        """Stop a part and record its duration."""
         self.durations[part].append(self._now() - self._started.pop(part))
 
     @contextmanager
     def measure(self, part: str) -> Iterator[None]:
-        """Time the body of a `with` statement."""
+        """Measure the body of a `with` statement as a part."""
         self.start(part)
         yield
         self.stop(part)
 
     def timed(self, part: str, call: Callable[P, T]) -> Callable[P, T]:
-        """`call` with every call of it timed. The function that is returned has the attributes of `call`, too."""
+        """Wrap a function so that each call is measured as a part; the wrapper keeps the attributes of `call`."""
 
         @wraps(call)
         def timed(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -85,7 +86,7 @@ class Stopwatch:
         return timed
 
     def total(self, part: str) -> float:
-        """Seconds of all durations of a part."""
+        """Sum of all durations of a part in seconds."""
         return sum(self.durations[part])
 
     def _now(self) -> float:
@@ -94,7 +95,7 @@ class Stopwatch:
 
 
 def rate(call: Callable[[], object], seconds: float) -> float:
-    """Calls a second, of as many as fit into a time; at least one."""
+    """Call a function repeatedly, at least once, until `seconds` have passed, and return the calls per second."""
     started, count, elapsed = time.perf_counter(), 0, 0.0
     while elapsed < seconds or count == 0:
         call()
@@ -104,10 +105,17 @@ def rate(call: Callable[[], object], seconds: float) -> float:
 
 
 def in_turn(measurements: Mapping[K, Callable[[], T]], rounds: int) -> dict[K, list[T]]:
-    """Take every measurement once a round, every other round in the opposite order.
+    """Take every measurement once per round, in reversed order in every second round.
 
-    What changes while a benchmark runs, such as the load of the machine, then meets all of them alike, and their ratios
-    hold even where the numbers do not.
+    Changes during the benchmark, for example of the machine's load, thus affect all measurements alike, and ratios
+    within a round remain valid.
+
+    Args:
+        measurements: functions that take one measurement, by name.
+        rounds: number of rounds.
+
+    Returns:
+        The results of all rounds, by name.
     """
     results: dict[K, list[T]] = {name: [] for name in measurements}
     for number in range(rounds):
@@ -117,14 +125,14 @@ def in_turn(measurements: Mapping[K, Callable[[], T]], rounds: int) -> dict[K, l
 
 
 def times_the_slowest(rates: Mapping[K, Sequence[float]]) -> dict[K, Spread]:
-    """Ratio of each rate to that of the slowest, formed within each round."""
+    """Ratios of all rates to the one with the lowest median, computed within each round."""
     if not rates:
         return {}
     return times(rates, min(rates, key=lambda name: statistics.median(rates[name])))
 
 
 def times(rates: Mapping[K, Sequence[float]], reference: K) -> dict[K, Spread]:
-    """Ratio of each rate to that of `reference`, formed within each round."""
+    """Ratios of all rates to that of `reference`, computed within each round."""
     return {
         name: Spread.of([own / other for own, other in zip(values, rates[reference], strict=True)])
         for name, values in rates.items()
@@ -132,6 +140,6 @@ def times(rates: Mapping[K, Sequence[float]], reference: K) -> dict[K, Spread]:
 
 
 def _digits(value: float) -> str:
-    """About three significant digits, without an exponent."""
+    """Format a number with about three significant digits and without an exponent."""
     size = abs(value)
     return f"{value:.{0 if size >= 100 else 1 if size >= 10 else 2 if size >= 0.1 or size == 0 else 4}f}"

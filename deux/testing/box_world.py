@@ -1,4 +1,4 @@
-"""Simulator of a room with boxes and exact depth images, without meshes, for tests of explorers."""
+"""Simulator of a room with boxes, without a mesh and with exact depth images, for tests of explorers."""
 
 import math
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ class Box:
     """An axis-aligned box on the floor, in metres.
 
     Args:
-        x0: least x.
-        z0: least z.
-        x1: greatest x.
-        z1: greatest z.
-        height: its top above the floor; 2.5 is the room's height, which makes it a wall.
+        x0: minimum x.
+        z0: minimum z.
+        x1: maximum x.
+        z1: maximum z.
+        height: height of its top above the floor. A box of the room's height, 2.5, is a wall.
     """
 
     x0: float
@@ -34,7 +34,7 @@ class Box:
 
 @dataclass(frozen=True)
 class BoxScene(SceneReference):
-    """Scene reference of a box world, which only exists in memory; the arguments are those of `BoxWorld`."""
+    """Scene reference of a box world, which exists in memory only. See `BoxWorld` for the arguments."""
 
     width: float
     length: float
@@ -49,15 +49,15 @@ class BoxScene(SceneReference):
 class BoxWorld(Simulator):
     """A simulator of a closed rectangular room with boxes.
 
-    The floor is at y = 0 and the ceiling at 2.5 m. Depth comes from intersecting each pixel's ray with the boxes.
-    The robot slides along what it touches, one axis at a time. Before the first `reset` it is in the room's middle.
+    The floor is at y = 0 and the ceiling at 2.5 m. Depth is the intersection of each pixel's ray with room and boxes.
+    The robot slides along obstacles, one axis at a time. Before the first `reset` it is at the centre of the room.
 
     Args:
-        width: the room spans x from 0 to this, metres.
-        length: the room spans z from 0 to this, metres.
-        boxes: what stands in it; full-height boxes divide it into rooms.
+        width: size of the room along x in metres; x is in [0, width].
+        length: size of the room along z in metres; z is in [0, length].
+        boxes: boxes in the room; boxes of full height divide it into several rooms.
         camera: the robot's camera.
-        robot: its body and motion.
+        robot: the robot's body and motion.
     """
 
     ceiling = 2.5
@@ -85,14 +85,14 @@ class BoxWorld(Simulator):
 
     @property
     def object_labels(self) -> tuple[str, ...]:
-        """One label for each of the boxes."""
+        """Label of each box."""
         return ("box",) * len(self.boxes)
 
     def reset(self, x: float, z: float, yaw: float, floor: int = 0) -> None:
-        """Put the robot at world (x, z), metres, heading `yaw` (radians, 0 looks along -Z).
+        """Place the robot at world (x, z) in metres with heading `yaw` in radians; 0 looks along -Z.
 
         Raises:
-            DeuxError: the robot does not fit there, or there is no such floor.
+            DeuxError: the robot does not fit there, or the floor does not exist.
         """
         self._check_floor(floor)
         if self.clearance(x, z) < self.robot.radius:
@@ -105,7 +105,7 @@ class BoxWorld(Simulator):
         return camera_pose(self._x, self.robot.camera_height, self._z, self._yaw)
 
     def step(self, action: Action) -> bool:
-        """Execute an action; returns whether a collision shortened it."""
+        """Execute an action and return whether a collision shortened it."""
         turn = math.radians(self.robot.turn_angle)
         if action is Action.LEFT:
             self._yaw += turn
@@ -166,10 +166,10 @@ class BoxWorld(Simulator):
         return BoxWorld(self.width, self.length, self.boxes, camera or self.camera, self.robot)
 
     def free_space(self, floor: int = 0) -> FreeSpace:
-        """The floor where the robot's centre can be, on a grid of 5 cm, connected to where the robot stands.
+        """Compute the free space that is connected to the robot's position, on a grid with cells of 5 cm.
 
         Raises:
-            DeuxError: there is no such floor.
+            DeuxError: the floor does not exist.
         """
         self._check_floor(floor)
         frame = GridFrame(0.0, 0.0, math.ceil(self.length / 0.05), math.ceil(self.width / 0.05))
@@ -192,7 +192,7 @@ class BoxWorld(Simulator):
         """Ray parameters at which each ray enters and leaves an axis-aligned box."""
         safe = np.where(np.abs(directions) < 1e-12, 1e-12, directions)
         enters, leaves = np.array(-np.inf), np.array(np.inf)
-        for axis in range(3):  # a reduction over a last axis of three takes three times as long
+        for axis in range(3):  # three times as fast as a reduction over a last axis of size 3
             a, b = (low[axis] - origin[axis]) / safe[..., axis], (high[axis] - origin[axis]) / safe[..., axis]
             enters, leaves = np.maximum(enters, np.minimum(a, b)), np.minimum(leaves, np.maximum(a, b))
         return enters, leaves

@@ -34,7 +34,7 @@ def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, see
         size: height and width in pixels.
         count: number of samples.
         points: fraction of the pixels that have a sparse point.
-        seed: of the random numbers.
+        seed: seed of the random numbers.
     """
     generator = torch.Generator().manual_seed(seed)
     height, width = size
@@ -50,14 +50,14 @@ def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, see
 
 
 def network_inputs(model: DepthModel, data: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Inputs of the model in training: the data, the validity of the points and the prepared inputs."""
+    """Create the inputs of the model in training: data, validity of the points and prepared inputs."""
     samples = [model.prepare(depth) for depth in data["sparse_depth"][:, 0].numpy()]
     prepared = {name: torch.from_numpy(np.stack([s[name] for s in samples])) for name in samples[0]}
     return {**data, "validity": remove_outliers(data["sparse_depth"]), **prepared}
 
 
 def run(model: DepthModel, data: dict[str, Tensor]) -> Prediction:
-    """Call the model as in training."""
+    """Call the model with the inputs that it gets in training."""
     return model(**network_inputs(model, data))
 
 
@@ -76,7 +76,7 @@ class DepthModelSuite:
 
     @pytest.fixture
     def model(self) -> DepthModel:
-        """A model with the same random weights in every test, in eval mode."""
+        """The model in eval mode, with the same random weights in every test."""
         torch.manual_seed(0)
         return self.make_model().eval()
 
@@ -93,7 +93,7 @@ class DepthModelSuite:
         assert 0 < model.min_depth < model.max_depth
 
     def test_forward_takes_no_ground_truth(self, model: DepthModel) -> None:
-        """The network gets the inputs of the contract and what it prepares from them, nothing else."""
+        """`forward` only takes the inputs of the contract and those that `prepare` returns."""
         parameters = inspect.signature(model.forward).parameters.values()
         named = [p.name for p in parameters if p.kind is not inspect.Parameter.VAR_KEYWORD]
         prepared = model.prepare(np.ones(self.size, np.float32))
@@ -121,7 +121,7 @@ class DepthModelSuite:
         assert [module.training for module in model.modules()] == modes
 
     def test_predict_agrees_with_forward(self, model: DepthModel) -> None:
-        """`predict` equals the output in training."""
+        """`predict` returns the depth of `forward` for the same inputs."""
         data = camera_data(self.size)
         torch.testing.assert_close(model.predict(**data), run(model, data).depth.detach())
 
@@ -144,7 +144,7 @@ class DepthModelSuite:
         torch.testing.assert_close(model.predict(**data), alone, rtol=1e-4, atol=1e-4)
 
     def test_inputs_are_left_as_they_were(self, model: DepthModel) -> None:
-        """The network does not modify its inputs, which the losses use."""
+        """`forward` does not modify its inputs, which the losses use as well."""
         data = camera_data(self.size)
         before = copy.deepcopy(data)
         model.train()
@@ -152,7 +152,10 @@ class DepthModelSuite:
         assert all(torch.equal(data[name], before[name]) for name in data)
 
     def test_every_trainable_parameter_gets_a_gradient(self, model: DepthModel) -> None:
-        """Parameters of published checkpoints that the network does not use have `requires_grad=False`."""
+        """Every parameter with `requires_grad` gets a gradient that is not zero, and all gradients are finite.
+
+        Parameters of published checkpoints that the network does not use must have `requires_grad=False`.
+        """
         model.train()
         depth = run(model, camera_data(self.size)).depth
         (depth.log() * torch.rand_like(depth)).sum().backward()
@@ -165,7 +168,7 @@ class DepthModelSuite:
         assert all(p.grad is None or torch.isfinite(p.grad).all() for p in model.parameters())
 
     def test_trains_under_bfloat16_autocast(self, model: DepthModel) -> None:
-        """Mixed precision gives float32 depth, close to that of float32, and gradients."""
+        """Under autocast, depth is float32 and close to that of full precision, and gradients can be computed."""
         data = camera_data(self.size)
         expected = run(model, data).depth.detach()
         with torch.autocast("cpu", dtype=torch.bfloat16):
@@ -175,7 +178,7 @@ class DepthModelSuite:
         prediction.depth.mean().backward()
 
     def test_keeps_a_card_busy(self, model: DepthModel) -> None:
-        """Neither pass through the networks makes the host wait for the device; a first one may build constants."""
+        """Neither the forward nor the backward pass synchronizes with the GPU, except that the first one may."""
         model.train()
         inputs, pose_network = network_inputs(model, camera_data(self.size)), model.pose_network()
         model(**inputs)
@@ -203,12 +206,12 @@ class DepthModelSuite:
         assert torch.equal(other.predict(**data), model.predict(**data))
 
     def test_published_modules_cover_the_model(self, model: DepthModel) -> None:
-        """A published checkpoint fills every parameter, if there is one."""
+        """`published_modules` is empty or contains all parameters of the model."""
         published = [p for module in model.published_modules().values() for p in module.parameters()]
         assert not published or set(published) == set(model.parameters())
 
     def test_pose_network_predicts_rigid_motions(self, model: DepthModel) -> None:
-        """The pose network returns rotations and translations as 4 x 4 matrices."""
+        """The pose network, if there is one, returns N x 4 x 4 rigid transforms."""
         network = model.pose_network()
         if network is None:
             pytest.skip("the model has no pose network")

@@ -6,8 +6,8 @@
         def make_explorer(self):
             return Mine()
 
-The worlds are rooms with boxes and exact depth (`deux.testing.box_world`): nothing is rendered and no depth model
-runs. "Predicted" depth is the true depth, and the residual follows from what is seen (`observe`).
+The worlds are rooms with boxes and exact depth (`deux.testing.box_world`), without a renderer or a depth model: the
+predicted depth is the true depth, and the residual depends on the labels (`observe`).
 """
 
 import math
@@ -31,9 +31,9 @@ def unchanged(observation: Observation) -> Observation:
 
 
 def observe(world: Simulator, needs: frozenset[Need], step: int, collided: bool) -> Observation:
-    """The observation of an explorer with these needs, without anything else.
+    """Create the observation of an explorer, with only the data that it needs.
 
-    The residual is 0.1 on boxes and 0.02 elsewhere; before the third frame it is NaN, as in the collector.
+    The residual is 0.1 on boxes and 0.02 elsewhere. It is NaN for the first two frames, as in the collector.
     """
     frame = world.observe(COLOR | {Channel.LABELS})
     assert frame.labels is not None
@@ -62,21 +62,21 @@ def run(
     change: Change = unchanged,
     until: Callable[[Observation], bool] | None = None,
 ) -> list[Action]:
-    """Run an explorer in a world from the robot's current pose, as in collection.
+    """Run an explorer for one episode from the robot's current pose, as in collection.
 
     Args:
-        explorer: it is reset first.
-        world: the robot's world; the robot is left where it ends.
-        steps: number of actions; fewer are carried out if the explorer stops.
-        seed: the episode's seed.
-        change: applied to each observation.
-        until: the episode ends with the first observation for which it is true.
+        explorer: the explorer, which is reset first.
+        world: the world; its robot remains at the last pose.
+        steps: maximum number of actions.
+        seed: seed of the episode.
+        change: function that is applied to each observation.
+        until: condition on an observation that ends the episode.
 
     Returns:
-        The actions.
+        The actions, including `Action.STOP` if the explorer stopped.
     """
     free_space = world.free_space() if Need.FREE_SPACE in explorer.needs else None
-    if free_space is not None:  # the robot's body moves by the same arrays: an explorer must not write to them
+    if free_space is not None:  # explorers must not write to these arrays, by which the robot moves
         free_space.free.flags.writeable = free_space.clearance.flags.writeable = False
     names = world.label_names if Need.LABELS in explorer.needs else ()
     explorer.reset(Episode(seed, steps, world.camera, world.robot, free_space, names))
@@ -95,7 +95,7 @@ def run(
 
 
 def pocket() -> BoxWorld:
-    """A dead end, 0.3 m wide and 0.9 m deep, in the wall of a room; the robot at its end, with its face to the wall."""
+    """A dead end, 0.3 m wide and 0.9 m deep, with the robot at its end, facing the wall."""
     walls = (Box(1.75, 0.0, 1.85, 0.9), Box(2.15, 0.0, 2.25, 0.9))
     world = BoxWorld(4.0, 4.0, walls, Camera(32, 32))
     world.reset(2.0, 0.15, 0.0)
@@ -103,14 +103,14 @@ def pocket() -> BoxWorld:
 
 
 def corner_with_leg() -> BoxWorld:
-    """The corner of a room behind the leg of a table, with the robot's face to the corner."""
+    """The corner of a room behind a table leg, with the robot facing the corner."""
     world = BoxWorld(4.0, 4.0, (Box(0.42, 0.42, 0.48, 0.48, 0.7),), Camera(32, 32))
     world.reset(0.14, 0.14, math.pi / 4.0)
     return world
 
 
 def pen() -> BoxWorld:
-    """A fence of half a metre height around half a metre of floor with a gap of 0.3 m, over which the robot sees."""
+    """A fence of 0.5 m height around a floor of 0.5 m size, with a gap of 0.3 m; the robot can see over it."""
     fence = (
         Box(1.75, 1.65, 2.25, 1.75, 0.5), Box(1.75, 2.25, 2.25, 2.35, 0.5), Box(1.65, 1.65, 1.75, 2.35, 0.5),
         Box(2.25, 1.65, 2.35, 1.85, 0.5), Box(2.25, 2.15, 2.35, 2.35, 0.5),
@@ -121,11 +121,11 @@ def pen() -> BoxWorld:
 
 
 TRAPS = {pocket: 1.0, corner_with_leg: 1.0, pen: 0.5}
-"""Places in which robots get stuck, and the distance in metres from the start at which they have escaped."""
+"""Worlds in which robots get stuck, and the distance in metres from the start at which a robot has escaped."""
 
 
 def two_rooms() -> BoxWorld:
-    """Two rooms of 3 x 4 m with a doorway of 1 m between them and a low box in each; the robot in the left one."""
+    """Two rooms of 3 x 4 m with a doorway of 1 m and a low box in each room; the robot is in the left room."""
     walls = (Box(2.95, 0.0, 3.05, 1.5), Box(2.95, 2.5, 3.05, 4.0))
     world = BoxWorld(6.0, 4.0, (*walls, Box(0.5, 0.5, 1.0, 1.0, 0.8), Box(4.5, 2.8, 5.5, 3.4, 0.5)))
     world.reset(1.5, 2.0, 0.0)
@@ -136,13 +136,13 @@ class ExplorerSuite:
     """Base class of the tests of an explorer. Subclasses define `make_explorer`."""
 
     steps = 60
-    """Number of steps of the longer episodes."""
+    """Number of steps of an episode in most tests."""
 
     escape_steps = 250
     """Maximum number of actions to escape from a trap."""
 
     most_pushes = 75
-    """Maximum number of these actions that collide without moving the robot."""
+    """Maximum number of actions of an escape that push against an obstacle without moving the robot."""
 
     @abstractmethod
     def make_explorer(self) -> Explorer:
@@ -162,7 +162,7 @@ class ExplorerSuite:
         assert all(isinstance(need, Need) for need in needs), f"not Need values: {needs}"
 
     def test_acts_legally(self) -> None:
-        """All actions of an episode are of the type `Action`; observations only contain the declared data."""
+        """All actions are of type `Action`, with observations that only contain the declared data."""
         self.run_legally(two_rooms(), self.steps)
 
     def test_same_seed_same_actions(self) -> None:
@@ -181,7 +181,7 @@ class ExplorerSuite:
         ), "a used explorer acted differently from a new one: `reset` must forget everything"
 
     def test_leaves_the_observation_alone(self) -> None:
-        """The arrays of an observation are shared with the collector: an explorer must not write to them."""
+        """The explorer does not write to the arrays of an observation, which the collector also uses."""
 
         def read_only(observation: Observation) -> Observation:
             for value in vars(observation).values():
@@ -192,7 +192,7 @@ class ExplorerSuite:
         self.run_legally(two_rooms(), 20, read_only)
 
     def test_survives_missing_residuals(self) -> None:
-        """The residual may be NaN for a whole episode (nothing overlaps) and in any pixel."""
+        """The explorer acts when the residual is NaN in all pixels or half of them for a whole episode."""
 
         def all_missing(observation: Observation) -> Observation:
             if observation.residual is None:
@@ -211,7 +211,7 @@ class ExplorerSuite:
         self.run_legally(two_rooms(), self.steps, half_missing)
 
     def test_survives_empty_depth(self) -> None:
-        """The depth may be 0 everywhere: a camera before glass, or too close to a wall."""
+        """The explorer acts when the depth is 0 everywhere, as in front of glass or too close to a wall."""
 
         def empty(observation: Observation) -> Observation:
             def zeros(depth: np.ndarray | None) -> np.ndarray | None:
@@ -226,12 +226,12 @@ class ExplorerSuite:
         self.run_legally(two_rooms(), self.steps, empty)
 
     def test_survives_a_scene_of_one_cell(self) -> None:
-        """A shaft barely wider than the robot, where it can turn and nothing else."""
+        """The explorer acts in a shaft slightly wider than the robot, in which it can only turn."""
         side = 2.0 * two_rooms().robot.radius + 0.02
         self.run_legally(BoxWorld(side, side), self.steps)
 
     def test_survives_being_walled_in(self) -> None:
-        """Low boxes on all sides, over which the robot sees a room that it cannot reach."""
+        """The explorer acts between low boxes on all sides, with a visible room that it cannot reach."""
         fence = (
             Box(1.5, 1.5, 2.5, 1.6, 0.5), Box(1.5, 2.4, 2.5, 2.5, 0.5),
             Box(1.5, 1.5, 1.6, 2.5, 0.5), Box(2.4, 1.5, 2.5, 2.5, 0.5),
@@ -239,7 +239,7 @@ class ExplorerSuite:
         self.run_legally(BoxWorld(4.0, 4.0, fence), self.steps)
 
     def test_survives_a_cell_of_its_own(self) -> None:
-        """Walls up to the ceiling all around the robot: it sees nothing but them."""
+        """The explorer acts between walls of full height on all sides."""
         walls = (
             Box(1.5, 1.5, 2.5, 1.8), Box(1.5, 2.2, 2.5, 2.5),
             Box(1.5, 1.8, 1.8, 2.2), Box(2.2, 1.8, 2.5, 2.2),
@@ -247,13 +247,13 @@ class ExplorerSuite:
         self.run_legally(BoxWorld(4.0, 4.0, walls), self.steps)
 
     def test_survives_a_map_without_frontiers(self) -> None:
-        """The explorer continues in a small room without any remaining frontier."""
+        """The explorer acts in a small room when no frontier remains."""
         self.run_legally(BoxWorld(1.5, 1.5), 2 * self.steps)
 
     def test_gets_out_of_traps(self) -> None:
-        """The robot gets out of each of `TRAPS`, and does not push against obstacles all the time.
+        """The robot escapes from each of `TRAPS`, with at most `most_pushes` actions that push against obstacles.
 
-        `deux.mapping.recovery.Recovery` frees a robot. An explorer may also stop: then it holds no episode up.
+        The explorer may also stop, which ends the episode. `deux.mapping.recovery.Recovery` frees a robot.
         """
         for trap, outside in TRAPS.items():
             world = trap()
@@ -274,7 +274,7 @@ class ExplorerSuite:
             assert out, f"{where}, and it did not get out within {limit}: {remedy}"
 
     def test_map_is_consistent(self) -> None:
-        """`map` is None or contains grids of its frame's shape with valid values, and does not change the explorer."""
+        """`map` is None or contains grids of its frame's shape with valid values."""
         explorer = self.make_explorer()
         world = two_rooms()
         run(explorer, world, self.steps)

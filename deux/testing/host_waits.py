@@ -1,8 +1,8 @@
 """Check that code does not make the host wait for the GPU.
 
-On a card, operations are queued and the host runs ahead. Reading a value (`item`), an operation whose result's size
-depends on values (`nonzero`, a boolean index) or a tensor made from numbers of the host empties that queue. A card
-tells by `torch.cuda.set_sync_debug_mode`; the check here finds the same operations without one.
+CUDA operations are asynchronous: the host queues them and continues. The host has to wait for the GPU to read a value
+(`item`), for an operation whose output size depends on values (`nonzero`, a boolean index) and to create a tensor from
+Python numbers. `torch.cuda.set_sync_debug_mode` detects this on a GPU; this module detects it on the CPU.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ _FUNCTIONS: dict[Any, str] = {
     torch.allclose: _READS,
     torch.from_numpy: _COPIES,
 }
-"""Calls that need no operator on the CPU, where the tensors are on the host already."""
+"""Functions that would make the host wait, but that call no operator for tensors on the CPU."""
 
 _OPERATORS: dict[Any, str] = {
     aten._local_scalar_dense: _READS,
@@ -49,21 +49,22 @@ _OPERATORS: dict[Any, str] = {
     aten.lift_fresh: _COPIES,
     aten._linalg_check_errors: _CHECKS,
 }
-
+"""ATen operators that make the host wait."""
 
 _IS_CPU = vars(torch._C.TensorBase)["is_cpu"].__get__
 
 
 class HostWait(AssertionError):
-    """An operation that would make the host wait for the GPU."""
+    """Raised for an operation that would make the host wait for the GPU."""
 
 
 @contextmanager
 def refuse_host_waits() -> Iterator[None]:
-    """Raise `HostWait` at the first operation that would wait if the tensors were on a GPU.
+    """Context manager that raises `HostWait` for an operation that would make the host wait if tensors were on a GPU.
 
-    Meanwhile `Tensor.is_cpu` is False, so that code which distinguishes takes its way for cards. Backward passes and
-    optimiser steps may be inside; for the latter choose `fused=True`, as others count their steps on the host.
+    Inside, `Tensor.is_cpu` is False, so that code with separate paths for CPU and GPU takes the path for the GPU.
+    Backward passes and optimiser steps are supported; optimisers need `fused=True`, since others count their steps on
+    the host.
 
     Example:
         >>> with refuse_host_waits():
@@ -72,14 +73,14 @@ def refuse_host_waits() -> Iterator[None]:
         deux.testing.host_waits.HostWait: aten._local_scalar_dense reads values on the host; keep them in tensors, ...
 
     Raises:
-        HostWait: its traceback ends in the line of code.
+        HostWait: an operation would make the host wait; the traceback shows its line of code.
     """
     with _Functions(), _Operators():
         yield
 
 
 class _Functions(TorchFunctionMode):
-    """Checks the Python functions that are called with tensors."""
+    """Checks the functions of torch that are called with tensors."""
 
     def __torch_function__(
         self,
@@ -100,7 +101,7 @@ class _Functions(TorchFunctionMode):
             copied.is_on_host = True
             return copied
         if func is Tensor.__setitem__ and isinstance(args[2], int | float):
-            # On a card the number is filled in; on the CPU it looks like a copy.
+            # A GPU fills in the number without a copy, which the CPU would make.
             args = (*args[:2], torch.full((), args[2], dtype=args[0].dtype))
         return func(*args, **kwargs)
 
@@ -123,18 +124,18 @@ class _Operators(TorchDispatchMode):
 
 
 def _is_on_host(args: Sequence[Any]) -> bool:
-    """Whether the first argument is a copy that was made by `to("cpu", non_blocking=True)`."""
+    """Whether the first argument is a copy by `to("cpu", non_blocking=True)`."""
     return bool(args) and getattr(args[0], "is_on_host", False)
 
 
 def _by_arguments(operator: Any, args: Sequence[Any], kwargs: Mapping[str, Any]) -> str | None:
-    """Reason why an operator waits with these arguments; None if it does not."""
+    """Reason why the host waits for an operator with these arguments; None if it does not."""
     if operator is aten.index and _has_mask(args[1]):
         return _SIZES
     if operator in (aten.index_put, aten.index_put_, aten._index_put_impl_) and _has_mask(args[1]):
-        return None if args[2].numel() == 1 else _SIZES  # a single number is filled in without being counted
+        return None if args[2].numel() == 1 else _SIZES  # the size of a single number is known
     if operator is aten.repeat_interleave and kwargs.get("output_size") is None:
-        return _SIZES if isinstance(args[-1], Tensor) else None  # each its own number of repeats, or all the same
+        return _SIZES if isinstance(args[-1], Tensor) else None  # a tensor of repeats, or a number
     return None
 
 

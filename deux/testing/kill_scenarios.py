@@ -1,4 +1,4 @@
-"""Commands for kill tests, one for each way in which deux writes files."""
+"""Commands for kill tests, which cover all tasks that write files."""
 
 import importlib.util
 from collections.abc import Callable
@@ -13,22 +13,22 @@ from deux.policies.learned_explorer import LearnedExplorer
 from deux.registry import PluginChoice, registry
 
 SMALLEST = "experiment=smallest"
-"""The preset of all scenarios, conf/experiment/smallest.yaml."""
+"""Preset of all scenarios: conf/experiment/smallest.yaml."""
 
 _TRAINED = "outputs/trained"
-"""Run folder of the preparation."""
+"""Run folder of the training in `preparation`."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A command with its expected results.
+    """A command for kill tests.
 
     Args:
-        arguments: called with the folder in which the command runs; returns its options.
-        prepared: whether it begins with what `PREPARATION` has left in the folder; otherwise with an empty folder.
-        children: whether one process of several is killed at times, and not all of them.
-        varying: patterns of the files whose content differs from run to run, see `left_files.digests`.
-        modules: packages that it needs.
+        arguments: function that returns the options of the command, given the folder in which it runs.
+        prepared: whether the folder contains the files of the command of `preparation`; otherwise it is empty.
+        children: whether single processes of the command are killed as well, instead of all of them.
+        varying: patterns of the files whose content differs between runs; see `left_files.digests`.
+        modules: names of the packages that the command needs.
     """
 
     arguments: Callable[[Path], list[str]]
@@ -44,7 +44,7 @@ class Scenario:
 
 
 def preparation() -> list[str]:
-    """Options of the experiment that `prepared` scenarios begin after: a dataset, test frames, a model, results."""
+    """Options of the command that creates a dataset, test frames, a model and results for `prepared` scenarios."""
     return [SMALLEST, f"explore={_plain_explorer()}", "training.steps=2", f"hydra.run.dir={_TRAINED}"]
 
 
@@ -54,7 +54,7 @@ def _experiment(folder: Path) -> list[str]:
 
 def _rounds(folder: Path) -> list[str]:
     rounds = [f"callbacks.active_collection.{name}" for name in ("rounds=2", "steps=8")]
-    # The model that is trained explores, whose first frames are there.
+    # The seed model and its frames are those of the preparation.
     seed = [f"seed_model.explore={_plain_explorer()}", f"seed_model.checkpoint={_TRAINED}"]
     return [SMALLEST, "callbacks=[active_collection]", *rounds, *seed, "training.steps=12"]
 
@@ -93,7 +93,7 @@ def _dataset_export(format: str) -> Scenario:
         source = [f"export_dataset.train={_dataset(folder)}", "export_dataset.output=exported"]
         return [SMALLEST, "task=export_dataset", f"export_dataset.format={format}", *source]
 
-    return Scenario(arguments, varying=("*/exported.json",))  # which names the folder by its inode
+    return Scenario(arguments, varying=("*/exported.json",))  # contains the inode of the folder
 
 
 def _report(folder: Path) -> list[str]:
@@ -102,14 +102,14 @@ def _report(folder: Path) -> list[str]:
 
 def _together(folder: Path) -> list[str]:
     trainer = ["trainer.strategy=ddp", "trainer.devices=2", "training.batch_size=1", "training.steps=8"]
-    minutes = "training.checkpoint_minutes=0.0001"  # at every step: which step it is must not depend on time
+    minutes = "training.checkpoint_minutes=0.0001"  # at every step, so that checkpoints do not depend on time
     return [SMALLEST, "task=train", f"explore={_plain_explorer()}", minutes, *trainer]
 
 
 SCENARIOS = {
     "experiment": Scenario(_experiment, prepared=False),
     "rounds": Scenario(_rounds),
-    # Episodes are restarted after a kill, so that their results differ.
+    # Results differ, since episodes are restarted after a kill.
     "train_explorer": Scenario(
         _explorer_training, prepared=False, varying=("*/policy.safetensors", "*/checkpoint.pt", "*/figures/*")
     ),
@@ -122,21 +122,21 @@ SCENARIOS = {
     "export_triplets": _dataset_export("triplets"),
     "export_webdataset": _dataset_export("webdataset"),
     "report": Scenario(_report),
-    # It goes on within an epoch: Lightning counts starts in its checkpoints, and what was not yet logged is not drawn.
+    # Training resumes within an epoch: checkpoints contain the number of starts, and unlogged steps are not plotted.
     "ddp": Scenario(_together, children=True, varying=("*/checkpoints/*", "*/figures/training.png")),
 }
-"""The scenarios by name."""
+"""Scenarios by name."""
 
 
 @cache
 def _plain_explorer() -> str:
-    """The first installed explorer that needs no depth model and no trained policy."""
+    """Name of the first installed explorer that needs no depth model and no trained policy."""
     return _first("moves without a depth model", lambda name: not (_is_learned(name) or needs_model(_choice(name))))
 
 
 @cache
 def _learned_explorer() -> str:
-    """The first installed explorer that has a policy to train."""
+    """Name of the first installed learned explorer."""
     return _first("is learned", _is_learned)
 
 
@@ -157,5 +157,5 @@ def _is_learned(name: str) -> bool:
 
 
 def _dataset(folder: Path) -> str:
-    """The dataset of the prepared folder, as its commands call it."""
+    """Path of the dataset in a prepared folder, relative to the folder."""
     return next(folder.glob(f"outputs/datasets/{_plain_explorer()}-*")).relative_to(folder).as_posix()

@@ -1,7 +1,7 @@
-"""Commands of deux that are started in processes of their own and killed there.
+"""Execution of deux commands in separate processes that are killed.
 
-A process is forked from this one, in which the packages that take seconds to import may have been imported already
-(`preload`), and runs what `python -m deux` runs. It must be forked from a process of one thread.
+A command runs like `python -m deux` in a process that is forked from this one. To start faster, this process can import
+the modules of the command before (`preload`). It must have a single thread.
 """
 
 import atexit
@@ -30,7 +30,7 @@ _POLL = 0.002
 
 @dataclass(frozen=True)
 class KillAtMove:
-    """SIGKILL to the command and all its processes beside the n-th call of `MOVES` of its main process.
+    """SIGKILL to all processes of a command, at the n-th call of a function of `MOVES` in its main process.
 
     Args:
         number: n, counted from 1.
@@ -43,12 +43,12 @@ class KillAtMove:
 
 @dataclass(frozen=True)
 class KillAfter:
-    """SIGKILL after some time.
+    """SIGKILL to a command or one of its child processes after some time.
 
     Args:
-        seconds: after the start.
-        child: which process gets it: None for the command and all its processes, else the child of that number, modulo
-            the number of children that there are; where there is none, the command.
+        seconds: seconds after the start.
+        child: index of the child process to kill, modulo the number of child processes. All processes of the command
+            are killed if it is None or if there is no child process.
     """
 
     seconds: float
@@ -60,13 +60,13 @@ Kill = KillAtMove | KillAfter
 
 @dataclass(frozen=True)
 class Ending:
-    """Result of a started command.
+    """Result of a command.
 
     Args:
-        code: the exit code, negative for the signal that ended it.
-        killed: whether the kill came before the command ended by itself.
+        code: exit code; the negative number of the signal if a signal ended it.
+        killed: whether a process was killed before the command ended.
         seconds: wall time.
-        errors: what it wrote to stderr.
+        errors: output to stderr.
     """
 
     code: int
@@ -80,34 +80,37 @@ class Hung(RuntimeError):
 
 
 def preload(folder: Path, name: str = "command") -> None:
-    """Import what a command that ended without a kill had imported, in this process, so that its forks need not.
+    """Import the modules of a command in this process, so that forked processes need not import them.
 
     Args:
-        folder: see `run_command`.
-        name: likewise.
+        folder: folder in which `run_command` ran the command without a kill.
+        name: the `name` of that call.
     """
     for module in (folder / f"{name}.modules").read_text().split():
-        # A library may be importable only inside what it belongs to; a fork imports it as it needs it.
+        # Some modules can only be imported by their package; the forked process imports them.
         with suppress(Exception):
             importlib.import_module(module)
-    gc.freeze()  # or garbage collection in a fork would copy the memory that it shares with this process
+    gc.freeze()  # otherwise garbage collection in a fork would copy shared memory
 
 
 def run_command(
     arguments: Sequence[str], folder: Path, kill: Kill | None = None, patience: float = 600.0, name: str = "command"
 ) -> Ending:
-    """Run `python -m deux ...` in a forked process, on one thread, and wait for its end.
+    """Run `python -m deux ...` in a forked process with one torch thread and wait until it ends.
 
     Args:
-        arguments: of the command.
-        folder: the working folder, which takes the command's output as `<name>.out` and `<name>.err` as well, and the
-            names of the modules that a command without a kill has imported as `<name>.modules`.
-        kill: when it is killed; None if it is not.
-        patience: seconds after which it is taken to hang.
-        name: of the files of the output.
+        arguments: arguments of the command.
+        folder: working folder. The output is written to `<name>.out` and `<name>.err`, and without a kill the names of
+            the imported modules to `<name>.modules`.
+        kill: when to kill the command; None for no kill.
+        patience: time limit in seconds.
+        name: stem of the names of the output files.
+
+    Returns:
+        The result of the command.
 
     Raises:
-        Hung: it did not end in time, also after one of its children was killed.
+        Hung: the command exceeded the time limit.
     """
     started = time.monotonic()
     pid = os.fork()
@@ -116,12 +119,12 @@ def run_command(
     try:
         code, killed = _wait(pid, kill, started, patience)
     finally:
-        _kill_all(pid)  # what a killed command leaves behind must not write on beside the next start
+        _kill_all(pid)  # remaining processes must not write files during the next start
     return Ending(code, killed, time.monotonic() - started, (folder / f"{name}.err").read_text(errors="replace"))
 
 
 def _wait(pid: int, kill: Kill | None, started: float, patience: float) -> tuple[int, bool]:
-    """Wait for a forked process, kill it at its time, and return its exit code and whether it was killed."""
+    """Wait for a forked process, kill it if requested, and return its exit code and whether it was killed."""
     killed = False
     while (status := _ended(pid)) is None:
         now = time.monotonic() - started
@@ -140,14 +143,14 @@ def _wait(pid: int, kill: Kill | None, started: float, patience: float) -> tuple
 
 
 def _run_in_fork(arguments: Sequence[str], folder: Path, kill: Kill | None, name: str) -> NoReturn:
-    """Main function of the forked process, which does everything that `python -m deux` does."""
+    """Main function of the forked process; runs `python -m deux`."""
     code = 1
     try:
         os.setsid()
         os.chdir(folder)
         for stream, suffix in ((1, "out"), (2, "err")):
             os.dup2(os.open(f"{name}.{suffix}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666), stream)
-        atexit._clear()  # of the process that this one was forked from
+        atexit._clear()  # removes the functions of the parent process
         torch.set_num_threads(1)
         sys.argv = ["deux", *arguments]
         with _killed_at_move(kill):
@@ -169,7 +172,7 @@ def _run_in_fork(arguments: Sequence[str], folder: Path, kill: Kill | None, name
 
 @contextmanager
 def _killed_at_move(kill: Kill | None) -> Iterator[None]:
-    """Count the moves of this process, and end it and its group at the one that is asked for."""
+    """Kill the process group at the requested call of `MOVES` in this process."""
     if not isinstance(kill, KillAtMove):
         yield
         return
@@ -198,7 +201,7 @@ def _killed_at_move(kill: Kill | None) -> Iterator[None]:
 
 
 def _is_preloaded(module: str) -> bool:
-    """Whether a module may be imported before the fork: not those that run commands, nor one that starts threads."""
+    """Whether a module can be imported before the fork: it neither runs a command nor starts threads."""
     return "__m" not in module and module.partition(".")[0] not in ("ray", "grpc")
 
 
@@ -219,13 +222,13 @@ def _kill(pid: int, child: int | None) -> None:
 
 
 def _kill_all(pid: int) -> None:
-    """Kill the processes of a session's first group."""
+    """Kill all processes of a process group."""
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(pid, signal.SIGKILL)
 
 
 def _children(pid: int) -> list[int]:
-    """The processes that one has started and that live (proc(5), fields 3 and 4 of stat)."""
+    """Running child processes of a process, from fields 3 and 4 of /proc/PID/stat (proc(5))."""
     found = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):

@@ -1,10 +1,10 @@
 """Kill commands repeatedly and compare their final files: `python -m deux.testing.kills`.
 
-Each command is run once without a kill. Then it is started and killed by SIGKILL, started again and killed again, until
-a start ends by itself; the files that are there must equal those of the unbroken run, and none may be left over. One
-pass kills the k-th start at its k-th `os.replace` or `os.rename`, by turns before and after it; the next one kills at
-random times, in commands of several processes now and then one process alone. Passes are repeated until there are as
-many kills as asked for.
+Each command runs once without a kill. In each pass it is then started and killed by SIGKILL repeatedly until a start
+completes. The resulting files must equal those of the uninterrupted run, without additional files. Passes alternate
+between two kinds: in the first, the k-th start is killed at its k-th call of `os.replace` or `os.rename`, alternately
+before and after the call; in the second, starts are killed at random times, in some scenarios only one of several
+processes. Passes are repeated until the requested number of kills is reached.
 """
 
 import argparse
@@ -37,11 +37,11 @@ class Count:
     """Result of a scenario.
 
     Args:
-        scenario: its name.
+        scenario: name of the scenario.
         kills: number of kills that ended a process.
-        restarts: number of starts that went on after a kill.
-        passes: number of times that the command was brought to its end.
-        differences: what was found wrong, empty if all ended like the unbroken run.
+        restarts: number of starts after a kill.
+        passes: number of passes.
+        differences: descriptions of all faults, empty if all passes ended like the uninterrupted run.
     """
 
     scenario: str
@@ -59,12 +59,12 @@ HEADER = f"{'scenario':18}{'kills':>7}{'restarts':>10}{'passes':>8}{'differences
 
 
 class Campaign:
-    """Runs scenarios in one folder.
+    """Runs kill tests of scenarios.
 
     Args:
-        folder: takes the folder in which commands run, always the same one, since some files contain paths.
-        seed: of the times of the kills.
-        patience: seconds after which a start is taken to hang.
+        folder: parent of the folder in which all commands run. They use the same one, since some files contain paths.
+        seed: seed of the random times of the kills.
+        patience: time limit of a start in seconds.
     """
 
     def __init__(self, folder: Path, seed: int = 0, patience: float = 1800.0) -> None:
@@ -75,8 +75,15 @@ class Campaign:
     def run(self, name: str, kills: int) -> Count:
         """Kill the command of a scenario a given number of times.
 
+        Args:
+            name: name of the scenario.
+            kills: number of kills.
+
+        Returns:
+            The counts and the faults. It ends early after 20 faults.
+
         Raises:
-            DeuxError: the command fails without any kill.
+            DeuxError: the command fails or hangs without a kill.
         """
         scenario, count = SCENARIOS[name], Count(name)
         self._begin(scenario)
@@ -124,7 +131,7 @@ class Campaign:
             return
 
     def _begin(self, scenario: Scenario) -> None:
-        """An empty folder, or a copy of the prepared one."""
+        """Create the working folder: an empty one, or a copy of the prepared one."""
         work, prepared = self.folder / _WORK, self.folder / _PREPARED
         shutil.rmtree(work, ignore_errors=True)
         if not scenario.prepared:
@@ -144,12 +151,12 @@ class Campaign:
         return run_command(scenario.arguments(work), work, kill, self._patience)
 
     def _at_moves(self, number: int) -> Iterator[Kill]:
-        """The k-th start at its k-th move."""
+        """Kills of a pass: the k-th start at its k-th move."""
         for move in range(1, 10_000):
             yield KillAtMove(move, before=(move + number // 2) % 2 == 0)
 
     def _at_random_times(self, scenario: Scenario, seconds: float) -> Iterator[Kill]:
-        """A random time within the duration of an uninterrupted run."""
+        """Kills of a pass: at random times within the duration of an uninterrupted run."""
         for _ in range(MOST_OF_A_PASS):
             alone = scenario.children and self._random.random() < 0.5
             child = self._random.randrange(1000) if alone else None
@@ -157,7 +164,7 @@ class Campaign:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the campaign, print its table and return 0 if every run ended like an unbroken one, else 1."""
+    """Run kill tests, print their table and return the exit code: 0 without faults, otherwise 1."""
     options = _parser().parse_args(arguments)
     names = options.scenarios or [name for name, scenario in SCENARIOS.items() if scenario.installed]
     unknown = next((name for name in names if name not in SCENARIOS), None)

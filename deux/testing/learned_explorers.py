@@ -1,4 +1,4 @@
-"""Conformance suite for learned explorers: that of all explorers with the shipped policy, and additional tests.
+"""Conformance suite for learned explorers: the suite for explorers with the shipped policy, and additional tests.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -26,7 +26,7 @@ from deux.testing.explorers import ExplorerSuite, run, two_rooms
 
 
 def untrained_policy(crops: Crops | None = None, seed: int = 0) -> TrainedPolicy:
-    """A policy with random initial weights, which acts almost randomly."""
+    """Create a policy with random initial weights, which acts almost randomly."""
     crops = crops or Crops()
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
@@ -35,9 +35,9 @@ def untrained_policy(crops: Crops | None = None, seed: int = 0) -> TrainedPolicy
 
 
 class LearnedExplorerSuite(ExplorerSuite):
-    """Tests of one learned explorer. Subclass it and name the explorer; see this module's docstring.
+    """Base class of the tests of a learned explorer. Subclasses define `explorer_class`.
 
-    What takes the policy that ships with the explorer is skipped where there is no such file.
+    Tests with the policy that ships with the explorer are skipped if its file is missing.
     """
 
     explorer_class: ClassVar[type[LearnedExplorer]]
@@ -45,32 +45,32 @@ class LearnedExplorerSuite(ExplorerSuite):
     steps = 30
 
     def make_explorer(self) -> Explorer:
-        """The explorer with its default options."""
+        """Create the explorer with its shipped policy."""
         return self.explorer_class(str(self.shipped_policy()))
 
     def shipped_policy(self) -> Path:
-        """The policy file that ships with the explorer; the test is skipped where it is missing."""
+        """Path of the policy file that ships with the explorer; skips the test if it is missing."""
         path = self.explorer_class.shipped_weights
         if not path.is_file():
             pytest.skip(f"there is no {path.name} in {path.parent}: task=train_explorer makes one")
         return path
 
     def test_its_reward_is_installed(self) -> None:
-        """The reward of the policy is a registered plugin."""
+        """The explorer's `reward` is a registered plugin."""
         assert self.explorer_class.reward in registry().names("rewards")
 
     def test_it_needs_the_sensors_depth_alone(self) -> None:
-        """Its map is made of the sensor's depth; what the reward needs serves training only."""
+        """The explorer needs sensor depth only, since the data that its reward needs are only used in training."""
         assert self.explorer_class("anything").needs == {Need.SENSOR_DEPTH}
 
     def test_the_shipped_policy_is_trained_for_its_reward(self) -> None:
-        """The header contains the reward and the learning curve."""
+        """The header of the policy file contains the explorer's reward and the learning curve."""
         policy = load_policy(self.shipped_policy())
         assert policy.made_by["reward"] == self.explorer_class.reward
         assert policy.made_by["curve"]["steps"]
 
     def test_the_shipped_policy_gets_about(self, tmp_path: Path) -> None:
-        """Its map of three rooms becomes half as large again as an untrained policy's, at least."""
+        """The shipped policy explores more than 1.5 times the area of an untrained one in three rooms."""
         untrained = tmp_path / "untrained.safetensors"
         save_policy(untrained, untrained_policy())
         areas = {
@@ -80,7 +80,7 @@ class LearnedExplorerSuite(ExplorerSuite):
         assert areas[self.shipped_policy()] > 1.5 * areas[untrained], "the area seen, in square metres"
 
     def test_another_policy_is_used_if_it_is_named(self, tmp_path: Path) -> None:
-        """An untrained one, here: its moves are drawn by the episode's seed, greedy ones are not."""
+        """The explorer takes another policy file. Its actions depend on the episode's seed unless it is greedy."""
         path = tmp_path / "policy.safetensors"
         save_policy(path, untrained_policy())
         actions = run(self.explorer_class(str(path)), two_rooms(), self.steps, seed=1)
@@ -91,7 +91,7 @@ class LearnedExplorerSuite(ExplorerSuite):
 
 
 def _area_seen(explorer: Explorer, seed: int) -> float:
-    """Known area of three rooms in a row after sixty steps, square metres."""
+    """Area of the map of three rooms after 60 steps in square metres."""
     walls = [Box(x, z0, x + 0.1, z1) for x, z in ((2.95, 1.0), (5.95, 2.5)) for z0, z1 in ((0.0, z), (z + 0.9, 4.5))]
     world = BoxWorld(9.0, 4.5, tuple(walls), Camera(32, 32))
     world.reset(1.5, 2.0, 0.0)

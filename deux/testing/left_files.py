@@ -1,4 +1,4 @@
-"""Comparison of the files that two runs of a command have written."""
+"""Comparison of the files of two runs of a command."""
 
 import hashlib
 import json
@@ -18,9 +18,9 @@ TIMED = (
     "/command.*",
     f"*{SUFFIX}.*",
 )
-"""Patterns of files that contain times and dates, or one part for each start of the command.
+"""Patterns of files that depend on time or on the number of starts, which are not compared.
 
-The last one is a lock that a process was killed while it removed it: the next lock in that folder deletes it.
+The last pattern matches a lock whose removal was interrupted by a kill; the next lock in its folder deletes it.
 """
 
 _TIMED_KEYS = ("seconds",)
@@ -28,14 +28,15 @@ _TIMED_KEYS = ("seconds",)
 
 
 def digests(folder: Path, varying: Sequence[str] = ()) -> dict[str, str]:
-    """Digests of all files in a folder by their relative paths.
-
-    Times in JSON files are left out.
+    """Compute digests of all files in a folder, without times in JSON files.
 
     Args:
         folder: the folder.
-        varying: patterns of paths (`fnmatch`, with a `/` before the first part) whose content differs from run to run;
-            their digest is empty.
+        varying: patterns (`fnmatch`) of the files whose content differs between runs, whose digest is empty. They are
+            matched with the relative path after a leading `/`.
+
+    Returns:
+        The digests by relative path.
     """
     found = {}
     for path in sorted(folder.rglob("*")):
@@ -47,7 +48,7 @@ def digests(folder: Path, varying: Sequence[str] = ()) -> dict[str, str]:
 
 
 def differences(unbroken: dict[str, str], resumed: dict[str, str]) -> list[str]:
-    """Differences between the files of a resumed and an uninterrupted run; the arguments are those of `digests`."""
+    """Describe the differences between the `digests` of an uninterrupted and a resumed run."""
     return list(_differences(unbroken, resumed))
 
 

@@ -6,7 +6,7 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
         def make_term(self) -> LossTerm:
             return MyTerm()
 
-A term that reads an extra which is not a depth map (`LossTerm.extras`) overrides `make_extra` as well.
+Override `make_extra` as well for a term with an extra (`LossTerm.extras`) that is not a depth map.
 """
 
 from copy import deepcopy
@@ -27,7 +27,7 @@ DEPTH_RANGE = (0.1, 10.0)
 """Depth range of the predictions in metres."""
 
 SHIFTS = ((2, 0), (-1, 1))
-"""Where the target's pixels lie in each source image, in whole pixels, so that sampling them is exact."""
+"""Shift (x, y) of each source image relative to the target, in whole pixels, so that sampling is exact."""
 
 
 @dataclass
@@ -35,10 +35,10 @@ class LossSample:
     """A batch with all inputs and extras of loss terms.
 
     Args:
-        batch: the samples, with ground truth.
-        depth: N x 1 x H x W, the predicted depth.
-        target_from_source: N x S x 4 x 4, the backward poses.
-        extras: what else the model predicts, by name.
+        batch: the batch, with ground truth.
+        depth: N x 1 x H x W predicted depth in metres.
+        target_from_source: N x S x 4 x 4 backward poses.
+        extras: further predictions of the model, by name.
     """
 
     batch: Batch
@@ -48,7 +48,7 @@ class LossSample:
 
 
 def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
-    """A textured wall at two metres, seen from three positions, with exact predicted depth."""
+    """Create a batch of a textured wall at 2 m, seen from three positions, with exact predicted depth."""
     image = _texture((0, 0), height, width).repeat(batch_size, 1, 1, 1)
     sources = torch.stack([_texture(shift, height, width) for shift in SHIFTS]).repeat(batch_size, 1, 1, 1, 1)
     intrinsics = torch.eye(3).repeat(batch_size, 1, 1)
@@ -65,7 +65,7 @@ def perfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> Lo
 
 
 def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> LossSample:
-    """The same wall with uneven and too small predicted depth, and slightly wrong backward poses."""
+    """Create a batch of the same wall, whose predicted depth is wavy and too small, with inexact backward poses."""
     sample = perfect_sample(batch_size, height, width)
     rows = torch.arange(height, dtype=torch.float32)[:, None]
     sample.depth = sample.depth - 0.3 + 0.2 * torch.sin(rows + torch.arange(width))
@@ -74,7 +74,7 @@ def imperfect_sample(batch_size: int = 2, height: int = 24, width: int = 32) -> 
 
 
 def evaluate(term: LossTerm, sample: LossSample) -> Tensor:
-    """Value of the term for exactly the inputs that it declares in `needs` and `extras`."""
+    """Compute the term with only the inputs that it declares in `needs` and `extras`."""
     batch, reconstructions = sample.batch, None
     if LossNeed.GROUND_TRUTH not in term.needs:
         batch = replace(batch, ground_truth=None)
@@ -89,10 +89,10 @@ def evaluate(term: LossTerm, sample: LossSample) -> Tensor:
 
 
 class LossTermSuite:
-    """Tests of one loss term. Subclass it and give `make_term`; see this module's docstring.
+    """Base class of the tests of a loss term. Subclasses define `make_term`.
 
-    Set `perfect_is_zero` to False for a term that is not zero when depth and reconstructions are exact: one that also
-    counts pixels which no source frame sees, for example.
+    Set `perfect_is_zero` to False for a term that is not zero for exact depth and reconstructions, for example one that
+    includes pixels which no source frame sees.
     """
 
     perfect_is_zero: ClassVar[bool] = True
@@ -102,11 +102,11 @@ class LossTermSuite:
         raise NotImplementedError
 
     def make_extra(self, name: str, sample: LossSample) -> Tensor:
-        """One of the extras that the term declares; override it for a term that reads more than depth maps.
+        """Create an extra that the term declares. Override this for extras that are not depth maps.
 
         Args:
-            name: as in `LossTerm.extras`.
-            sample: the samples that the prediction belongs to.
+            name: name of the extra in `LossTerm.extras`.
+            sample: batch to which the extra belongs.
 
         Returns:
             N x C x H x W float32; by default the true depth in metres.
@@ -115,19 +115,19 @@ class LossTermSuite:
         return sample.batch.ground_truth.clone()
 
     def test_declares_known_needs(self) -> None:
-        """`needs` contains members of `LossNeed`, and `extras` contains names."""
+        """`needs` only contains members of `LossNeed`, and `extras` is a set of names."""
         term = self.make_term()
         assert all(isinstance(need, LossNeed) for need in term.needs), f"not all of {set(term.needs)} are LossNeeds"
         assert not isinstance(term.extras, str), f"extras is the text {term.extras!r}, not a set of names"
         assert all(isinstance(name, str) for name in term.extras), f"not all of {set(term.extras)} are names"
 
     def test_is_a_finite_float32_scalar(self) -> None:
-        """The value for a regular batch is a finite scalar."""
+        """The value is a finite float32 scalar."""
         term = self.make_term()
         _check_value(evaluate(term, self._imperfect(term)))
 
     def test_is_zero_at_perfection_only(self) -> None:
-        """The loss is zero for exact depth and positive for wrong depth."""
+        """The value is zero for exact depth and positive for wrong depth."""
         if not self.perfect_is_zero:
             pytest.skip("the term declares that it is not zero for exact depth")
         term = self.make_term()
@@ -136,16 +136,13 @@ class LossTermSuite:
         assert float(evaluate(term, self._imperfect(term))) > 1e-4, "zero for a wrong depth"
 
     def test_is_differentiable(self) -> None:
-        """Gradients reach what networks predict: the depth, an extra that is declared, or poses where they are needed.
-
-        All are finite and some are not zero.
-        """
+        """The gradients with respect to depth, declared extras and needed poses are finite, and one is not zero."""
         term = self.make_term()
         gradients = _gradients(term, self._imperfect(term))
         assert any(gradient.abs().max() > 0 for gradient in gradients), "no gradient reaches depth, poses or extras"
 
     def test_frames_without_points(self) -> None:
-        """No sparse point in any frame: value and gradients stay finite."""
+        """Value and gradients are finite for frames without sparse points."""
         term = self.make_term()
         sample = self._imperfect(term)
         sample.batch.sparse_depth.zero_()
@@ -154,7 +151,7 @@ class LossTermSuite:
         _gradients(term, sample)
 
     def test_frames_with_nothing_visible(self) -> None:
-        """Every point lies behind the source cameras: value and gradients stay finite."""
+        """Value and gradients are finite if all points are behind the source cameras."""
         term = self.make_term()
         sample = self._imperfect(term)
         assert sample.batch.source_from_target is not None
@@ -163,7 +160,7 @@ class LossTermSuite:
         _gradients(term, sample)
 
     def test_is_a_mean_over_the_batch(self) -> None:
-        """The loss of a sample equals that of a batch with two copies."""
+        """The value for one sample equals that for a batch of two copies."""
         term = self.make_term()
         alone, doubled = (float(evaluate(term, self._imperfect(term, size))) for size in (1, 2))
         assert alone == pytest.approx(doubled, rel=1e-4), "the value depends on the batch's size"
@@ -184,7 +181,7 @@ class LossTermSuite:
                 assert torch.equal(value, getattr(before.batch, item.name)), f"the term changed batch.{item.name}"
 
     def test_rounded_predictions_hardly_change_it(self) -> None:
-        """Predictions of networks in mixed precision, which are converted to float32, are supported."""
+        """Depth that was rounded to bfloat16, as in mixed precision, changes the value by less than 10 %."""
         term = self.make_term()
         rounded = self._imperfect(term)
         rounded.depth = rounded.depth.bfloat16().float()
@@ -195,7 +192,7 @@ class LossTermSuite:
         assert float(value) == pytest.approx(expected, rel=0.1), "rounding to bfloat16 changes the value by over 10 %"
 
     def test_keeps_a_card_busy(self) -> None:
-        """Neither the value nor its gradient makes the host wait for the device; a first call may build constants."""
+        """Neither the forward nor the backward pass synchronizes with the GPU, except that the first one may."""
         term = self.make_term()
         sample = self._imperfect(term)
         assert sample.batch.source_from_target is not None
@@ -210,12 +207,12 @@ class LossTermSuite:
         return self._with_extras(term, imperfect_sample(batch_size))
 
     def _with_extras(self, term: LossTerm, sample: LossSample) -> LossSample:
-        """The sample with the extras that the term declares."""
+        """Add the extras that the term declares to a batch."""
         return replace(sample, extras={name: self.make_extra(name, sample) for name in sorted(term.extras)})
 
 
 def _texture(shift: tuple[int, int], height: int, width: int) -> Tensor:
-    """A 3 x H x W image whose content is moved by whole pixels (x, y)."""
+    """Create a 3 x H x W image whose content is shifted by (x, y) whole pixels."""
     x = (torch.arange(width, dtype=torch.float32) - shift[0])[None, :]
     y = (torch.arange(height, dtype=torch.float32) - shift[1])[:, None]
     return torch.stack([0.5 + 0.4 * torch.sin(a * x + b * y) for a, b in ((0.9, 0.4), (0.5, -0.8), (0.3, 1.1))])
@@ -228,9 +225,9 @@ def _check_value(value: Tensor) -> None:
 
 
 def _gradients(term: LossTerm, sample: LossSample) -> list[Tensor]:
-    """Gradients of the term's value with respect to depth, poses and extras, where they take part in it.
+    """Gradients of the term with respect to depth, extras and poses, without inputs on which it does not depend.
 
-    The poses count where the term asks for what is made of them: those of a batch alone are data.
+    Poses are only included if the term needs reconstructions or backward poses; otherwise they are data of the batch.
     """
     assert sample.batch.source_from_target is not None
     inputs = [sample.depth, *sample.extras.values()]

@@ -1,6 +1,6 @@
 """Conformance suite for readers: tests of the contract of `deux.contracts.Reader`.
 
-A plugin's test file subclasses it, says how recordings are written in its layout, and pytest runs the whole suite:
+A plugin's test file subclasses it and defines how recordings are written in its layout; pytest runs the whole suite:
 
     class TestMyReader(ReaderSuite):
         def write_dataset(self, folder: Path, recordings: Recordings) -> None:
@@ -9,8 +9,8 @@ A plugin's test file subclasses it, says how recordings are written in its layou
         def make_reader(self, folder: Path) -> Reader:
             return MyReader(folder)
 
-The recordings are walks through the room of `deux.testing.box_world`, each with a camera of its own, so that the reader
-is compared with what was written rather than with itself.
+The recordings are walks through rooms of `deux.testing.box_world` with different cameras. The tests compare the output
+of the reader with the recorded arrays.
 """
 
 import pickle
@@ -35,9 +35,9 @@ class RecordedFrame:
     """One frame of a recording.
 
     Args:
-        image: H x W x 3 uint8.
-        sparse_depth: H x W float32 metres, 0 = none; a tenth of the pixels, in multiples of 1/256 m.
-        ground_truth: H x W float32 metres, 0 = none, in multiples of 1/256 m.
+        image: H x W x 3 uint8 RGB.
+        sparse_depth: H x W float32 metres in multiples of 1/256 m, for a tenth of the pixels; 0 = none.
+        ground_truth: H x W float32 metres in multiples of 1/256 m; 0 = none.
         intrinsics: 3 x 3 float64.
         pose: 4 x 4 float64, camera-to-world.
     """
@@ -50,13 +50,13 @@ class RecordedFrame:
 
 
 Recordings = Mapping[str, Sequence[RecordedFrame]]
-"""The frames of each sequence by name, in temporal order."""
+"""Frames of each sequence in temporal order, by name of the sequence."""
 
 OFFSETS = (-1, -2)
 
 
 def record(frames: int = 5) -> Recordings:
-    """Two sequences with the given number of frames and different image sizes."""
+    """Create two sequences of `frames` frames each, with different image sizes."""
     rng = np.random.default_rng(0)
     recordings = {}
     for name, camera in (("corridor", Camera(24, 16)), ("office", Camera(20, 18, hfov=70.0))):
@@ -76,10 +76,10 @@ def _frame(world: BoxWorld, rng: np.random.Generator) -> RecordedFrame:
 
 
 class ReaderSuite:
-    """Tests of one reader. Subclass it and give `write_dataset` and `make_reader`; see this module's docstring.
+    """Base class of the tests of a reader. Subclasses define `write_dataset` and `make_reader`.
 
-    Set `has_poses` or `has_ground_truth` to False for a layout that has none, `takes_offsets` to False for one that
-    lists each target's source frames itself, and the tolerances for one that does not store values as they are.
+    Set `has_poses` or `has_ground_truth` to False for a layout without them, `takes_offsets` to False for a layout that
+    lists the source frames of each target, and the tolerances for a layout that does not store exact values.
     """
 
     has_poses: ClassVar[bool] = True
@@ -89,34 +89,34 @@ class ReaderSuite:
     depth_tolerance: ClassVar[float] = 1e-6
 
     def write_dataset(self, folder: Path, recordings: Recordings) -> None:
-        """Write all frames into an empty folder, as the split "train"; sources, if listed, lie at `OFFSETS`."""
+        """Write all frames to an empty folder as the split "train"; source frames, if listed, are at `OFFSETS`."""
         raise NotImplementedError
 
     def make_reader(self, folder: Path) -> Reader:
-        """Create a reader of that folder."""
+        """Create a reader of the folder."""
         raise NotImplementedError
 
     @pytest.fixture
     def recordings(self) -> Recordings:
-        """The frames to write."""
+        """Recordings to write."""
         return record()
 
     @pytest.fixture
     def folder(self, tmp_path: Path, recordings: Recordings) -> Path:
-        """The recordings on disk."""
+        """Folder with the written recordings."""
         folder = tmp_path / "dataset"
         folder.mkdir()
         self.write_dataset(folder, recordings)
         return folder
 
     def test_keeps_its_folder(self, folder: Path) -> None:
-        """`folder` is the folder of the dataset."""
+        """The attribute `folder` is the folder of the dataset."""
         assert self.make_reader(folder).folder == folder
 
     def test_lists_targets_in_order_with_their_sources(self, folder: Path, recordings: Recordings) -> None:
-        """Every frame that has both its source frames is a target, and the frames sort in the order of time.
+        """Every frame that has both source frames is a target with these sources, and names sort in temporal order.
 
-        A target that lacks one of them has none, so that a test split can contain all frames.
+        Other frames may be targets without sources, so that a test split can contain all frames.
         """
         reader = self.make_reader(folder)
         for offsets in (OFFSETS, (-1, 1)) if self.takes_offsets else (OFFSETS,):
@@ -134,7 +134,7 @@ class ReaderSuite:
                 assert {source.sequence for source in sources} == {target.sequence}, "a source of another sequence"
 
     def test_lists_every_frame_once(self, folder: Path) -> None:
-        """`frames` has all targets, and keeps each sequence together and in the order of time."""
+        """`frames` contains all targets once, with the frames of each sequence in temporal order."""
         reader = self.make_reader(folder)
         found = reader.frames()
         assert len(set(found)) == len(found), "a frame is listed twice"
@@ -145,7 +145,7 @@ class ReaderSuite:
         assert reader.sparse_depth(found[0]).shape == reader.image(found[0]).shape[:2]
 
     def test_says_where_each_frame_was_taken(self, folder: Path) -> None:
-        """`place` is a name, and the walks, which were taken in two rooms, have two."""
+        """`place` returns a name, which is the same for all frames of a sequence and differs between the sequences."""
         reader = self.make_reader(folder)
         places: dict[str, str] = {}
         for frame in self._frames(reader):
@@ -156,7 +156,7 @@ class ReaderSuite:
         assert len(set(places.values())) == len(places), f"different rooms are one place: {places}"
 
     def test_reads_what_was_recorded(self, folder: Path, recordings: Recordings) -> None:
-        """Images, intrinsics, depth and poses of every frame, in the types and units of the contract."""
+        """Images, intrinsics, depth and poses of all frames have the recorded values, and the types of the contract."""
         reader = self.make_reader(folder)
         frames = self._frames(reader)
         assert len({frame.sequence for frame in frames}) == len(recordings), "the sequences are not kept apart"
@@ -164,32 +164,32 @@ class ReaderSuite:
             self._check(reader, frame, recorded)
 
     def test_a_split_that_is_not_there_is_an_error(self, folder: Path) -> None:
-        """Only "train" exists. The error differs from those of damaged files."""
+        """`triplets` raises MissingSplit for a missing split."""
         with pytest.raises(MissingSplit):
             self.make_reader(folder).triplets("validation", OFFSETS)
 
     def test_a_folder_without_frames_is_an_error(self, tmp_path: Path) -> None:
-        """Raised when the reader is made or when it is asked for frames."""
+        """An empty folder raises DeuxError, in the constructor or in `triplets`."""
         (tmp_path / "empty").mkdir()
         with pytest.raises(DeuxError):
             self.make_reader(tmp_path / "empty").triplets("train", OFFSETS)
 
     def test_a_damaged_file_is_an_error_or_does_not_matter(self, folder: Path, recordings: Recordings) -> None:
-        """Half of any file: what is still read is what was recorded, and everything else raises DeuxError."""
+        """If any file is truncated to half its size, the reader returns the recorded values or raises DeuxError."""
         recorded = dict(zip(self._frames(self.make_reader(folder)), _all(recordings), strict=True))
         for file in sorted(path for path in folder.rglob("*") if path.is_file()):
             content = file.read_bytes()
             file.write_bytes(content[: len(content) // 2])
-            # Any other error than DeuxError fails the test by itself.
+            # Other errors fail the test.
             with suppress(DeuxError):
                 reader = self.make_reader(folder)
                 for frame in self._frames(reader):
-                    reader.image(frame)  # a name in a list may have been cut, too
+                    reader.image(frame)  # the truncated file may be a list of names
                     self._check(reader, frame, recorded[frame])
             file.write_bytes(content)
 
     def test_reads_no_pixel_before_it_must(self, folder: Path) -> None:
-        """Making a reader and listing its frames opens no image."""
+        """The constructor and `triplets` open no image."""
         expected = self.make_reader(folder).triplets("train", OFFSETS)
         for file in folder.rglob("*"):
             if file.suffix in (".png", ".jpg", ".jpeg"):
@@ -197,14 +197,14 @@ class ReaderSuite:
         assert self.make_reader(folder).triplets("train", OFFSETS) == expected
 
     def test_can_be_sent_and_compared(self, folder: Path) -> None:
-        """Readers go to worker processes, and those that are made alike share a cache."""
+        """Readers can be pickled for worker processes; those with equal arguments are equal and have equal hashes."""
         reader = self.make_reader(folder)
         assert pickle.loads(pickle.dumps(reader)) == reader, "a reader that was sent differs"
         assert self.make_reader(folder) == reader, "two readers of one folder differ"
         assert hash(self.make_reader(folder)) == hash(reader), "equal readers have different hashes"
 
     def test_gives_arrays_away(self, folder: Path) -> None:
-        """Who changes an array changes nothing that is read later."""
+        """Modifying a returned array does not change arrays that are read later."""
         reader = self.make_reader(folder)
         frame = self._frames(reader)[0]
         for read in (reader.image, reader.intrinsics, reader.sparse_depth, reader.ground_truth, reader.pose):
@@ -215,7 +215,7 @@ class ReaderSuite:
                 np.testing.assert_array_equal(read(frame), before)
 
     def _frames(self, reader: Reader) -> list[FrameReference]:
-        """All frames that triplets lead to, sequence by sequence in the order of time."""
+        """All targets and source frames of the triplets, by sequence and in temporal order."""
         found = set(_frames_of(reader.triplets("train", OFFSETS)))
         return sorted(found, key=lambda frame: (frame.sequence, natural_order(frame.name)))
 
@@ -250,7 +250,7 @@ class ReaderSuite:
 
 
 def _all(recordings: Recordings) -> Iterator[RecordedFrame]:
-    """All frames, sequence by sequence in the order of the names."""
+    """Yield all frames, by sequence in the order of the names."""
     for name in sorted(recordings):
         yield from recordings[name]
 

@@ -1,4 +1,4 @@
-"""The conformance suite of rewards: what every `deux.contracts.Reward` must do.
+"""Conformance suite for rewards: tests of the contract of `deux.contracts.Reward`.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -6,8 +6,8 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
         def make_reward(self) -> Reward:
             return MyReward()
 
-The experiences are those of a robot that wanders through the rooms of `deux.testing.box_world`; the map and the
-policy's view are the environment's own (`deux.environment.memory`).
+The experiences are those of a robot that moves randomly through rooms of `deux.testing.box_world`. The map and the
+policy's view are computed by `deux.environment.memory`, as in the environment.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,11 +27,11 @@ from deux.testing.explorers import two_rooms
 CAMERA = Camera(32, 32)
 
 MakeWorld = Callable[[], BoxWorld]
-"""Makes a world with the robot where its walk begins."""
+"""Function that creates a world with the robot at the start of its walk."""
 
 
 def rooms() -> BoxWorld:
-    """Two rooms with a doorway between them; the robot in the left one."""
+    """Create two rooms with a doorway; the robot is in the left room."""
     known = two_rooms()
     world = BoxWorld(known.width, known.length, known.boxes, CAMERA)
     world.reset(1.5, 2.0, 0.0)
@@ -39,12 +39,12 @@ def rooms() -> BoxWorld:
 
 
 def hall() -> BoxWorld:
-    """An empty hall."""
+    """Create an empty hall."""
     return BoxWorld(4.0, 7.0, camera=CAMERA)
 
 
 def shaft() -> BoxWorld:
-    """A shaft barely wider than the robot."""
+    """Create a shaft slightly wider than the robot."""
     side = 2.0 * hall().robot.radius + 0.02
     return BoxWorld(side, side, camera=CAMERA)
 
@@ -52,21 +52,21 @@ def shaft() -> BoxWorld:
 def wander(
     make_world: MakeWorld, needs: frozenset[Need], steps: int, seed: int, depth: bool = True
 ) -> Iterator[Experience]:
-    """A walk of random moves, more of them forward than not, and what each look brings; the first look included.
+    """Yield the experiences of a walk of random moves, most of them forward, including that before the first move.
 
     Args:
-        make_world: makes the robot's world.
-        needs: what the observations carry besides the depth.
+        make_world: function that creates the robot's world.
+        needs: needs of the reward; observations only contain labels if they are needed.
         steps: number of moves.
-        seed: of the moves.
-        depth: whether the depth images show anything.
+        seed: seed of the moves.
+        depth: whether depth images contain values; otherwise they are 0 everywhere.
     """
     for experience in _walk(make_world, steps, seed, depth):
         own = deepcopy(experience)
         yield own if Need.LABELS in needs else replace(own, observation=replace(own.observation, labels=None))
 
 
-@lru_cache(maxsize=24)  # the tests of all rewards take the same few walks
+@lru_cache(maxsize=24)  # the tests of all rewards use the same few walks
 def _walk(make_world: MakeWorld, steps: int, seed: int, depth: bool) -> tuple[Experience, ...]:
     rng = np.random.default_rng(seed)
     world, found = make_world(), []
@@ -87,26 +87,26 @@ def _walk(make_world: MakeWorld, steps: int, seed: int, depth: bool) -> tuple[Ex
 
 
 def begin(reward: Reward, make_world: MakeWorld, steps: int, seed: int) -> None:
-    """Reset a reward for an episode in a world, with exactly the data that it declares in `needs`."""
+    """Reset a reward for an episode in a world, with only the data that it declares in `needs`."""
     world = make_world()
     names = world.label_names if Need.LABELS in reward.needs else ()
     reward.reset(Episode(seed, steps, world.camera, world.robot, label_names=names))
 
 
 def judge(reward: Reward, make_world: MakeWorld, steps: int, seed: int = 0, depth: bool = True) -> list[float]:
-    """Reset a reward and return what it gives for each look of a walk."""
+    """Reset a reward and return its values for all experiences of a walk; the arguments are those of `wander`."""
     begin(reward, make_world, steps, seed)
     return [reward(experience) for experience in wander(make_world, reward.needs, steps, seed, depth)]
 
 
 class RewardSuite:
-    """Tests of one reward. Subclass it and give `make_reward`; see this module's docstring."""
+    """Base class of the tests of a reward. Subclasses define `make_reward`."""
 
     steps = 30
-    """Moves of an episode; raise it for a reward that takes longer to show itself."""
+    """Number of moves of an episode; increase it for a reward whose values only vary later."""
 
     def make_reward(self) -> Reward:
-        """A new reward, with the options that are to be tested."""
+        """Create the reward to test."""
         raise NotImplementedError
 
     def test_needs_are_declared(self) -> None:
@@ -116,21 +116,21 @@ class RewardSuite:
         assert needs <= {Need.LABELS}, f"a reward can ask for Need.LABELS and nothing else, not for {set(needs)}"
 
     def test_is_a_finite_number(self) -> None:
-        """Each look of an episode is worth a finite float, and not all of them the same."""
+        """All values of an episode are finite floats, and not all of them are equal."""
         values = judge(self.make_reward(), rooms, self.steps)
         assert all(isinstance(value, float) for value in values), f"not floats: {[type(v) for v in values]}"
         assert np.isfinite(values).all(), f"not finite: {values}"
         assert len(set(values[1:])) > 1, "every step is worth the same: there is nothing to learn from"
 
     def test_same_experience_same_reward(self) -> None:
-        """Two rewards that see the same episodes give the same values."""
+        """Two rewards return equal values for the same episodes."""
         first, second = self.make_reward(), self.make_reward()
         for seed in (1, 2):
             values = [judge(reward, rooms, self.steps, seed) for reward in (first, second)]
             assert values[0] == values[1], "the same episode gave different rewards: draw from episode.seed"
 
     def test_reset_forgets_everything(self) -> None:
-        """After another episode, `reset` leaves nothing but what `state` returns."""
+        """After another episode, a reset reward equals a new one with the same state."""
         used, new = self.make_reward(), self.make_reward()
         judge(used, hall, self.steps, seed=1)
         begin(used, rooms, self.steps, seed=0)
@@ -140,7 +140,7 @@ class RewardSuite:
             assert used(experience) == new(experience), "`reset` must forget everything but what `state` returns"
 
     def test_instances_share_nothing(self) -> None:
-        """Another environment's reward changes nothing, even in the middle of an episode."""
+        """The values of a reward do not depend on another instance that is called alternately."""
         alone = judge(self.make_reward(), rooms, self.steps)
         reward, other = self.make_reward(), self.make_reward()
         begin(reward, rooms, self.steps, seed=0)
@@ -153,7 +153,7 @@ class RewardSuite:
         assert together == alone, "the rewards of two environments must have nothing in common"
 
     def test_leaves_the_experience_alone(self) -> None:
-        """The arrays belong to the environment: a reward must not write to them."""
+        """The reward does not write to the arrays of an experience, which belong to the environment."""
         reward = self.make_reward()
         begin(reward, rooms, self.steps, seed=0)
         for experience in wander(rooms, reward.needs, self.steps, seed=0):
@@ -163,7 +163,7 @@ class RewardSuite:
                 assert np.array_equal(array, _arrays(before)[name]), f"the reward changed {name}"
 
     def test_keeps_no_array_of_the_experience(self) -> None:
-        """The environment writes to its arrays after the call: what a reward remembers must be a copy."""
+        """The reward copies the arrays that it stores, since the environment modifies them after the call."""
         expected = judge(self.make_reward(), rooms, self.steps)
         reward = self.make_reward()
         begin(reward, rooms, self.steps, seed=0)
@@ -176,15 +176,15 @@ class RewardSuite:
         assert values == expected, "the reward remembers arrays that the environment changes: copy them"
 
     def test_survives_empty_depth(self) -> None:
-        """The depth may be 0 everywhere: a camera before glass, or too close to a wall."""
+        """The values are finite when the depth is 0 everywhere, as in front of glass or too close to a wall."""
         assert np.isfinite(judge(self.make_reward(), rooms, self.steps, depth=False)).all()
 
     def test_survives_standing_still(self) -> None:
-        """A shaft barely wider than the robot, where nothing new is to be seen."""
+        """The values are finite in a shaft slightly wider than the robot, in which nothing new is seen."""
         assert np.isfinite(judge(self.make_reward(), shaft, 2 * self.steps)).all()
 
     def test_state_is_arrays_that_stay_as_they_are(self) -> None:
-        """`state` returns arrays by name, which further training does not change."""
+        """`state` returns arrays by name, which later episodes do not change."""
         reward = self.make_reward()
         for seed in (1, 2):
             judge(reward, rooms, self.steps, seed)
@@ -197,7 +197,7 @@ class RewardSuite:
             assert np.array_equal(array, before[name]), f"further training changed {name} in a state returned before"
 
     def test_state_round_trips(self) -> None:
-        """A new reward that takes up a state returns the same state, and judges alike."""
+        """A new reward with a loaded state returns the same state and the same values as the original."""
         used, new = self.make_reward(), self.make_reward()
         for seed in (1, 2):
             judge(used, rooms, self.steps, seed)

@@ -1,4 +1,4 @@
-"""The conformance suite of scene sources: what every `deux.contracts.SceneSource` must do.
+"""Conformance suite for scene sources: tests of the contract of `deux.contracts.SceneSource`.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -6,7 +6,7 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
         def make_source(self) -> SceneSource:
             return MyScenes(train=2, validation=1, test=1)
 
-The options should ask for few scenes, one for training and one for testing at least: one of each split is loaded.
+Choose options with few scenes, but at least one for training and one for testing; one of each split is loaded.
 """
 
 import pickle
@@ -21,25 +21,25 @@ from deux.errors import DeuxError
 
 
 def references(splits: SceneSplits) -> list[SceneReference]:
-    """All scenes of all splits."""
+    """References of all scenes of all splits."""
     return [*splits.train, *splits.validation, *splits.test]
 
 
 class SceneSourceSuite:
-    """Tests of one source of scenes. Subclass it and give `make_source`; see this module's docstring.
+    """Base class of the tests of a scene source. Subclasses define `make_source`.
 
-    Set `needs_simulator` to True for scenes that have neither a file nor a mesh, since a simulator of their own makes
-    them from the reference alone.
+    Set `needs_simulator` to True for scenes that have neither a file nor a mesh, since a specific simulator creates
+    them from the reference.
     """
 
     needs_simulator: ClassVar[bool] = False
 
     def make_source(self) -> SceneSource:
-        """A new source, as a user would make it, with a few scenes in it."""
+        """Create the source to test, with a few scenes."""
         raise NotImplementedError
 
     def test_splits_hold_references(self) -> None:
-        """Tuples of references; there is something to train and to test on."""
+        """Splits are tuples of `SceneReference`, and those for training and testing are not empty."""
         splits = self.make_source().splits()
         for scenes in (splits.train, splits.validation, splits.test):
             assert isinstance(scenes, tuple)
@@ -49,20 +49,20 @@ class SceneSourceSuite:
         assert splits.test, "there is no scene to test on"
 
     def test_no_scene_is_there_twice(self) -> None:
-        """Names and identities are unique, within a split and across them."""
+        """Names and identities are unique within and across splits."""
         scenes = references(self.make_source().splits())
         for noun, values in (("name", [s.name for s in scenes]), ("identity", [s.identity for s in scenes])):
             value, count = Counter(values).most_common(1)[0]
             assert count == 1, f"{count} scenes have the {noun} {value}"
 
     def test_equal_options_give_equal_splits(self) -> None:
-        """Made twice: the same references, with the same identities."""
+        """Two sources with equal options have equal references with equal identities."""
         first, second = self.make_source().splits(), self.make_source().splits()
         assert first == second
         assert [s.identity for s in references(first)] == [s.identity for s in references(second)]
 
     def test_references_are_values(self) -> None:
-        """They can be hashed, compared and pickled, and come back equal with the same identity."""
+        """References can be pickled; the copy has the same value, hash and identity."""
         for scene in references(self.make_source().splits()):
             copy = pickle.loads(pickle.dumps(scene))
             assert copy == scene, f"{scene.name} is another one after pickling"
@@ -70,7 +70,7 @@ class SceneSourceSuite:
             assert copy.identity == scene.identity
 
     def test_references_are_small(self) -> None:
-        """No more than 10 kB each when pickled: a locator, not the scene."""
+        """A pickled reference is smaller than 10 kB: it does not contain the mesh."""
         for scene in references(self.make_source().splits()):
             assert len(pickle.dumps(scene)) < 10_000, f"{scene.name} takes its mesh along"
 
@@ -83,7 +83,10 @@ class SceneSourceSuite:
                 assert str(scene.file.parent) not in scene.identity, f"the identity of {scene.name} holds its path"
 
     def test_scenes_can_be_had(self) -> None:
-        """The first scene of each split is a file or a mesh with floors, or both; neither with `needs_simulator`."""
+        """The first scene of each split has a file or can be loaded, unless `needs_simulator` is True.
+
+        Loaded scenes have a valid mesh and valid floors.
+        """
         splits = self.make_source().splits()
         for reference in (scenes[0] for scenes in (splits.train, splits.validation, splits.test) if scenes):
             if reference.file is not None:
@@ -100,7 +103,7 @@ class SceneSourceSuite:
             _check_floors(scene)
 
     def test_a_scene_is_the_same_each_time(self) -> None:
-        """Loading the first scene again gives equal arrays."""
+        """Loading a scene twice returns equal arrays."""
         reference = self.make_source().splits().train[0]
         try:
             first, second = reference.load(), reference.load()
@@ -114,7 +117,7 @@ class SceneSourceSuite:
             np.testing.assert_array_equal(one.texture, other.texture, err_msg=f"texture of {one.name}")
 
     def test_further_scenes_are_others(self) -> None:
-        """As many as asked for, none of those that are to be avoided, or DeuxError where there are none."""
+        """`further` returns the requested number of scenes without the excluded ones, or raises DeuxError."""
         source = self.make_source()
         without = {scene.identity for scene in references(source.splits())}
         try:
@@ -130,7 +133,7 @@ class SceneSourceSuite:
 
 
 def _check_mesh(mesh: SceneMesh) -> None:
-    """Shapes, dtypes and indices satisfy the contract of `SceneMesh`."""
+    """Assert that shapes, dtypes and indices satisfy the contract of `SceneMesh`."""
     vertices, faces = len(mesh.vertices), len(mesh.faces)
     assert (mesh.vertices.shape, mesh.vertices.dtype) == ((vertices, 3), np.float32)
     assert np.isfinite(mesh.vertices).all()
@@ -159,7 +162,7 @@ def _check_mesh(mesh: SceneMesh) -> None:
 
 
 def _check_floors(scene: Scene) -> None:
-    """There is a floor at least, each of them within the mesh."""
+    """Assert that there is at least one floor, and that all floors are within the mesh and differ in height."""
     low, high = scene.mesh.bounds[:, 1]
     heights = [floor.height for floor in scene.floors]
     assert heights, f"{scene.name} has no floor"

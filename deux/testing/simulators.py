@@ -1,4 +1,4 @@
-"""The conformance suite of simulators: what every `deux.contracts.Simulator` must do.
+"""Conformance suite for simulators: tests of the contract of `deux.contracts.Simulator`.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -6,8 +6,8 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
         def make_simulator(self, camera: Camera) -> Simulator:
             return MySimulator(scene, camera, Robot())
 
-Any furnished, closed scene will do, of one floor or several. It is looked at from a few random places, so a scene that
-is slow to load is best loaded once, with `another(camera)` of it for each test.
+The scene can be any closed, furnished scene with one or several floors. Each test creates a simulator; load a scene
+that is slow to load once, and return `another(camera)` of its simulator for each test.
 """
 
 import math
@@ -33,7 +33,7 @@ Start = tuple[float, float, float]
 
 
 def starts(simulator: Simulator, count: int, floor: int = 0) -> list[Start]:
-    """The first of 16 random places on a floor, always the same ones."""
+    """Return the first `count` of 16 random starts on a floor, which are the same in each call."""
     return random_starts(simulator.free_space(floor), 16, np.random.default_rng(0))[:count]
 
 
@@ -47,25 +47,25 @@ def assert_same(first: Frame, second: Frame) -> None:
 
 
 class SimulatorSuite:
-    """Tests of one simulator. Subclass it and give `make_simulator`; see this module's docstring.
+    """Base class of the tests of a simulator. Subclasses define `make_simulator`.
 
-    Set `position_tolerance` where the simulator moves the robot no more exactly than that, in metres.
+    Set `position_tolerance`, in metres, for a simulator that moves the robot less exactly.
     """
 
     position_tolerance: ClassVar[float] = 1e-3
 
     def make_simulator(self, camera: Camera) -> Simulator:
-        """A simulator as a user would make it; the robot is nowhere in particular."""
+        """Create the simulator to test; the initial pose of the robot does not matter."""
         raise NotImplementedError
 
     def placed(self, camera: Camera = CAMERA) -> Simulator:
-        """A simulator whose robot stands on the main floor."""
+        """Create a simulator whose robot stands on the main floor."""
         simulator = self.make_simulator(camera)
         simulator.reset(*starts(simulator, 1)[0])
         return simulator
 
     def test_keeps_what_it_was_made_with(self) -> None:
-        """Camera and scene are there under their names, and all names of labels are text."""
+        """`camera` and `scene` are those of the simulator, and all names of labels are text."""
         simulator = self.make_simulator(CAMERA)
         assert simulator.camera == CAMERA
         assert isinstance(simulator.scene, SceneReference)
@@ -74,7 +74,7 @@ class SimulatorSuite:
             assert all(isinstance(name, str) for name in names), f"not all of {names} are text"
 
     def test_lists_its_floors(self) -> None:
-        """There is one at least, none is listed twice, and the first is meant where none is named."""
+        """There is at least one floor, all floors differ in height, and the first one is the default."""
         simulator = self.make_simulator(CAMERA)
         heights = [floor.height for floor in simulator.floors]
         assert heights, "there is no floor"
@@ -84,7 +84,7 @@ class SimulatorSuite:
         np.testing.assert_array_equal(simulator.free_space().free, first.free, "the first floor is not the default")
 
     def test_free_space_is_one_connected_region(self) -> None:
-        """On every floor: near its height, not empty, in one piece, clear of what is in the way, its surface known."""
+        """The free space of every floor is one non-empty region near its height, with clearance and surface heights."""
         simulator = self.make_simulator(CAMERA)
         for number, floor in enumerate(simulator.floors):
             space = simulator.free_space(number)
@@ -98,7 +98,7 @@ class SimulatorSuite:
             np.testing.assert_array_equal(known, space.free, "heights are not known in just the free cells")
 
     def test_stands_where_it_is_put(self) -> None:
-        """On every floor, anywhere on the free floor: a rigid pose, level, the camera's height above the surface."""
+        """After `reset`, the pose is rigid and level, at the given position and the camera's height above the floor."""
         simulator = self.make_simulator(CAMERA)
         for number in range(len(simulator.floors)):
             space = simulator.free_space(number)
@@ -112,7 +112,7 @@ class SimulatorSuite:
                 assert _turned(yaw, yaw_of(pose)) == pytest.approx(0.0, abs=1e-3)
 
     def test_refuses_a_place_off_the_floor(self) -> None:
-        """A place outside the scene, one in an obstacle, and a floor that is not there raise DeuxError."""
+        """Positions outside the scene or in obstacles, and floors that do not exist, raise DeuxError."""
         simulator = self.make_simulator(CAMERA)
         x, z, yaw = starts(simulator, 1)[0]
         space = simulator.free_space()
@@ -129,7 +129,7 @@ class SimulatorSuite:
                 simulator.free_space(floor)
 
     def test_turns_on_the_spot(self) -> None:
-        """LEFT and RIGHT turn by the robot's angle, STOP does nothing, and none of them moves or collides."""
+        """LEFT and RIGHT turn by the robot's turn angle and STOP does nothing; none of them moves or collides."""
         simulator = self.placed()
         angle = math.radians(simulator.robot.turn_angle)
         for action, expected in ((Action.LEFT, angle), (Action.RIGHT, -angle), (Action.STOP, 0.0)):
@@ -141,7 +141,7 @@ class SimulatorSuite:
             assert _turned(yaw_of(before), yaw_of(after)) == pytest.approx(expected, abs=1e-3)
 
     def test_moves_forward_or_collides(self) -> None:
-        """FORWARD moves by the robot's step along its heading; a collision is a shorter move, and no turn."""
+        """FORWARD moves by the robot's step along its heading, or by less after a collision, without turning."""
         simulator = self.make_simulator(CAMERA)
         length = simulator.robot.forward_step
         outcomes = set()
@@ -165,7 +165,7 @@ class SimulatorSuite:
         assert outcomes == {True, False}, "in eight walks ahead it never collided, or never moved freely"
 
     def test_never_leaves_the_free_floor(self) -> None:
-        """A walk of random actions stays on the free space of its floor, but for a cell at its border."""
+        """A walk of random actions stays in the free space, with a tolerance of one cell."""
         simulator = self.placed()
         space = simulator.free_space()
         near = ndimage.binary_dilation(space.free, np.ones((3, 3)))
@@ -175,7 +175,7 @@ class SimulatorSuite:
             assert _is_at(space, near, x, z), f"the robot is at x={x:.2f}, z={z:.2f}, off the free floor"
 
     def test_frames_hold_what_is_asked_for(self) -> None:
-        """Every set of channels gives exactly these, all in their types, and the same depth and colours."""
+        """Frames contain the requested channels with their types; depth and colours do not depend on the channels."""
         simulator = self.placed()
         shape = (CAMERA.height, CAMERA.width)
         whole = simulator.observe(EVERYTHING)
@@ -195,7 +195,7 @@ class SimulatorSuite:
                     assert (values.shape, values.dtype) == (shape, np.int32)
 
     def test_depth_is_in_range_or_zero(self) -> None:
-        """Nothing nearer or farther than the camera's range; the range takes away and adds nothing else."""
+        """Depth outside the camera's range is 0, and the range changes no other pixel."""
         narrow = Camera(CAMERA.width, CAMERA.height, min_depth=1.0, max_depth=2.5)
         limited, open_ended = self.placed(narrow), self.placed(Camera(CAMERA.width, CAMERA.height, max_depth=1e3))
         poses = _poses(limited, 6)
@@ -205,7 +205,7 @@ class SimulatorSuite:
             assert (everything.depth > 0.0).any(), "the camera sees no surface at all"
 
     def test_labels_and_objects_have_names(self) -> None:
-        """Numbers are indices into the tuples of names or -1, and an object's label is that of its pixels."""
+        """Labels and objects are valid indices or -1, and the pixels of an object have its label and a depth."""
         simulator = self.placed()
         names, object_labels = simulator.label_names, simulator.object_labels
         assert set(object_labels) <= set(names), "an object's label is not among the labels"
@@ -223,7 +223,7 @@ class SimulatorSuite:
                 assert (frame.depth[there] > 0.0).all(), f"object {number} is out of the camera's range"
 
     def test_a_batch_is_its_single_frames(self) -> None:
-        """Bit for bit: in a batch, alone, and at the robot's own pose; the robot stays where it is."""
+        """Frames of a batch equal single frames bitwise, and rendering does not move the robot."""
         simulator = self.make_simulator(CAMERA)
         simulator.reset(*starts(simulator, 6)[-1])
         poses = np.concatenate([_poses(simulator, 5), simulator.pose[None]])
@@ -237,7 +237,7 @@ class SimulatorSuite:
         assert simulator.observe(EVERYTHING, poses[:0]) == []
 
     def test_depth_agrees_between_views(self) -> None:
-        """Points carried from one view into the next by depth, poses and intrinsics lie on what is seen there."""
+        """Points of one view, reprojected to another one by depth, poses and intrinsics, agree with its depth."""
         simulator = self.make_simulator(CAMERA)
         errors = []
         for start in starts(simulator, 6):
@@ -252,7 +252,7 @@ class SimulatorSuite:
         assert (error < 0.05).mean() > 0.8, "the depths of two views differ in more than a fifth of the pixels"
 
     def test_what_it_returns_is_the_callers(self) -> None:
-        """Writing into a frame or a pose changes neither the robot nor what it sees next."""
+        """Writing to a returned frame or pose changes neither the robot nor later frames."""
         simulator = self.placed()
         pose = simulator.pose
         before = pose.copy()
@@ -265,7 +265,7 @@ class SimulatorSuite:
         assert_same(simulator.observe(EVERYTHING), first)
 
     def test_another_robot_is_independent(self) -> None:
-        """It has its own place and maybe its own camera, in the same scene, and sees what the first one sees."""
+        """`another` has a separate pose and optionally another camera in the same scene, and renders equal frames."""
         simulator = self.placed()
         first, second = starts(simulator, 2)
         seen = simulator.observe(EVERYTHING)
@@ -285,7 +285,7 @@ class SimulatorSuite:
 
 
 def _poses(simulator: Simulator, count: int) -> np.ndarray:
-    """Camera poses on the main floor, N x 4 x 4; made by another robot, so that this one stays where it is."""
+    """Camera poses on the main floor, N x 4 x 4; does not move the robot of `simulator`."""
     robot = simulator.another()
     poses = []
     for start in starts(robot, count):
@@ -303,7 +303,7 @@ def _check_rigid_and_level(pose: np.ndarray) -> None:
 
 
 def _turned(before: float, after: float) -> float:
-    """The angle from one heading to another, radians in [-pi, pi)."""
+    """Angle from one heading to another in radians, in [-pi, pi)."""
     return (after - before + math.pi) % (2.0 * math.pi) - math.pi
 
 
@@ -313,7 +313,7 @@ def _is_at(space: FreeSpace, cells: np.ndarray, x: float, z: float) -> bool:
 
 
 def _depth_errors(source: Frame, target: Frame, camera: Camera) -> np.ndarray:
-    """Relative depth errors of the target's pixels in the source view, where that is smooth around their places."""
+    """Relative depth errors of the target's pixels in the source view, where the source depth is locally smooth."""
     points = (camera.rays() * target.depth[..., None])[target.depth > 0.0]
     source_from_target = inverse(source.pose) @ target.pose
     points = points @ source_from_target[:3, :3].T + source_from_target[:3, 3]

@@ -1,4 +1,4 @@
-"""The conformance suite of measures of uncertainty: what every `deux.contracts.Uncertainty` must do.
+"""Conformance suite for measures of uncertainty: tests of the contract of `deux.contracts.Uncertainty`.
 
 A plugin's test file subclasses it, and pytest runs the whole suite:
 
@@ -6,8 +6,8 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
         def make_uncertainty(self) -> Uncertainty:
             return MyMeasure()
 
-The views are those of a textured wall that faces the camera at `WALL` metres (`wall_view`): exact images, so that a
-perfect prediction has next to no photometric error.
+The views show a textured wall parallel to the image plane at a distance of `WALL` metres (`wall_view`). Images are
+exact, so that a perfect prediction has almost no photometric error.
 """
 
 from abc import abstractmethod
@@ -26,12 +26,12 @@ from deux.testing.host_waits import refuse_host_waits
 HEIGHT, WIDTH = 48, 64
 FOCAL = 40.0
 WALL = 2.0
-"""Metres from the camera to the wall."""
+"""Distance from the camera to the wall in metres."""
 
 INTRINSICS = torch.tensor([[FOCAL, 0.0, (WIDTH - 1) / 2], [0.0, FOCAL, (HEIGHT - 1) / 2], [0.0, 0.0, 1.0]])
 
 MOVES = ((0.0, 0.0, -0.25), (0.1, 0.0, -0.4))
-"""Where the source cameras stand, in metres from the frame's camera: behind it, as a robot that walks forward."""
+"""Positions of the source cameras relative to the target camera in metres: behind it, as for a forward motion."""
 
 
 def wall_view(
@@ -41,15 +41,15 @@ def wall_view(
     points: Tensor | None = None,
     predict_depth: DepthPredictor | None = None,
 ) -> View:
-    """A view of the wall.
+    """Create a view of the wall.
 
     Args:
-        depth: N x 1 x H x W metres, the prediction; None for the true depth, in a batch of one.
-        moves: where the source cameras stood, metres along the frame's camera axes.
-        turn: by how many radians they were turned about the vertical axis.
-        points: N x 1 x H x W bool (or 1 for N), where the sparse points are, of true depth; None for no points.
-        predict_depth: the depth model that a measure may ask; it does not change `depth`. None for one that always
-            predicts the first frame's depth.
+        depth: N x 1 x H x W predicted depth in metres; None for the true depth with N = 1.
+        moves: positions of the source cameras in metres along the axes of the target camera.
+        turn: rotation of the source cameras about the vertical axis in radians.
+        points: N x 1 x H x W or 1 x 1 x H x W bool, pixels with sparse points of true depth; None for no points.
+        predict_depth: depth model that the measure can call; does not affect `depth`. None for a model that always
+            predicts the depth of the first frame.
     """
     true = torch.full((1, 1, HEIGHT, WIDTH), WALL)
     predicted = true if depth is None else depth
@@ -71,10 +71,10 @@ def wall_view(
 
 
 def point_grid(spacing: int = 8) -> Tensor:
-    """Sparse points on a grid, 1 x 1 x H x W bool.
+    """Create a mask of sparse points on a grid, 1 x 1 x H x W bool.
 
     Args:
-        spacing: pixels from one point to the next.
+        spacing: distance between points in pixels.
     """
     points = torch.zeros(1, 1, HEIGHT, WIDTH, dtype=torch.bool)
     points[..., spacing // 2 :: spacing, spacing // 2 :: spacing] = True
@@ -82,13 +82,13 @@ def point_grid(spacing: int = 8) -> Tensor:
 
 
 def _wall(x: Tensor, y: Tensor) -> Tensor:
-    """Colours 3 x ... of the wall at metres x, y: smooth, so that bilinear sampling hardly errs."""
+    """Colours of the wall at positions x, y in metres, 3 x ...; smooth, so that bilinear sampling is accurate."""
     waves = [torch.sin(5.0 * x + phase) * torch.cos(4.0 * y + phase) for phase in (0.0, 1.0, 2.0)]
     return 0.5 + 0.25 * torch.stack(waves)
 
 
 def _picture(position: Tensor, turn: float) -> Tensor:
-    """What a camera at a position in metres, turned about the vertical axis, sees of the wall: 3 x H x W."""
+    """Render the wall for a camera at a position in metres, rotated about the vertical axis: 3 x H x W."""
     v, u = torch.meshgrid(torch.arange(HEIGHT), torch.arange(WIDTH), indexing="ij")
     rays = torch.stack(
         [(u - INTRINSICS[0, 2]) / FOCAL, (v - INTRINSICS[1, 2]) / FOCAL, torch.ones_like(u, dtype=torch.float32)]
@@ -105,17 +105,17 @@ def _rotation(turn: float) -> Tensor:
 
 
 class CheckedPredictor:
-    """A depth model that checks how it is asked; its depth is 2 m and more where the image is darker.
+    """A depth model that checks its inputs; predicts larger depth for darker pixels, at least 2 m.
 
     Args:
-        device: of all that it is given.
+        device: expected device of the inputs; None for the CPU.
     """
 
     def __init__(self, device: torch.device | None = None) -> None:
         self.device = device or torch.device("cpu")
 
     def __call__(self, image: Tensor, sparse_depth: Tensor, intrinsics: Tensor) -> Tensor:
-        """N x 1 x H x W metres."""
+        """Return N x 1 x H x W depth in metres."""
         count = len(image)
         assert image.shape == (count, 3, HEIGHT, WIDTH), f"predict_depth got an image of shape {tuple(image.shape)}"
         assert sparse_depth.shape == (count, 1, HEIGHT, WIDTH), "one channel of sparse depth, as large as the image"
@@ -132,19 +132,19 @@ class CheckedPredictor:
 
 
 class UncertaintySuite:
-    """Tests of one measure. Subclass it and define `make_uncertainty`; see this module's docstring.
+    """Base class of the tests of a measure of uncertainty. Subclasses define `make_uncertainty`.
 
-    Set `computes_on_host` to True for a measure that calls a library which knows no cards, such as scipy.
+    Set `computes_on_host` to True for a measure that uses a library without GPU support, such as scipy.
     """
 
     computes_on_host: ClassVar[bool] = False
 
     @abstractmethod
     def make_uncertainty(self) -> Uncertainty:
-        """A new measure, with the options that are to be tested."""
+        """Create the measure to test."""
 
     def measure(self, view: View) -> Tensor:
-        """What a new measure makes of a view; its values are checked for what all must have."""
+        """Compute the uncertainty of a view with a new measure, and check shape, dtype, device and range of values."""
         with torch.inference_mode():
             uncertainty = self.make_uncertainty()(view)
         assert uncertainty.shape == view.depth[:, 0].shape, f"not N x H x W: {tuple(uncertainty.shape)}"
@@ -155,11 +155,11 @@ class UncertaintySuite:
         return uncertainty
 
     def test_has_values_where_there_is_all_to_judge_by(self) -> None:
-        """With motion, texture, points and a wrong depth, some pixels have a value."""
+        """Some pixels have a value for views with motion, texture, sparse points and wrong depth."""
         assert self.measure(_views()).isfinite().any(), "no pixel has a value, although there is all to judge by"
 
     def test_same_view_same_values(self) -> None:
-        """Nothing is remembered between calls, and nothing is drawn at random."""
+        """The measure is deterministic and does not depend on previous calls."""
         measure, view = self.make_uncertainty(), _views()
         with torch.inference_mode():
             first = measure(view)
@@ -168,7 +168,7 @@ class UncertaintySuite:
         assert torch.equal(first.nan_to_num(-1.0), second.nan_to_num(-1.0)), "the same view was judged differently"
 
     def test_frames_of_a_batch_do_not_touch_each_other(self) -> None:
-        """A frame gets the same values alone as among others, which have other points and another depth."""
+        """The values of a frame do not depend on the other frames of the batch."""
         view = _views()
         batched = self.measure(view)
         for i in range(len(view.image)):
@@ -178,7 +178,7 @@ class UncertaintySuite:
             )
 
     def test_leaves_the_view_alone(self) -> None:
-        """The tensors of a view are shared: a measure must not write to them."""
+        """The measure does not write to the tensors of a view, which are shared."""
         view = _views()
         before = {name: value.clone() for name, value in _tensors(view).items()}
         self.measure(view)
@@ -186,7 +186,7 @@ class UncertaintySuite:
             assert torch.equal(value, before[name]), f"the measure changed {name}"
 
     def test_survives_points_that_nothing_shows(self) -> None:
-        """Without sparse points, without visible pixels, and without both: NaN or finite, and no error."""
+        """Views without sparse points, without visible pixels and without both are supported; values may be NaN."""
         seen = wall_view(torch.full((1, 1, HEIGHT, WIDTH), 2.2), predict_depth=CheckedPredictor())
         away = torch.zeros_like(seen.visible)
         for view in (
@@ -197,23 +197,23 @@ class UncertaintySuite:
             self.measure(view)
 
     def test_survives_a_camera_that_only_turned(self) -> None:
-        """Without parallax."""
+        """Views without parallax are supported."""
         standing = ((0.0, 0.0, 0.0),) * 2
         self.measure(wall_view(moves=standing, turn=0.17, points=point_grid(), predict_depth=CheckedPredictor()))
 
     def test_survives_an_image_of_one_colour(self) -> None:
-        """Without texture, in the frame and in its source frames."""
+        """Views without texture in target and source frames are supported."""
         view = _views()
         grey = {name: torch.full_like(getattr(view, name), 0.5) for name in ("image", "sources", "rebuilt")}
         self.measure(replace(view, **grey))  # type: ignore[arg-type]
 
     def test_takes_any_number_of_source_frames(self) -> None:
-        """One source frame, and four."""
+        """Views with one and with four source frames are supported."""
         for moves in (MOVES[:1], MOVES * 2):
             self.measure(wall_view(moves=moves, points=point_grid(), predict_depth=CheckedPredictor()))
 
     def test_judges_a_frame_without_sources_if_it_needs_none(self) -> None:
-        """A measure that declares that it needs no source frames gives the same values without them."""
+        """If `needs_sources` is False, the values are the same without source frames."""
         if self.make_uncertainty().needs_sources:
             pytest.skip("the measure compares a frame with its source frames")
         view = _views()
@@ -221,7 +221,7 @@ class UncertaintySuite:
         torch.testing.assert_close(self.measure(replace(view, **none)), self.measure(view), equal_nan=True)
 
     def test_keeps_a_card_busy(self) -> None:
-        """The host waits for nothing that the measure computes; a first call may build constants."""
+        """The measure does not synchronize with the GPU, except that the first call may."""
         if self.computes_on_host:
             pytest.skip("the measure declares that it computes on the host")
         measure = self.make_uncertainty()
@@ -232,7 +232,7 @@ class UncertaintySuite:
                 measure(view)
 
     def test_stays_on_a_graphics_card(self) -> None:
-        """All is computed where the view is, and agrees with the CPU; skipped without a card."""
+        """On a GPU, the result is on the device of the view and agrees with that of the CPU; skipped without a GPU."""
         if not torch.cuda.is_available():
             pytest.skip("needs a GPU")
         card = torch.device("cuda")
@@ -243,7 +243,7 @@ class UncertaintySuite:
 
 
 def _views() -> View:
-    """Three frames of the wall with different predictions and points, one of them without points."""
+    """Create a view of three frames with different predictions and sparse points; one has no points."""
     column = torch.linspace(-0.3, 0.3, WIDTH).expand(1, 1, HEIGHT, WIDTH)
     depth = torch.cat([torch.full_like(column, 1.9), WALL + column, torch.full_like(column, 2.2)])
     points = torch.cat([point_grid(8), point_grid(5), torch.zeros_like(point_grid())])

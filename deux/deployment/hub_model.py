@@ -17,7 +17,7 @@ class HubModel(ModelHubMixin, library_name="deux", pipeline_tag="depth-estimatio
 
     Args:
         model: the depth model.
-        config: its configuration; None if it will not be saved.
+        model_config: its configuration; None if it will not be saved. The mixin reserves the name `config`.
         licence: licence of the weights.
         card: content of an existing README.md; None to write one.
     """
@@ -25,12 +25,12 @@ class HubModel(ModelHubMixin, library_name="deux", pipeline_tag="depth-estimatio
     def __init__(
         self,
         model: DepthModel,
-        config: ModelConfig | None = None,
+        model_config: ModelConfig | None = None,
         licence: str = "mit",
         card: bytes | None = None,
     ) -> None:
         self.model = model
-        self._model_config = config
+        self._model_config = model_config
         self._licence = licence
         self._card = card
 

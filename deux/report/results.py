@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deux.errors import DeuxError, counted, plural
+from deux.errors import DeuxError, counted, error_text, plural
 from deux.io.atomic import write_json
 from deux.io.json_files import read_record
 from deux.metrics.depth_errors import METRICS
@@ -80,7 +80,7 @@ class Results:
                 _check_scene(scene)
             return results
         except (DeuxError, ValueError, TypeError, KeyError) as error:
-            raise DeuxError(f"{path} is not a results file of deux ({error}): repeat the run.") from None
+            raise DeuxError(f"{path} is not a results file of deux ({error_text(error)}): repeat the run.") from None
 
     def table(self) -> ResultTable:
         """The errors as a table; the lowest of each column is bold."""

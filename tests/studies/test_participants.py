@@ -34,7 +34,7 @@ def participants(*named: str, configured: str = "deux", has_model: bool = False,
 
 def test_an_explorer_that_needs_a_model_is_left_out_with_a_hint_unless_it_is_named():
     found = participants()
-    assert "seed_model.checkpoint=, such as kbnet-indoor" in found.left_out["deux"]
+    assert "seed_model.checkpoint= to one, such as kbnet-indoor" in found.left_out["deux"]
     assert {"random", "frontier"} <= {choice.name for choice in found.explorers}
     with pytest.raises(DeuxError, match=r"needs a depth model: set seed_model\.checkpoint="):
         participants("random", "deux")

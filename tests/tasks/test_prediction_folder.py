@@ -28,7 +28,7 @@ def test_nothing_is_written_outside_the_folder(tmp_path, frame):
     (tmp_path / "run").mkdir()
     results = PredictionFolder(tmp_path / "run", "png")
     before = sorted(tmp_path.rglob("*"))
-    with pytest.raises(DeuxError, match=r"run can hold no file of the frame '.* of '.*': the reader must give"):
+    with pytest.raises(DeuxError, match=r"the frame '.* of '.*' cannot be written to .*run: the reader must return"):
         written(results, *frame)
     assert sorted(tmp_path.rglob("*")) == before
 

@@ -173,7 +173,7 @@ def test_damaged_results_are_told_in_one_sentence(deux, tmp_path):
     (tmp_path / "runs" / "a" / "results.json").write_text('{"model": "kb')
     found = deux("task=report", f"report.runs={tmp_path}/runs", f"paths.outputs={tmp_path}/outputs").sentence
     assert found.startswith(f"{tmp_path}/runs/a/results.json is not a results file of deux (")
-    assert found.endswith("run it again.")
+    assert found.endswith("repeat the run.")
 
 
 def test_kept_runs_are_reported_as_the_runs_are(deux, tmp_path):

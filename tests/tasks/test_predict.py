@@ -286,7 +286,7 @@ def change(frame: Frame, kind: str) -> dict[str, object]:
         ("smaller camera", r"WARNING: the principal point \(15, 11\) is far from the centre .* about 31 x 23 pixels"),
         (
             "normalised camera",
-            r"too short .*: if .*/K.txt is divided by .* first row by the width 61 and its second row by the height 45",
+            r"too short .*: if .*/K.txt is normalised by .* first row by the width 61 and its second row by the height",
         ),
         (
             "millimetres",
@@ -452,7 +452,7 @@ def spoilt(frame: Frame, kind: str) -> dict[str, str]:
     ("kind", "sentence"),
     [
         ("cut image", "cut.png is truncated ("),
-        ("jpeg", "cut.jpg cannot be read as an image, it is damaged or something else: "),
+        ("jpeg", "cut.jpg cannot be read as an image, it is damaged or not an image: "),
         ("cut sparse", "cut.png is truncated ("),
         ("flipped", "flipped.png is damaged"),
         ("singular", "singular.txt is not the matrix of a pinhole camera"),

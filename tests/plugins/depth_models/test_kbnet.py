@@ -144,7 +144,7 @@ def test_points_in_the_encoder_are_rays_times_depth():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"min_depth": 3.0, "max_depth": 2.0}, "depth range"),
+        ({"min_depth": 3.0, "max_depth": 2.0}, "must satisfy 0 < min_depth < max_depth"),
         ({"min_pools": (15, 16)}, "min_pools contains the window 16"),
         ({"image_filters": (8, 8)}, "image_filters"),
         ({"margin": -1}, "margin=-1"),

@@ -126,7 +126,7 @@ def test_options_reach_the_callback():
         (
             "early_stopping",
             {"monitor": "loss", "mode": "lowest"},
-            r"callbacks\.early_stopping make no .*EarlyStopping: .*mode",
+            r"EarlyStopping refuses the settings under callbacks\.early_stopping: .*mode",
         ),
         (
             "early_stopping",

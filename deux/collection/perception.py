@@ -137,21 +137,17 @@ class Perception:
             memories: each robot's `memory`, to which the newest frame is added; None to correct the depth by the newest
                 frame's points alone.
         """
-        points = [sample_sparse(history[0].rgb, history[0].depth, self._sparse) for history in histories]
-        if memories is None:
-            memories = [self.memory() for _ in histories]
-        known = points
+        points = [sample_sparse(history[0].rgb, history[0].depth, self._sparse)[None] for history in histories]
         if self._correct_depth:
-            known = [
-                memory.add(own, history[0].pose, intrinsics)
-                for memory, own, history in zip(memories, points, histories, strict=True)
-            ]
-        view, known_depth = self._view(histories, intrinsics, points, known)
+            for robot, memory in enumerate(memories or [self.memory() for _ in histories]):
+                remembered = memory.add(points[robot][0], histories[robot][0].pose, intrinsics)
+                points[robot] = np.stack([points[robot][0], remembered])
+        view, known_depth = self._view(histories, intrinsics, points)
         views = [frame_of(view, i) for i in range(len(histories))]
         depths: list[Tensor | None] = [None] * len(views)
         if self._correct_depth:
             depths = [
-                correct_depth(one.depth, known_depth[i : i + 1], _spacing(known[i]))[0, 0]
+                correct_depth(one.depth, known_depth[i : i + 1], _spacing(points[i][-1]))[0, 0]
                 for i, one in enumerate(views)
             ]
         if self.uncertainty is None:
@@ -171,17 +167,20 @@ class Perception:
         histories: Sequence[Sequence[Frame]],
         intrinsics: np.ndarray,
         points: Sequence[np.ndarray],
-        known: Sequence[np.ndarray],
     ) -> tuple[View, Tensor]:
-        """The view of the newest frames with their sparse points; and all points that are known, N x 1 x H x W."""
+        """The view of the newest frames, and the points that correct their depth, N x 1 x H x W metres.
+
+        Args:
+            points: each robot's sparse depth, C x H x W metres: first that of the view, last that of the correction.
+        """
         colors = np.stack([np.stack([frame.rgb for frame in history]) for history in histories])
         motions = np.stack([_motions(history) for history in histories]).astype(np.float32)
-        host = [np.stack(points), np.stack(known), motions, intrinsics.astype(np.float32), colors]
-        sparse_depth, known_depth, motion, matrix, color = upload(host, self._device)
+        host = [np.stack(points), motions, intrinsics.astype(np.float32), colors]
+        sparse_depth, motion, matrix, color = upload(host, self._device)
         images = color.permute(0, 1, 4, 2, 3).float() / 255.0
         matrices = matrix.expand(len(histories), 3, 3)
-        view = make_view(images[:, 0], sparse_depth[:, None], matrices, images[:, 1:], motion, self._predict_depth)
-        return view, known_depth[:, None]
+        view = make_view(images[:, 0], sparse_depth[:, :1], matrices, images[:, 1:], motion, self._predict_depth)
+        return view, sparse_depth[:, -1:]
 
 
 @torch.inference_mode()

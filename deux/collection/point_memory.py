@@ -2,10 +2,9 @@
 
 from collections import deque
 
+import cv2
 import numpy as np
-from scipy.ndimage import minimum_filter
 
-from deux.geometry.point_cloud import unproject
 from deux.geometry.poses import inverse
 
 _WINDOW = 7
@@ -39,20 +38,27 @@ class PointMemory:
         Returns:
             H x W float32 metres, 0 = none: the frame's own points, and at other pixels the nearest remembered one.
         """
-        measured = sparse_depth > 0.0
+        rows, columns = np.nonzero(sparse_depth)
+        measured = sparse_depth[rows, columns]
         earlier = np.concatenate([np.empty((0, 3)), *self._points])
-        self._points.append(unproject(sparse_depth, intrinsics, pose)[measured])
-        merged = np.where(measured, sparse_depth, _project(earlier, sparse_depth.shape, pose, intrinsics))
-        hidden = merged > minimum_filter(merged, _WINDOW, mode="nearest") + _HIDDEN
-        return np.where(np.isfinite(merged) & (measured | ~hidden), merged, 0.0).astype(np.float32)
+        rays = np.linalg.solve(intrinsics, np.stack([columns, rows, np.ones_like(rows)]).astype(np.float64))
+        self._points.append((rays * measured).T @ pose[:3, :3].T + pose[:3, 3])
+        merged = _project(earlier, sparse_depth.shape, pose, intrinsics)
+        merged[rows, columns] = measured
+        # The nearest point of each window; outside the image, OpenCV takes infinity.
+        nearest = cv2.erode(merged, np.ones((_WINDOW, _WINDOW), np.uint8))
+        merged[np.isinf(merged) | (merged > nearest + _HIDDEN)] = 0.0
+        merged[rows, columns] = measured
+        return merged
 
 
 def _project(points: np.ndarray, shape: tuple[int, ...], pose: np.ndarray, intrinsics: np.ndarray) -> np.ndarray:
     """The depth of the nearest of N x 3 points at each pixel, H x W float32 metres; inf without a point."""
     height, width = shape
-    local = np.c_[points, np.ones(len(points))] @ inverse(pose)[:3].T
+    world_to_camera = inverse(pose)
+    local = points @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]
     local = local[local[:, 2] > 0.0]
-    columns, rows, _ = np.rint(local @ intrinsics.T / local[:, 2:]).T
+    columns, rows, _ = np.rint(intrinsics @ (local / local[:, 2:]).T)
     inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
     depth = np.full(shape, np.inf, np.float32)
     pixels = rows[inside].astype(np.int64), columns[inside].astype(np.int64)

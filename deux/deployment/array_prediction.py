@@ -181,7 +181,9 @@ def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, b
         except DeuxError as error:
             raise DeuxError(f"frame {number}: {error}") from error
         if frame.image.ndim != 3:
-            raise DeuxError(f"frame {number}: image has the shape {_shape(frame.image)}: a stream gives H x W x 3.")
+            raise DeuxError(
+                f"frame {number}: image has the shape {sizes(frame.image.shape)}: a stream gives H x W x 3."
+            )
         if batch and batch[0].image.shape != frame.image.shape:
             yield from _predict(_stacked(batch), model)
             batch = []
@@ -255,18 +257,19 @@ def _float32(array: np.ndarray) -> np.ndarray:
 def _check_shapes(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.ndarray) -> None:
     if image.ndim not in (3, 4) or image.shape[-1] != 3 or image.size == 0:
         raise DeuxError(
-            f"image has the shape {_shape(image)}: it is H x W x 3 (red, green, blue), or N x H x W x 3 for N frames."
+            f"image has the shape {sizes(image.shape)}: it is H x W x 3 (red, green, blue), or N x H x W x 3 for N "
+            "frames."
         )
     if sparse_depth.shape != image.shape[:-1]:
         raise DeuxError(
-            f"sparse_depth has the shape {_shape(sparse_depth)}: for an image of {_shape(image)} it is "
+            f"sparse_depth has the shape {sizes(sparse_depth.shape)}: for an image of {sizes(image.shape)} it is "
             f"{' x '.join(map(str, image.shape[:-1]))}."
         )
     batched = image.ndim == 4 and intrinsics.shape == (len(image), 3, 3)
     if intrinsics.shape != (3, 3) and not batched:
         wanted = f"3 x 3, or {len(image)} x 3 x 3" if image.ndim == 4 else "3 x 3"
         raise DeuxError(
-            f"intrinsics has the shape {_shape(intrinsics)}: for an image of {_shape(image)} it is {wanted}."
+            f"intrinsics has the shape {sizes(intrinsics.shape)}: for an image of {sizes(image.shape)} it is {wanted}."
         )
 
 
@@ -288,7 +291,3 @@ def _check_unit(sparse_depth: np.ndarray, max_depth: float, most: float) -> None
             f"the nearest point of sparse_depth is at {points.min():g} and the model predicts up to {max_depth:g} "
             "metres: sparse_depth is in metres, so divide millimetres by 1000 and centimetres by 100."
         )
-
-
-def _shape(array: np.ndarray) -> str:
-    return sizes(array.shape)

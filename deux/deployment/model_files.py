@@ -188,7 +188,7 @@ def misfit(module: nn.Module, weights: Mapping[str, Tensor]) -> str:
     missing = [key for key in expected if key not in weights]
     unexpected = [key for key in weights if key not in expected]
     reshaped = [
-        f"{key}: {_shape(weights[key])} instead of {_shape(expected[key])}"
+        f"{key}: {sizes(weights[key].shape)} instead of {sizes(expected[key].shape)}"
         for key in expected
         if key in weights and weights[key].shape != expected[key].shape
     ]
@@ -275,7 +275,3 @@ def _kind(tensor: Tensor) -> str:
 
 def _first(names: list[str]) -> str:
     return ", ".join([*names[:SHOWN_NAMES], *(["..."] if len(names) > SHOWN_NAMES else [])])
-
-
-def _shape(tensor: Tensor) -> str:
-    return sizes(tensor.shape)

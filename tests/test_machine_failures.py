@@ -52,7 +52,7 @@ def test_locks_of_processes_without_shared_memory(monkeypatch: pytest.MonkeyPatc
 def test_a_place_that_takes_no_files(tmp_path: Path) -> None:
     error = OSError(errno.EROFS, os.strerror(errno.EROFS))
     assert told(error, tmp_path) == f"{tmp_path} cannot be written: Read-only file system."
-    assert told(error).startswith("the run folder cannot be written: Read-only file system")
+    assert told(error).startswith("the run folder cannot be written, Read-only file system")
 
 
 @pytest.mark.parametrize(

@@ -231,7 +231,7 @@ def test_a_pose_that_is_missing_among_others_is_named(tmp_path: Path) -> None:
 def test_singular_intrinsics_are_named(tmp_path: Path) -> None:
     root = dataset(tmp_path / "d")
     np.savetxt(root / "data/hall-00/K.txt", np.zeros((3, 3)))
-    with pytest.raises(DeuxError, match=r"hall-00/K\.txt does not hold"):
+    with pytest.raises(DeuxError, match=r"hall-00/K\.txt is not the matrix of a pinhole camera"):
         DatasetReader(root).intrinsics(FrameReference("hall-00", "000003"))
 
 

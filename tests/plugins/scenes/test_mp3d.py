@@ -190,7 +190,7 @@ def test_a_house_file_is_read(tmp_path):
     ("text", "message"),
     [
         ("", "no categories or no objects"),
-        (HOUSE.replace("C 0 4 floor 2 floor 0 0 0 0 0", "C 0 4"), "line 6 of .* is not a C line"),
+        (HOUSE.replace("C 0 4 floor 2 floor 0 0 0 0 0", "C 0 4"), "line 6 of .* is not a valid C line"),
         (HOUSE.replace("O 2 0 3", "O two 0 3"), "line 14 of .* is not a valid O line"),
     ],
 )

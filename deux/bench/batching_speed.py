@@ -129,7 +129,7 @@ def _walks_table(settings: BatchingSettings, guide: Guide | None) -> SpeedTable:
     )
     note = (
         f"All rows take the same {robots} walks in {robots} flats, in groups of that many. A step draws a frame, "
-        "samples points, predicts its depth, judges it and moves; nothing is written."
+        "samples points, predicts its depth, computes the residual and moves; no files are written."
     )
     return SpeedTable("batching_walks", title, rows, (note,))
 

@@ -43,10 +43,10 @@ _KNOWN_WARNINGS = (
 )
 
 _NOTES = (
-    "Waiting is the device's time from the end of a step to the arrival of the next batch; a card's own work on the "
-    "batch counts as waiting.",
-    "Host seconds are those that the training process spends between two steps: making or receiving the batch, "
-    "sending it, and Lightning's own work. Where a step is bound by Python, a card waits for all of them.",
+    "Waiting is the device's time from the end of a step to the arrival of the next batch, including a GPU's own "
+    "operations on the batch.",
+    "Host seconds are the time that the training process spends between two steps: making or receiving the batch, "
+    "its transfer, and Lightning's own work. If steps are limited by Python, a GPU waits for all of it.",
 )
 
 

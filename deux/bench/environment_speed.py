@@ -62,7 +62,7 @@ def measure_environment(settings: EnvironmentSettings) -> Iterator[SpeedTable]:
         }
         for name, extras in ways
     )
-    note = "One environment in one process, random moves; beginning an episode and judging each step are counted in."
+    note = "One environment in one process, random moves; resets and the computation of rewards are included."
     title = f"Environment: steps in a generated flat, depth images of {settings.size} x {settings.size}"
     yield SpeedTable("environment", title, rows, (note, *broken))
 

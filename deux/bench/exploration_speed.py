@@ -60,8 +60,8 @@ def measure_exploration_speed(
     guide = make_guide(model_name, accelerator)
     explorers, broken = installed("explorers")
     notes = [
-        f"{settings.robots} robots in {settings.robots} flats take turns in one process. The explorer's share is all "
-        "that its act() does; what is left over is bookkeeping, sparse points, the residual and waiting for files.",
+        f"{settings.robots} robots in {settings.robots} flats take turns in one process. The explorer's share is the "
+        "time in act(); the rest is bookkeeping, sparse points, the residual and waiting for files.",
         *broken,
     ]
     guided = {name: bool(explorer.needs & MODEL_NEEDS) for name, explorer in explorers.items()}

@@ -111,10 +111,10 @@ def measure_peers(settings: PeerSettings, scene_file: Path | None, accelerator: 
         for work in chain(*parts):
             rows += _rows(work, settings)
     note = (
-        "Recorded figures are of two Xeon cores without a graphics card unless a line says otherwise, those of frames "
-        "of a furnished room of 21,700 triangles; what is marked 'here' is measured in turns with deux."
+        "Recorded figures were measured on two Xeon cores without a GPU unless stated otherwise, those of frames in "
+        "a furnished room of 21,700 triangles; rows marked 'here' are measured alternately with deux."
     )
-    yield SpeedTable("peers", f"Beside others: milliseconds; frames are of {scene.name}", tuple(rows), (note,))
+    yield SpeedTable("peers", f"Other software: milliseconds; frames of {scene.name}", tuple(rows), (note,))
 
 
 def _rows(work: Work, settings: PeerSettings) -> list[dict[str, Value]]:

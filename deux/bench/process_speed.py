@@ -95,8 +95,8 @@ def measure_processes(
         ]
     title = f"Processes: {settings.robots} robots of {settings.steps} steps each at {settings.size} x {settings.size}"
     notes = (
-        "Whole: from the call to the last file, with the start of processes (of Ray too) and the loading of model and "
-        "scenes. Steady: after the first third of the steps. The frames are the same in all rows of an explorer.",
+        "Whole: from the call to the last file, including the start of the processes (and of Ray) and the loading of "
+        "model and scenes. Steady: after the first third of the steps. All rows of an explorer have the same frames.",
         *left_out,
         *missing,
     )

@@ -75,16 +75,16 @@ def measure_published_training(settings: PublishedSettings, accelerator: str = "
                 "model": name,
                 "poses": variant.poses,
                 "precision": precision,
-                "published way, s": Spread.of(found["published"]),
+                "as published, s": Spread.of(found["published"]),
                 "deux, s": Spread.of(found["deux"]),
                 "times as fast": Spread.of(ratios),
             }
         )
     note = (
-        "The published way is float32, channels first, square pools, enlarging before convolving, Adam unfused, no "
-        "Trainer; a number is the mean step of a round. On a card, deux replays its steps as CUDA graphs."
+        "As published: float32, channels first, square pools, upsampling before convolution, unfused Adam, no Trainer. "
+        "Each number is the mean step of a round. On a GPU, deux replays its steps as CUDA graphs."
     )
-    title = f"Training steps beside the published way of computing, batch {batch_size}, {size} x {size}"
+    title = f"Training steps compared with steps computed as published, batch {batch_size}, {size} x {size}"
     yield SpeedTable("published", title, tuple(rows), (note, *broken))
 
 

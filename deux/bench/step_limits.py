@@ -68,8 +68,8 @@ def measure_limits(settings: LimitSettings, accelerator: str = "auto") -> Iterat
     notes = (
         f"The best rate here is that of the product of two {_SIDE} x {_SIDE} matrices in {precision}: {best} GFLOP/s; "
         f"memory is copied at {bandwidth} GB/s. Products are convolutions and matrix products, limited by arithmetic; "
-        "other operations go over their tensors once and are limited by memory; the rest is Python, Lightning and "
-        "starting operations, during which a graphics card has nothing to do.",
+        "other operations read and write their tensors once and are limited by memory; the rest is Python, Lightning "
+        "and the launch of operations, during which a GPU is idle.",
         *broken,
     )
     shape = f"batch {settings.batch_size}, {settings.size} x {settings.size}"

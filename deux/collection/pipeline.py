@@ -171,13 +171,13 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
 
 def _counted(verdicts: Mapping[str, Verdicts], choice: SourceChoice) -> dict[str, Any]:
     """The numbers of accepted and rejected frames, for the manifest."""
-    judged = [one for verdict in verdicts.values() for one in verdict[choice].values()]
-    accepted = [one for one in judged if one.rejection is None]
+    candidates = [one for verdict in verdicts.values() for one in verdict[choice].values()]
+    accepted = [one for one in candidates if one.rejection is None]
     return {
-        "candidates": len(judged),
+        "candidates": len(candidates),
         "triplets": len(accepted),
         "parallax": sum(one.parallax for one in accepted),
-        "rejected": dict(sorted(Counter(str(one.rejection) for one in judged if one.rejection).items())),
+        "rejected": dict(sorted(Counter(str(one.rejection) for one in candidates if one.rejection).items())),
     }
 
 
@@ -199,11 +199,11 @@ def write_lists(dataset: Path, name: str, split: str, verdicts: Mapping[str, Ver
     for sequence, verdict in verdicts.items():
         folder = f"{name}/data/{sequence}"
         for choice, kind in TRIPLET_LISTS.items():
-            for target, judged in verdict[choice].items():
-                if judged.rejection is None:
-                    images = (f"{folder}/image/{frame}{SUFFIXES['image']}" for frame in (target, *judged.sources))
+            for target, one in verdict[choice].items():
+                if one.rejection is None:
+                    images = (f"{folder}/image/{frame}{SUFFIXES['image']}" for frame in (target, *one.sources))
                     lines[kind].append("\t".join(images))
-        for target in (target for target, judged in verdict["recent"].items() if judged.rejection is None):
+        for target in (target for target, one in verdict["recent"].items() if one.rejection is None):
             for kind in PUBLISHED_KINDS:
                 lines[kind].append(f"{folder}/{kind}/{target}{SUFFIXES[kind]}")
             lines["intrinsics"].append(f"{folder}/K.txt")

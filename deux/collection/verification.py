@@ -61,7 +61,7 @@ class VerificationSettings:
         check_range("verification.min_angle", self.min_angle, 0)
 
 
-class Judged(NamedTuple):
+class Verdict(NamedTuple):
     """The verdict on a target, with its source frames.
 
     Args:
@@ -75,7 +75,7 @@ class Judged(NamedTuple):
     parallax: bool
 
 
-Verdicts = Mapping[SourceChoice, Mapping[str, Judged]]
+Verdicts = Mapping[SourceChoice, Mapping[str, Verdict]]
 """The verdicts on a sequence's targets by name, in the order of time, for each choice of source frames."""
 
 
@@ -147,11 +147,11 @@ def _verify_sequence(
     recent = {target: tuple(sources) for target, *sources in neighbours(frames, _RECENT)}
     chosen = _choose(frames, checked, rule, frames if every_frame else list(recent))
     verdicts: Verdicts = {
-        "recent": {target: _judge(target, sources, checked, settings, rule) for target, sources in recent.items()},
-        "baseline": {target: _judge(target, sources, checked, settings, rule) for target, sources in chosen.items()},
+        "recent": {target: _verdict(target, sources, checked, settings, rule) for target, sources in recent.items()},
+        "baseline": {target: _verdict(target, sources, checked, settings, rule) for target, sources in chosen.items()},
     }
-    judged = {choice: {name: one._asdict() for name, one in targets.items()} for choice, targets in verdicts.items()}
-    write_json(record, {"made_by": made_by, "frames": judged})
+    stored = {choice: {name: one._asdict() for name, one in targets.items()} for choice, targets in verdicts.items()}
+    write_json(record, {"made_by": made_by, "frames": stored})
     return verdicts
 
 
@@ -159,12 +159,12 @@ def _read_verdicts(stored: Any, record: Path) -> Verdicts:
     """Parse the verdicts of a `verification.json`."""
     kept = checked_record(stored, dict[str, dict[str, dict[str, Any]]], record)
 
-    def judged(one: Mapping[str, Any]) -> Judged:
+    def verdict(one: Mapping[str, Any]) -> Verdict:
         rejection = Rejection(one["rejection"]) if one["rejection"] else None
-        return Judged(converted(one["sources"], tuple[str, ...], "sources"), rejection, bool(one["parallax"]))
+        return Verdict(converted(one["sources"], tuple[str, ...], "sources"), rejection, bool(one["parallax"]))
 
     try:
-        return {choice: {name: judged(one) for name, one in kept[choice].items()} for choice in ("recent", "baseline")}
+        return {choice: {name: verdict(one) for name, one in kept[choice].items()} for choice in ("recent", "baseline")}
     except (DeuxError, KeyError, ValueError, TypeError) as error:
         raise DeuxError(f"{record} is damaged, it holds no verdicts ({error_text(error)}): delete it.") from error
 
@@ -217,23 +217,23 @@ def _check(
     return _Checked(None, view)
 
 
-def _judge(
+def _verdict(
     target: str,
     sources: tuple[str, ...],
     checked: Mapping[str, _Checked],
     settings: VerificationSettings,
     rule: SourceRule,
-) -> Judged:
+) -> Verdict:
     """Verify a target with its source frames, of which only image, pose and points are used."""
     views = []
     for name in (target, *sources):
         view = checked[name].view
         if view is None:
-            return Judged(sources, checked[name].rejection, False)
+            return Verdict(sources, checked[name].rejection, False)
         views.append(view)
     rejection = checked[target].rejection
     if rejection is None:
         moved = (motion(views[0].pose, source.pose) for source in views[1:])
         if not any(d >= settings.min_distance or angle >= settings.min_angle for d, angle in moved):
             rejection = Rejection.NO_MOTION
-    return Judged(sources, rejection, has_parallax(views[0], views[1:], rule))
+    return Verdict(sources, rejection, has_parallax(views[0], views[1:], rule))

@@ -99,7 +99,7 @@ class Walk:
     def _observation(self, seen: HostPercept) -> Observation:
         """The observation with exactly what the explorer declared in `needs`, in arrays of its own."""
         needs, frame = self.explorer.needs, self.frames[0]
-        judged = Need.RESIDUAL in needs
+        needs_residual = Need.RESIDUAL in needs
         return Observation(
             step=len(self.actions),
             pose=frame.pose.copy(),
@@ -107,8 +107,8 @@ class Walk:
             rgb=frame.rgb.copy(),
             sensor_depth=frame.depth.copy() if Need.SENSOR_DEPTH in needs else None,
             predicted_depth=seen.predicted_depth if Need.PREDICTED_DEPTH in needs else None,
-            residual=seen.residual if judged else None,
-            uncertainty=seen.uncertainty if judged else None,
+            residual=seen.residual if needs_residual else None,
+            uncertainty=seen.uncertainty if needs_residual else None,
             depth_error=seen.depth_error if Need.PREDICTED_DEPTH in needs else None,
             labels=frame.labels.copy() if frame.labels is not None else None,
         )

@@ -47,7 +47,7 @@ class Uncertainty(ABC):
     """Estimates the uncertainty of each pixel of a prediction. All options are in the constructor; it has no state."""
 
     needs_sources: ClassVar[bool] = True
-    """Whether it uses the source frames; a measure that does not can judge a single image."""
+    """Whether it uses the source frames; one that does not also works for a single image."""
 
     @abstractmethod
     def __call__(self, view: View) -> Tensor:

@@ -21,13 +21,13 @@ from deux.io.progress import Progress, ignore_progress
 from deux.plugin_failures import creation_failure
 from deux.registry import PluginChoice, registry
 from deux.simulator.simulation import Simulation
-from deux.studies.judged_walk import JudgedSample, JudgedWalk, WalkJudge
+from deux.studies.evaluated_walk import EvaluatedSample, EvaluatedWalk, WalkEvaluator
 from deux.studies.uncertainty_study import UncertaintyStudy
 
 SAMPLES = 5
 """Number of frames of the first scene in figures."""
 
-ShowSamples = Callable[[Sequence[JudgedSample]], None]
+ShowSamples = Callable[[Sequence[EvaluatedSample]], None]
 """Called with some frames of the first scene, at least one."""
 
 
@@ -121,7 +121,7 @@ class _Walks:
     seed: int
     steps: int
 
-    def load_or_run(self, folder: Path, scene: SceneReference, floor: int, show: ShowSamples | None) -> JudgedWalk:
+    def load_or_run(self, folder: Path, scene: SceneReference, floor: int, show: ShowSamples | None) -> EvaluatedWalk:
         """Read the evaluation of a walk from its file; run the walk first if the file does not exist."""
         record = folder / f"{place_name(scene, floor)}.json"
         if not record.exists():
@@ -131,22 +131,22 @@ class _Walks:
             write_json(record, asdict(walk))
         return _read(record)
 
-    def run(self, scene: SceneReference, floor: int) -> tuple[JudgedWalk, list[JudgedSample]]:
+    def run(self, scene: SceneReference, floor: int) -> tuple[EvaluatedWalk, list[EvaluatedSample]]:
         """Run a walk on a floor of a scene, and evaluate every frame that has all its source frames."""
         seed = episode_seed(self.seed, scene, 0)
         walk = Walk(self.simulation.make(scene), self.explorer.create(), seed, self.steps, floor)
-        judge = WalkJudge(scene.name, self.simulation.camera, self.measures, seed, floor)
+        evaluator = WalkEvaluator(scene.name, self.simulation.camera, self.measures, seed, floor)
         shown = np.linspace(SOURCES, self.steps - 1, SAMPLES, dtype=int)
-        samples: list[JudgedSample] = []
+        samples: list[EvaluatedSample] = []
         with one_thread():  # otherwise the last bits of the results would depend on the number of threads
             for (step,) in run_walks([walk], self.perception):
                 if len(step.frames) > SOURCES:
-                    maps = self._evaluate(judge, step)
+                    maps = self._evaluate(evaluator, step)
                     if maps and step.number in shown:
                         samples.append(_sample(step, maps))
-        return judge.result(), samples
+        return evaluator.result(), samples
 
-    def _evaluate(self, judge: WalkJudge, step: Step) -> dict[str, np.ndarray]:
+    def _evaluate(self, evaluator: WalkEvaluator, step: Step) -> dict[str, np.ndarray]:
         assert step.percept is not None
         moved, turned = motion(step.frames[SOURCES].pose, step.frame.pose)
         residual = step.percept.residual
@@ -155,18 +155,18 @@ class _Walks:
             for name, measure in self.measures.items()
             if residual is not None and measure is self.perception.uncertainty
         }
-        return judge.add(step.number, step.percept.view, step.frame.depth, step.frame.pose, moved, turned, computed)
+        return evaluator.add(step.number, step.percept.view, step.frame.depth, step.frame.pose, moved, turned, computed)
 
 
-def _sample(step: Step, maps: Mapping[str, np.ndarray]) -> JudgedSample:
+def _sample(step: Step, maps: Mapping[str, np.ndarray]) -> EvaluatedSample:
     assert step.percept is not None
     depth = step.percept.view.depth[0, 0].cpu().numpy()
     error = np.abs(depth - np.where(step.frame.depth > 0, step.frame.depth, np.nan))
-    return JudgedSample(step.frame.rgb, error, maps)
+    return EvaluatedSample(step.frame.rgb, error, maps)
 
 
-def _read(record: Path) -> JudgedWalk:
+def _read(record: Path) -> EvaluatedWalk:
     try:
-        return JudgedWalk.from_json(json.loads(read_bytes(record)))
+        return EvaluatedWalk.from_json(json.loads(read_bytes(record)))
     except (ValueError, TypeError, KeyError) as error:
         raise DeuxError(f"{record} is damaged, it is not an evaluated walk ({error}): delete it.") from error

@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator
 
 from deux.figures.drawing import ERROR_COLORS, UNCERTAINTY_COLORS, hide_ticks, legend_entries, new_figure
 from deux.metrics.sparsification import REMOVED
-from deux.studies.judged_walk import CONTROLS, JudgedSample
+from deux.studies.evaluated_walk import CONTROLS, EvaluatedSample
 from deux.studies.uncertainty_study import MOVED, FrameSelection, UncertaintyStudy
 
 
@@ -49,10 +49,10 @@ def draw_frames(study: UncertaintyStudy) -> Figure:
     for axes, name in zip(panels.flat, study.measures, strict=False):
         for moved, color, label in ((True, "C0", "the camera moved"), (False, "C1", "it turned only")):
             points = [
-                (frame.judgements[name].delta, frame.error)
+                (frame.scores[name].delta, frame.error)
                 for walk in study.walks
                 for frame in walk.frames
-                if name in frame.judgements and (frame.moved >= MOVED) == moved
+                if name in frame.scores and (frame.moved >= MOVED) == moved
             ]
             if points:
                 axes.scatter(*zip(*points, strict=True), s=4.0, alpha=0.5, color=color, label=label, linewidths=0)
@@ -74,7 +74,7 @@ def draw_frames(study: UncertaintyStudy) -> Figure:
     return figure
 
 
-def draw_uncertainty_maps(samples: Sequence[JudgedSample]) -> Figure:
+def draw_uncertainty_maps(samples: Sequence[EvaluatedSample]) -> Figure:
     """Draw frames as rows: image, true error, and the maps of all measures, each with its own colour scale."""
     measures = [name for name in samples[0].uncertainties if name not in CONTROLS]
     columns = ("image", "true error", *measures)

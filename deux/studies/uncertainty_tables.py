@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from deux.errors import counted
 from deux.metrics.intervals import Estimate
 from deux.metrics.tables import Cell, Column, ResultTable, Row
-from deux.studies.judged_walk import CONTROLS
+from deux.studies.evaluated_walk import CONTROLS
 from deux.studies.uncertainty_study import CAUSES, MOVED, FrameSelection, UncertaintyStudy
 
 _MEAN = "mean ± half the 95 % t interval over the scenes"
@@ -31,7 +31,7 @@ def agreement_table(study: UncertaintyStudy, selection: FrameSelection = "all") 
     """
     names = study.names
     numbers = {
-        Column("judged", "%", digits=0, factor=100.0): [study.coverage(name, selection) for name in names],
+        Column("covered", "%", digits=0, factor=100.0): [study.coverage(name, selection) for name in names],
         Column("ρ pixels", digits=2, best="highest"): [study.pixels(name, selection) for name in names],
         Column("AUSE", digits=3, best="lowest"): [study.ause(name, selection) for name in names],
         Column("ρ frames", digits=2, best="highest"): [study.frames(name, selection=selection) for name in names],

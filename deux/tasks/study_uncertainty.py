@@ -9,7 +9,7 @@ from deux.errors import counted
 from deux.figures.drawing import save_figure
 from deux.io.atomic import write_atomically, write_json
 from deux.report.results import RESULTS_FILE
-from deux.studies.judged_walk import JudgedSample
+from deux.studies.evaluated_walk import EvaluatedSample
 from deux.studies.uncertainty_episodes import installed_measures, study_uncertainty
 from deux.studies.uncertainty_figures import draw_frames, draw_sparsification, draw_uncertainty_maps
 from deux.studies.uncertainty_study import UncertaintyStudy
@@ -71,10 +71,10 @@ class StudyStages:
         datasets = self._datasets
         say(f"Walk through {counted(len(datasets.scenes.test), 'test scene')} with {self._explorer.name}")
 
-        def show(samples: Sequence[JudgedSample]) -> None:
+        def show(samples: Sequence[EvaluatedSample]) -> None:
             save_figure(draw_uncertainty_maps(samples), run.figures / "maps.png")
 
-        with run.stage("judge"), progress() as report:
+        with run.stage("evaluate"), progress() as report:
             return study_uncertainty(
                 run.path / EPISODES,
                 datasets.simulation,

@@ -30,7 +30,7 @@ from deux.collection import viewpoints
 from deux.collection.local_execution import LocalExecutor
 from deux.collection.pipeline import build_dataset, read_manifest, write_lists
 from deux.collection.specification import VIEWPOINTS, DatasetSpec
-from deux.collection.verification import Judged, Rejection, VerificationSettings
+from deux.collection.verification import Rejection, Verdict, VerificationSettings
 from deux.contracts import Robot, SceneArea
 from deux.data.dataset_reader import DatasetReader
 from deux.errors import DeuxError
@@ -366,9 +366,9 @@ def test_a_folder_without_manifest_is_no_dataset_of_ours(tmp_path: Path) -> None
 
 def test_lists_name_the_accepted_frames_in_one_order(tmp_path: Path) -> None:
     frames = [f"{number:06d}" for number in range(8)]
-    recent = {t: Judged((f1, f2), None, True) for f2, f1, t in zip(frames, frames[1:], frames[2:], strict=False)}
+    recent = {t: Verdict((f1, f2), None, True) for f2, f1, t in zip(frames, frames[1:], frames[2:], strict=False)}
     recent["000004"] = recent["000004"]._replace(rejection=Rejection.TOO_FEW_POINTS)
-    baseline = {"000000": Judged(("000003", "000005"), None, True), "000003": Judged((), Rejection.NO_MOTION, False)}
+    baseline = {"000000": Verdict(("000003", "000005"), None, True), "000003": Verdict((), Rejection.NO_MOTION, False)}
     write_lists(tmp_path, "toy-123", "train", {"room": {"recent": recent, "baseline": baseline}})
     lines = {path.stem.removeprefix("train_"): path.read_text().splitlines() for path in tmp_path.glob("*.txt")}
     accepted = ["000002", "000003", "000005", "000006", "000007"]

@@ -8,7 +8,7 @@ import pytest
 from toy_world import ToySimulator
 
 from deux.collection.sparse import SparseSettings, sample_sequences
-from deux.collection.verification import Judged, Rejection, VerificationSettings, verify_sequences
+from deux.collection.verification import Rejection, Verdict, VerificationSettings, verify_sequences
 from deux.contracts import Action
 from deux.io.calibration import write_matrix
 from deux.io.frames import prepare_folders, write_frame
@@ -145,7 +145,7 @@ def test_a_judged_sequence_is_read_again_only_for_other_settings(walked: Sequenc
     assert any(verdict(walked, VerificationSettings(min_depth=0.2)).values())
 
 
-def by_baseline(paths: SequencePaths, every_frame: bool = True) -> Mapping[str, Judged]:
+def by_baseline(paths: SequencePaths, every_frame: bool = True) -> Mapping[str, Verdict]:
     return verify_sequences([paths], VerificationSettings(), SPARSE, every_frame=every_frame)[paths.name]["baseline"]
 
 

@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "collection"))
 
 from box_scenes import BoxRoomSimulator
 from compared_episodes import episode
-from judged_walks import walk
+from evaluated_walks import walk
 
 from deux.contracts import Floor
 from deux.studies.explorer_comparison import ExplorerComparison

@@ -57,7 +57,7 @@ def test_the_explorer_that_is_chosen_keeps_its_options(policy):
     assert found.identity["random"]["is"] is None
 
 
-def test_a_reward_that_learns_judges_only_where_an_explorer_sought_it(policy):
+def test_a_reward_that_learns_is_given_only_where_an_explorer_sought_it(policy):
     assert "curiosity" not in participants("random").rewards
     found = participants("random", "curiosity", configured="curiosity", weights=str(policy))
     assert {"coverage", "novelty", "curiosity", "smooth_coverage", "semantic_reconstruction"} <= set(found.rewards)
@@ -119,7 +119,7 @@ def test_an_explorer_that_cannot_be_made_is_left_out_unless_it_is_named(cls, rea
         registry().unregister("explorers", "broken")
 
 
-def test_a_reward_that_cannot_be_made_does_not_judge():
+def test_a_reward_that_cannot_be_made_is_left_out():
     class Greedy(Reward):
         def __init__(self, worth: float) -> None:
             self.worth = worth

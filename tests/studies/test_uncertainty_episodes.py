@@ -8,7 +8,7 @@ from deux.collection.sparse import SparseSettings
 from deux.contracts import SceneArea
 from deux.errors import DeuxError
 from deux.registry import registry
-from deux.studies.judged_walk import CONTROLS
+from deux.studies.evaluated_walk import CONTROLS
 from deux.studies.uncertainty_episodes import installed_measures, study_uncertainty
 
 MEASURES = [measure("l1"), measure("sparse_error")]
@@ -34,14 +34,14 @@ def study():
         yield run
 
 
-def test_every_frame_with_two_before_it_is_judged_by_every_measure(study, tmp_path):
+def test_every_measure_is_evaluated_in_every_frame_with_two_before_it(study, tmp_path):
     found = study(tmp_path)
     assert found.names == ("l1", "sparse_error", *CONTROLS)
     assert found.scenes == tuple(reference.name for reference in SCENES)
     for walk, reference in zip(found.walks, SCENES, strict=True):
         assert walk.scene == reference.name
         assert [frame.step for frame in walk.frames] == list(range(2, 8))
-        assert all(set(frame.judgements) >= {"sparse_error", *CONTROLS} for frame in walk.frames)
+        assert all(set(frame.scores) >= {"sparse_error", *CONTROLS} for frame in walk.frames)
 
 
 def test_every_floor_is_walked_where_all_are_asked_for(study, tmp_path, two_floors):
@@ -66,7 +66,7 @@ def test_the_measure_that_guides_is_computed_once(study, tmp_path):
     assert len(model.frames) == 2 * (8 + 6)  # each frame, and each mirrored frame that has two before it
 
 
-def test_a_measure_that_guides_need_not_be_judged(study, tmp_path):
+def test_a_measure_that_guides_need_not_be_evaluated(study, tmp_path):
     found = study(tmp_path, explorer=explorer("deux"), guidance=measure("ssim"))
     assert found.measures == ("l1", "sparse_error")
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from deux.studies.uncertainty_figures import (
-    JudgedSample,
+    EvaluatedSample,
     draw_frames,
     draw_sparsification,
     draw_uncertainty_maps,
@@ -40,7 +40,7 @@ def test_maps_have_a_column_for_each_measure_and_a_scale_of_its_own():
     error = np.full((4, 6), 0.5)
     error[0] = np.nan
     maps = {"l1": np.full((4, 6), 0.1), "flip": np.full((4, 6), np.nan), "chance": np.ones((4, 6))}
-    figure = draw_uncertainty_maps([JudgedSample(rgb, error, maps)] * 2)
+    figure = draw_uncertainty_maps([EvaluatedSample(rgb, error, maps)] * 2)
     titles = [axes.get_title() for axes in figure.axes[:4]]
     assert titles == ["image", "true error\n0 to 0.5", "l1\n0 to 0.1", "flip\n0 to 1"]
     assert len(figure.axes) == 8

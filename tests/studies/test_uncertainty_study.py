@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from judged_walks import walk
+from evaluated_walks import walk
 
 from deux.studies.uncertainty_study import UncertaintyStudy
 

@@ -17,7 +17,7 @@ def test_the_measure_that_follows_the_error_best_stands_out(study):
     assert pixels["l1"] == ("0.10 ± 0.00", None)
     assert pixels["flip"] == ("–", None)
     assert column(table, "AUSE")["sparse_error"][1] == "best"  # the lowest
-    assert column(table, "judged [%]")["parallax"] == ("25 ± 0", None)
+    assert column(table, "covered [%]")["parallax"] == ("25 ± 0", None)
 
 
 def test_controls_stand_in_brackets_and_are_not_ranked(study):
@@ -29,7 +29,7 @@ def test_frames_that_moved_have_a_table_of_their_own(study):
     table = agreement_table(study, "moved")
     assert "the 10 frames whose camera moved" in table.caption
     assert "ρ places" not in table.headings
-    assert column(table, "judged [%]")["parallax"] == ("50 ± 0", None)
+    assert column(table, "covered [%]")["parallax"] == ("50 ± 0", None)
 
 
 def test_one_frame_is_no_plural(study, monkeypatch):

@@ -132,7 +132,7 @@ def test_the_camera_matters():
 
 
 def test_points_in_the_encoder_are_rays_times_depth():
-    """A plane's features, backprojected at every second pixel, equal the published way: all pixels, then stride 2."""
+    """A plane's features, backprojected at every second pixel, equal the published ones: all pixels, stride 2."""
     layer = KBNet().encoder.calibrated_backprojection1
     image, depth, rays = torch.rand(1, 48, 9, 11), torch.rand(1, 16, 9, 11), torch.rand(1, 3, 9, 11)
     _, _, fused = layer(image, depth, rays, None)

@@ -26,7 +26,7 @@ CELL_PIXELS = 100
 
 
 @dataclass(frozen=True)
-class Judgement:
+class MeasureScores:
     """Evaluation of one measure in one frame, over the pixels with true depth for which the measure has a value.
 
     Args:
@@ -47,7 +47,7 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class JudgedFrame:
+class EvaluatedFrame:
     """The evaluation of all measures in one frame.
 
     Args:
@@ -57,7 +57,7 @@ class JudgedFrame:
         distance: mean predicted depth, metres.
         texture: mean absolute difference of neighbouring pixels of the image, in [0, 1].
         error: mean absolute error of the depth, mm.
-        judgements: evaluation of each measure that has values in the frame.
+        scores: evaluation of each measure that has values in the frame.
     """
 
     step: int
@@ -66,7 +66,7 @@ class JudgedFrame:
     distance: float
     texture: float
     error: float
-    judgements: Mapping[str, Judgement]
+    scores: Mapping[str, MeasureScores]
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class JudgedSample:
+class EvaluatedSample:
     """The maps of one frame, for figures.
 
     Args:
@@ -98,7 +98,7 @@ class JudgedSample:
 
 
 @dataclass(frozen=True)
-class JudgedWalk:
+class EvaluatedWalk:
     """The evaluation of a walk.
 
     Args:
@@ -109,22 +109,23 @@ class JudgedWalk:
     """
 
     scene: str
-    frames: Sequence[JudgedFrame]
+    frames: Sequence[EvaluatedFrame]
     places: Mapping[str, Sequence[Place]]
     floor: int = 0
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Self:
         """The inverse of `dataclasses.asdict`."""
-        frames = [
-            JudgedFrame(**{**frame, "judgements": {n: Judgement(**j) for n, j in frame["judgements"].items()}})
-            for frame in content["frames"]
-        ]
+        frames = []
+        for stored in content["frames"]:
+            frame = dict(stored)
+            scores = frame.pop("scores" if "scores" in frame else "judgements")  # the name in earlier versions
+            frames.append(EvaluatedFrame(**frame, scores={name: MeasureScores(**one) for name, one in scores.items()}))
         places = {name: [Place(**place) for place in places] for name, places in content["places"].items()}
         return cls(content["scene"], frames, places, content.get("floor", 0))  # earlier versions stored no floor
 
 
-class WalkJudge:
+class WalkEvaluator:
     """Evaluates uncertainty measures on the frames of one walk, one frame at a time.
 
     Args:
@@ -142,7 +143,7 @@ class WalkJudge:
         self._scene, self._floor = scene, floor
         self._camera = camera
         self._rng = torch.Generator().manual_seed(seed)
-        self._frames: list[JudgedFrame] = []
+        self._frames: list[EvaluatedFrame] = []
         self._cells: dict[str, dict[tuple[int, int], np.ndarray]] = defaultdict(_cells)
 
     @torch.inference_mode()
@@ -177,18 +178,18 @@ class WalkJudge:
         error = 1000.0 * np.abs(depth - truth)
         cells = self._cells_of(truth, pose)
         maps = self._uncertainties(view, computed or {})
-        judgements = {}
+        scores = {}
         for name, uncertainty in maps.items():
             evaluated = valid & np.isfinite(uncertainty)
             if evaluated.sum() > 1 and error[evaluated].any():
                 coverage = float(evaluated.sum() / valid.sum())
-                judgements[name] = _judgement(error[evaluated], uncertainty[evaluated], coverage)
+                scores[name] = _measure_scores(error[evaluated], uncertainty[evaluated], coverage)
                 self._add_to_cells(name, cells[evaluated], uncertainty[evaluated], error[evaluated])
         image = view.image[0].cpu().numpy()
         texture = (np.abs(np.diff(image, axis=1)).mean() + np.abs(np.diff(image, axis=2)).mean()) / 2.0
         mean_error = float(error[valid].mean())
         self._frames.append(
-            JudgedFrame(step, moved, turned, float(depth[valid].mean()), float(texture), mean_error, judgements)
+            EvaluatedFrame(step, moved, turned, float(depth[valid].mean()), float(texture), mean_error, scores)
         )
         return maps
 
@@ -205,7 +206,7 @@ class WalkJudge:
             check_not_negative(measure, arrays[name])
         return arrays
 
-    def result(self) -> JudgedWalk:
+    def result(self) -> EvaluatedWalk:
         """The evaluation of all frames added so far."""
         places = {
             name: [
@@ -215,7 +216,7 @@ class WalkJudge:
             ]
             for name, cells in self._cells.items()
         }
-        return JudgedWalk(self._scene, self._frames, places, self._floor)
+        return EvaluatedWalk(self._scene, self._frames, places, self._floor)
 
     def _cells_of(self, truth: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """The cell of the floor plan that each pixel shows, H x W x 2 integers."""
@@ -236,11 +237,11 @@ def _cells() -> dict[tuple[int, int], np.ndarray]:
     return defaultdict(lambda: np.zeros(3))
 
 
-def _judgement(error: np.ndarray, uncertainty: np.ndarray, coverage: float) -> Judgement:
+def _measure_scores(error: np.ndarray, uncertainty: np.ndarray, coverage: float) -> MeasureScores:
     """Compare the uncertainties of N pixels with their errors."""
     curve, oracle = sparsification_curve(error, uncertainty), sparsification_curve(error, error)
     delta = float(frame_uncertainty(torch.from_numpy(uncertainty)[None, None])[0])
-    return Judgement(
+    return MeasureScores(
         delta=delta,
         coverage=coverage,
         rank_correlation=rank_correlation(uncertainty, error),

@@ -12,7 +12,7 @@ from deux.frame_uncertainty import make_view
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
 from deux.registry import registry
-from deux.studies.judged_walk import CONTROLS, JudgedWalk, WalkJudge, rank_correlation
+from deux.studies.evaluated_walk import CONTROLS, EvaluatedWalk, WalkEvaluator, rank_correlation
 
 CAMERA = Camera(width=64, height=48, hfov=60.0)
 MEASURES: dict[str, Uncertainty] = {
@@ -38,36 +38,36 @@ def view(error: float) -> View:
 
 
 @pytest.fixture
-def judged() -> JudgedWalk:
-    judge = WalkJudge("wall", CAMERA, MEASURES)
+def walk() -> EvaluatedWalk:
+    evaluator = WalkEvaluator("wall", CAMERA, MEASURES)
     truth = np.full((48, 64), 2.0, np.float32)
     truth[0] = 0.0  # not known
     for step in range(2, 6):
-        judge.add(step, view(0.1 * step), truth, camera_pose(0.0, 1.25, 0.0, 0.0), moved=0.25, turned=10.0)
-    return judge.result()
+        evaluator.add(step, view(0.1 * step), truth, camera_pose(0.0, 1.25, 0.0, 0.0), moved=0.25, turned=10.0)
+    return evaluator.result()
 
 
-def test_frames_hold_the_true_error_and_every_measure(judged):
-    assert [frame.step for frame in judged.frames] == [2, 3, 4, 5]
-    assert [frame.error for frame in judged.frames] == pytest.approx([100.0, 150.0, 200.0, 250.0], rel=1e-4)
-    assert judged.frames[0].distance == pytest.approx(2.1, rel=1e-4)
+def test_frames_hold_the_true_error_and_every_measure(walk):
+    assert [frame.step for frame in walk.frames] == [2, 3, 4, 5]
+    assert [frame.error for frame in walk.frames] == pytest.approx([100.0, 150.0, 200.0, 250.0], rel=1e-4)
+    assert walk.frames[0].distance == pytest.approx(2.1, rel=1e-4)
     # Without motion there is no parallax, and without parallax `parallax` has no values.
-    assert set(judged.frames[0].judgements) == {*MEASURES, *CONTROLS} - {"parallax"}
+    assert set(walk.frames[0].scores) == {*MEASURES, *CONTROLS} - {"parallax"}
 
 
-def test_a_measure_that_finds_the_errors_beats_chance(judged):
-    for frame in judged.frames:
-        assert frame.judgements["sparse_error"].rank_correlation > 0.8
-        assert frame.judgements["sparse_error"].ause < 0.1
-        assert abs(frame.judgements["chance"].rank_correlation) < 0.1
-        assert frame.judgements["chance"].ause > 0.3
-        assert frame.judgements["chance"].coverage == 1.0
-        assert frame.judgements["sparse_error"].curve[0] == pytest.approx(1.0)
+def test_a_measure_that_finds_the_errors_beats_chance(walk):
+    for frame in walk.frames:
+        assert frame.scores["sparse_error"].rank_correlation > 0.8
+        assert frame.scores["sparse_error"].ause < 0.1
+        assert abs(frame.scores["chance"].rank_correlation) < 0.1
+        assert frame.scores["chance"].ause > 0.3
+        assert frame.scores["chance"].coverage == 1.0
+        assert frame.scores["sparse_error"].curve[0] == pytest.approx(1.0)
 
 
-def test_places_are_cells_of_the_wall(judged):
+def test_places_are_cells_of_the_wall(walk):
     """The wall is 2.3 m wide in the image: five cells of half a metre, those on the right with all the error."""
-    places = judged.places["sparse_error"]
+    places = walk.places["sparse_error"]
     assert 4 <= len(places) <= 6
     errors = sorted(place.error for place in places)
     assert errors[0] == pytest.approx(0.0, abs=1.0)
@@ -75,32 +75,36 @@ def test_places_are_cells_of_the_wall(judged):
     assert rank_correlation([p.uncertainty for p in places], [p.error for p in places]) > 0.8
 
 
-def test_it_survives_json(judged):
-    upstairs = replace(judged, floor=1)
-    assert JudgedWalk.from_json(json.loads(json.dumps(asdict(upstairs)))) == upstairs
-    earlier = asdict(judged)
+def test_it_survives_json(walk):
+    upstairs = replace(walk, floor=1)
+    assert EvaluatedWalk.from_json(json.loads(json.dumps(asdict(upstairs)))) == upstairs
+    earlier = asdict(walk)
     del earlier["floor"]
-    assert JudgedWalk.from_json(json.loads(json.dumps(earlier))) == judged
+    for frame in earlier["frames"]:
+        frame["judgements"] = frame.pop("scores")
+    assert EvaluatedWalk.from_json(json.loads(json.dumps(earlier))) == walk
 
 
 def test_a_frame_without_true_depth_is_passed_over():
-    judge = WalkJudge("dark", CAMERA, MEASURES)
-    assert judge.add(2, view(0.1), np.zeros((48, 64), np.float32), camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 0.0) == {}
-    assert judge.result().frames == []
+    evaluator = WalkEvaluator("dark", CAMERA, MEASURES)
+    assert (
+        evaluator.add(2, view(0.1), np.zeros((48, 64), np.float32), camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 0.0) == {}
+    )
+    assert evaluator.result().frames == []
 
 
-def test_what_is_computed_already_is_not_computed_again(judged):
+def test_what_is_computed_already_is_not_computed_again(walk):
     class Never(Uncertainty):
         def __call__(self, view: View) -> torch.Tensor:
             raise AssertionError("it was computed already")
 
     given = torch.full((48, 64), 0.3)
-    judge = WalkJudge("wall", CAMERA, {"given": Never(), "flip": MEASURES["flip"]})
+    evaluator = WalkEvaluator("wall", CAMERA, {"given": Never(), "flip": MEASURES["flip"]})
     truth = np.full((48, 64), 2.0, np.float32)
-    maps = judge.add(2, view(0.1), truth, camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 10.0, {"given": given})
+    maps = evaluator.add(2, view(0.1), truth, camera_pose(0.0, 1.25, 0.0, 0.0), 0.25, 10.0, {"given": given})
     assert set(maps) == {"given", "flip", *CONTROLS}
     np.testing.assert_array_equal(maps["given"], given.numpy())
-    assert judge.result().frames[0].judgements["given"].delta == pytest.approx(1.0 - np.exp(-0.3))
+    assert evaluator.result().frames[0].scores["given"].delta == pytest.approx(1.0 - np.exp(-0.3))
 
 
 def test_a_constant_orders_nothing_and_one_value_has_no_order():

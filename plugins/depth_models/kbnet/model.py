@@ -39,7 +39,7 @@ class KBNet(DepthModel):
         margin: in evaluation, images are padded on all sides by this many pixels, by repeating their edge, and depth is
             cropped. Because of zero padding without a bias, a briefly trained network predicts the outer pixels too
             near; the margin crops these. It is not used in training, which does not profit from it
-            (docs/decisions/0022-rim.md). 0 is the published network.
+            (docs/decisions/0022-border-margin.md). 0 is the published network.
         first_weights: initial weights: "glorot", as published; or "he", with which short trainings less often saturate
             at the near end (docs/decisions/0023-first-weights.md).
     """

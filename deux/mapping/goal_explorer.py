@@ -14,7 +14,7 @@ from deux.mapping.action_costs import action_costs
 from deux.mapping.finished_frontiers import FinishedFrontiers
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres, frontier_candidates, frontier_target
 from deux.mapping.navigation import Motion
-from deux.mapping.occupancy import EXACT, PREDICTED, OccupancyMap
+from deux.mapping.occupancy import EXACT, OCCUPIED, PREDICTED, OccupancyMap
 from deux.mapping.planning import distance_field
 from deux.mapping.pursuit import Point, Pursuit, Target
 from deux.mapping.recovery import Recovery
@@ -57,6 +57,8 @@ class GoalExplorer(Explorer):
             it is the error at the sparse points, averaged over frames (`Observation.depth_error`).
         max_incidence: degrees between the line of sight and a surface's normal above which pixels of predicted depth
             are not mapped.
+        visited_is_free: whether floor that the robot has been on stays free, and its way back open, whatever later
+            frames of predicted depth show.
 
     Raises:
         DeuxError: `depth` or `motion` is neither of the two, or a number is out of its range.
@@ -101,6 +103,7 @@ class GoalExplorer(Explorer):
         least_way: float = 0.0,
         depth_error: float | None = None,
         max_incidence: float = 90.0,
+        visited_is_free: bool = False,
     ) -> None:
         if depth not in ("predicted", "sensor"):
             raise DeuxError(f'{depth_option} is "{depth}": it must be "predicted" or "sensor".')
@@ -114,7 +117,8 @@ class GoalExplorer(Explorer):
         check_range("explore.max_incidence", max_incidence, 0.0, 90.0)
         self.needs = frozenset({Need.PREDICTED_DEPTH if depth == "predicted" else Need.SENSOR_DEPTH})
         self._depth = depth
-        errors = replace(PREDICTED, incidence=max_incidence) if depth == "predicted" else EXACT
+        predicted = replace(PREDICTED, incidence=max_incidence, visited_is_free=visited_is_free)
+        errors = predicted if depth == "predicted" else EXACT
         self._errors = errors if depth_error is None else replace(errors, relative=depth_error)
         self._measures_error = depth == "predicted" and depth_error is None
         self._resolution = resolution
@@ -299,4 +303,7 @@ class GoalExplorer(Explorer):
         return radius + self._safety_margin / self._resolution, max(0.0, radius - 1.0)
 
     def _traversable(self, here: tuple[int, int], clearance: float) -> np.ndarray:
-        return process_map(self.occupancy.cells, clearance, [here], self._unknown_traversable)
+        traversable = process_map(self.occupancy.cells, clearance, [here], self._unknown_traversable)
+        if self._errors.visited_is_free:
+            traversable |= self.occupancy.trace & (self.occupancy.cells != OCCUPIED)
+        return traversable

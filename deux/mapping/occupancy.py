@@ -27,11 +27,13 @@ class DepthTolerance:
             convolutions makes a network's depth wrong there, and the lowest rows show the floor before the robot.
         incidence: degrees between the line of sight and a surface's normal above which its pixels are not used. A
             network blurs the step from a near to a far surface into a steep ramp, whose points lie where nothing is.
+        visited_is_free: whether cells that the robot's body has been on stay free, whatever later depth images show.
     """
 
     relative: float = 0.0
     border: int = 0
     incidence: float = 90.0
+    visited_is_free: bool = False
 
 
 EXACT = DepthTolerance()
@@ -98,8 +100,9 @@ class OccupancyMap:
         self.max_range = max_range
         self.errors = errors
         layers: dict[str, type] = {"log_odds": np.float32, "cells": np.int8}
-        layers |= {"views": np.int32, "seen": np.bool_, "visited": np.bool_}
+        layers |= {"views": np.int32, "seen": np.bool_, "visited": np.bool_, "trace": np.bool_}
         self._grid = GrowingGrid(resolution, layers)
+        self._position: tuple[float, float] | None = None
 
     @property
     def cells(self) -> np.ndarray:
@@ -120,6 +123,11 @@ class OccupancyMap:
     def visited(self) -> np.ndarray:
         """Rows x columns bool: the cells that the robot's body has been on."""
         return self._grid["visited"]
+
+    @property
+    def trace(self) -> np.ndarray:
+        """Rows x columns bool: the cells under the path of the robot's centre, three cells wide."""
+        return self._grid["trace"]
 
     @property
     def frame(self) -> GridFrame:
@@ -152,11 +160,14 @@ class OccupancyMap:
         kinds, ranges, hits = _classify(depth, pose, lens, floor, band, self.max_range, lattice, frame.shape)
         _relabel_feet(kinds, depth, hits, pose, lens, lattice)
         self.seen.fill(False)
+        if self.errors.visited_is_free:
+            hits[self.visited | self.trace] = 0
         evidence = (self._grid["log_odds"], self.cells, self.views, self.seen)
         _gather(kinds, ranges, hits, pose, lens, floor, self.max_range, lattice, relative, *evidence)
         window, inside = self._disc(x, z, self.robot.radius)
         self._set(window, inside, LEAST)
         self.visited[window][inside] = True
+        self._extend_trace(x, z)
 
     def mark_contact(self, pose: np.ndarray) -> None:
         """Enter an obstacle that the body met, straight ahead of the robot; later frames do not remove it."""
@@ -165,6 +176,19 @@ class OccupancyMap:
         x, z = pose[[0, 2], 3] + forward * distance
         self._set(*self._disc(float(x), float(z), self.resolution), CONTACT)
         self._set(*self._disc(float(pose[0, 3]), float(pose[2, 3]), self.robot.radius), LEAST)
+
+    def _extend_trace(self, x: float, z: float) -> None:
+        """Add the straight way from the last position to (x, z) to the trace."""
+        start_x, start_z = self._position or (x, z)
+        self._position = x, z
+        pieces = 1 + math.ceil(2.0 * math.hypot(x - start_x, z - start_z) / self.resolution)
+        rows, columns = self.frame.cells(np.linspace(start_x, x, pieces), np.linspace(start_z, z, pieces))
+        down, right = np.mgrid[-1:2, -1:2].reshape(2, 9, 1)
+        passed = rows + down, columns + right
+        self.trace[passed] = True
+        if self.errors.visited_is_free:
+            self._grid["log_odds"][passed] = LEAST
+            self.cells[passed] = FREE
 
     def _disc(self, x: float, z: float, radius: float) -> tuple[tuple[slice, slice], np.ndarray]:
         """A window of the grid, and which of its cells are the one at (x, z) or have their centre within `radius`."""

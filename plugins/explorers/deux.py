@@ -44,6 +44,8 @@ class DeuxExplorer(GoalExplorer):
         max_incidence: degrees between the line of sight and a surface's normal above which pixels of predicted depth
             are not mapped. 81 excludes the ramps by which networks blur steps in depth but, in images of 64 x 64
             pixels, also some small obstacles. 90 excludes nothing. No effect on the sensor's depth.
+        visited_is_free: whether floor that the robot has been on stays free on a map of predicted depth, and its way
+            back open, whatever later frames show.
         safety_margin: distance in metres that paths keep from obstacles, besides the robot's radius.
         unknown_traversable: whether paths may lead through unknown cells.
         motion: "arcs" for turning while moving, if there is room; or "turns" for turning on the spot.
@@ -84,6 +86,7 @@ class DeuxExplorer(GoalExplorer):
         max_range: float | None = None,
         depth_error: float | None = None,
         max_incidence: float = 81.0,
+        visited_is_free: bool = True,
         safety_margin: float = 0.05,
         unknown_traversable: bool = False,
         motion: Motion = "arcs",
@@ -106,6 +109,7 @@ class DeuxExplorer(GoalExplorer):
             least_way=least_way,
             depth_error=depth_error,
             max_incidence=max_incidence,
+            visited_is_free=visited_is_free,
         )
         if residual_pose not in ("pose", "surface", "constant"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')

@@ -112,6 +112,51 @@ def test_noisy_depth_leaves_the_floor_free_and_the_walls_closed():
     assert (world.clearance(x, z) > -0.1).all(), "a path leads through a wall"
 
 
+def back_through_a_door_that_later_frames_close(visited_is_free):
+    """The way back through a door, as a fraction of the cells of the first room that are reachable again."""
+    walls = (Box(2.9, 0.0, 3.1, 1.6, 2.5), Box(2.9, 2.4, 3.1, 4.0, 2.5))
+    world = BoxWorld(6.0, 4.0, walls, Camera(64, 64))
+    tolerance = DepthTolerance(relative=0.05, visited_is_free=visited_is_free)
+    occupancy = OccupancyMap(world.camera, world.robot, max_range=5.0, errors=tolerance)
+    world.reset(1.0, 2.0, np.radians(-90.0))
+    look_around(world, occupancy)
+    world.reset(1.0, 2.0, np.radians(-90.0))
+    for _ in range(16):
+        assert not world.step(Action.FORWARD)
+        occupancy.update(world.observe().depth, world.pose)
+    x, _, z = world.pose[:3, 3]
+    assert x == pytest.approx(5.0)
+    world.reset(x, z, np.radians(90.0))
+    for _ in range(40):  # a network that sees the wall go on where the door is
+        closed = np.minimum(world.observe().depth, np.float32(x - 3.1))
+        occupancy.update(closed, world.pose)
+    here, cells = occupancy.frame.cell(x, z), occupancy.cells
+    open_cells = process_map(cells, 4.0, [here]) | (occupancy.trace & (cells != OCCUPIED))
+    rows, columns = occupancy.frame.cells(np.linspace(0.5, 2.5, 40), np.full(40, z))
+    return np.isfinite(distance_field(open_cells, here)[rows, columns]).mean()
+
+
+def test_floor_that_the_robot_has_been_on_stays_free_whatever_later_frames_show():
+    assert back_through_a_door_that_later_frames_close(visited_is_free=True) == 1.0
+    assert back_through_a_door_that_later_frames_close(visited_is_free=False) == 0.0
+
+
+def test_the_trace_is_the_way_of_the_robots_centre():
+    world = BoxWorld(6.0, 4.0, camera=Camera(64, 64))
+    occupancy = OccupancyMap(world.camera, world.robot)
+    world.reset(1.0, 2.0, np.radians(-100.0))
+    for _ in range(12):
+        occupancy.update(world.observe().depth, world.pose)
+        assert not world.step(Action.FORWARD)
+    rows, columns = np.nonzero(occupancy.trace)
+    x, z = np.transpose([occupancy.frame.centre(*cell) for cell in zip(rows, columns, strict=True)])
+    along = (x - 1.0) * np.cos(np.radians(10.0)) + (z - 2.0) * np.sin(np.radians(10.0))
+    across = (z - 2.0) * np.cos(np.radians(10.0)) - (x - 1.0) * np.sin(np.radians(10.0))
+    assert np.abs(across).max() < 3 * 0.05
+    assert (along.min(), along.max()) == pytest.approx((0.0, 11 * 0.25), abs=0.1)
+    assert len(rows) * 0.05**2 == pytest.approx(3 * 0.05 * 2.75, rel=0.25)
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_frames_without_depth_free_the_footprint_and_nothing_else(value):
     world = BoxWorld(4.0, 4.0)

@@ -270,7 +270,7 @@ def test_an_option_that_came_later_and_changes_nothing_tells_no_runs_apart():
 def test_earlier_behaviour_is_that_of_the_parts_alone(key):
     section, name = key.split(".", 1)
     if section == "explore":
-        default = DepthTolerance().incidence
+        default = getattr(DepthTolerance(), {"max_incidence": "incidence"}.get(name, name))
     elif section == "collect":
         default = getattr(DatasetSpec, name)
     elif name.startswith("augmentation."):

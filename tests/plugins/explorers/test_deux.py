@@ -200,6 +200,13 @@ def test_a_limit_of_incidence_reaches_its_map_of_predicted_depth():
         DeuxExplorer(max_incidence=91.0)
 
 
+def test_floor_that_it_has_been_on_stays_free_on_its_map_of_predicted_depth_only():
+    for depth, option, expected in (("predicted", True, True), ("predicted", False, False), ("sensor", True, False)):
+        explorer = DeuxExplorer(map_depth=depth, visited_is_free=option)
+        explorer.reset(Episode(0, 100, two_rooms().camera, Robot()))
+        assert explorer.occupancy.errors.visited_is_free == expected
+
+
 def test_a_floor_that_is_lifted_by_wrong_depth_confines_it_unless_its_map_allows_for_that():
     def lifted(observation):
         return replace(observation, predicted_depth=0.8 * observation.predicted_depth)

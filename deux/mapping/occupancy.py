@@ -1,4 +1,4 @@
-"""The occupancy map: which part of the floor is free, as far as depth images tell (Sec. III.D of the paper)."""
+"""Top-down occupancy grid of the floor, built from depth images and poses (Sec. III.D of the paper)."""
 
 import math
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class DepthTolerance:
         border: pixels along the image's edges that are not used, at most an eighth of the image. The padding of its
             convolutions makes a network's depth wrong there, and the lowest rows show the floor before the robot.
         incidence: degrees between the line of sight and a surface's normal above which its pixels are not used. A
-            network blurs the step from a near to a far surface into a steep ramp, whose points lie where nothing is.
+            network blurs the step from a near to a far surface into a steep ramp, where there is no surface.
         visited_is_free: whether cells that the robot's body has been on stay free, whatever later depth images show.
     """
 
@@ -40,50 +40,48 @@ EXACT = DepthTolerance()
 """Errors of a simulated depth sensor: none."""
 
 PREDICTED = DepthTolerance(relative=0.1, border=6)
-"""Errors of the depth that a model predicts, where nothing is known of it.
+"""Assumed errors of predicted depth if they are not measured.
 
-A model after 300 steps needs the 0.1: 90 % of the floor's pixels are off by less than 20 % then. Its outermost rows and
-columns are predicted at 0.25 to 0.8 of the true depth, and with them in the map a ring of false obstacles half a metre
-from the robot imprisons it.
+After 300 training steps, a model's error is below 20 % in 90 % of the floor's pixels, so `relative` is 0.1. In the
+outermost rows and columns, its depth is 0.25 to 0.8 of the true one, which would surround the robot with false
+obstacles at half a metre.
 """
 
-# What one frame adds to a cell's log-odds of being occupied, and the range that they are kept in, which is what
-# lets later frames correct earlier ones. A hit prevails over free floor within a frame and so weighs less than it:
-# with a relative depth error of 10 % (standard deviation, smooth over the image) the frontier explorer then maps 83 %
-# of a flat's floor as free; with OctoMap's 0.85 and -0.4 it maps 68 %, and at 15 % it walls itself in.
+# The change of a cell's log-odds of being occupied by one frame, and their limits, which allow later frames to correct
+# earlier ones. In a cell with hits, free floor in the same frame is ignored, so a hit weighs less than free floor.
+# With a relative depth error of 10 % (standard deviation, smooth over the image), the frontier explorer maps 83 % of a
+# flat's floor as free; with OctoMap's 0.85 and -0.4 it maps 68 %, and with an error of 15 % obstacles surround it.
 HIT, SEEN_FREE = 0.6, -0.8
 LEAST, MOST = -2.0, 3.5
-# What the body met is there, whatever the camera sees in its place: no frame's evidence changes such a cell.
+# The log-odds of an obstacle that the robot has collided with; they are not changed by any frame.
 CONTACT = 100.0
-# A cell in the blind zone at the robot's feet: no pixel saw its floor, a ray passed above it. It becomes free
-# if nothing else is known of it, and one hit outweighs it.
+# The change for a cell in the blind zone in front of the robot, whose floor no pixel shows, but above which a ray
+# passed: it becomes free if it was unknown, and one hit outweighs it.
 PASSED_OVER = -0.1
 
-# What a pixel shows. BELOW is a hole in the floor; BEYOND is out of range or above the robot's head.
+# What a pixel shows. BELOW is a hole in the floor; BEYOND is out of range or higher than the robot.
 _NOTHING, _BEYOND, _BELOW, _FLOOR, _OBSTACLE = 0, 1, 2, 3, 4
 
 
 class OccupancyMap:
-    """Top-down occupancy grid from depth images and poses, with log-odds; it grows with what is seen.
+    """Top-down occupancy grid with log-odds, which grows with the known part of the floor.
 
-    A pixel that falls between `robot.max_climb` and `robot.height` above the floor marks its cell as hit. A cell
-    whose floor point projects onto a pixel that shows floor, or something behind that point, is seen free. Each
-    cell gathers this evidence as log-odds, one step a frame (a hit prevails over free floor in the same cell), so
-    that errors of a predicted depth are corrected by later frames. The floor is `robot.camera_height` below the
-    camera, which is held level.
+    A pixel between `robot.max_climb` and `robot.height` above the floor is a hit of its cell. A cell is seen free if
+    its floor point projects to a pixel that shows floor or a surface behind the point. Each frame changes a cell's
+    log-odds once (a hit takes precedence over free floor), so that later frames correct errors of predicted depth. The
+    floor is `robot.camera_height` below the camera, which is level.
 
-    Depth that is not exact (`errors`) changes two things. An obstacle must stand out of the floor by what the error
-    can lift the floor, besides what the robot climbs. And a hit's evidence is spread over the cells that the point
-    may truly lie in: each gets the share of one cell's width in one cell's width plus the error at that distance,
-    so that a look from nearby outweighs many from afar. What is seen free needs no such discount: it is spread over
-    the whole ray.
+    Errors of the depth (`errors`) have two effects. The minimal height of an obstacle is increased by the height by
+    which the error can lift the floor. And the weight of a hit is reduced, since the point may lie in other cells along
+    its ray: it is multiplied by the width of a cell divided by this width plus the error at that distance, so that one
+    near view outweighs several far ones. Free floor is not reweighted, since it is seen along the whole ray.
 
     Args:
         camera: the camera that the depth images come from.
         robot: its `max_climb` and `height` bound the obstacles; its footprint is free.
         resolution: edge of a cell in metres.
         max_range: distance along the floor in metres up to which depth is used.
-        errors: how wrong the depth may be.
+        errors: errors of the depth images.
     """
 
     def __init__(
@@ -111,17 +109,17 @@ class OccupancyMap:
 
     @property
     def views(self) -> np.ndarray:
-        """Rows x columns int32: the number of frames that told something about each cell."""
+        """Rows x columns int32: the number of frames that changed each cell's log-odds."""
         return self._grid["views"]
 
     @property
     def seen(self) -> np.ndarray:
-        """Rows x columns bool: the cells that the last frame told something about."""
+        """Rows x columns bool: the cells whose log-odds the last frame changed."""
         return self._grid["seen"]
 
     @property
     def visited(self) -> np.ndarray:
-        """Rows x columns bool: the cells that the robot's body has been on."""
+        """Rows x columns bool: the cells within the robot's radius of its positions."""
         return self._grid["visited"]
 
     @property
@@ -131,7 +129,7 @@ class OccupancyMap:
 
     @property
     def frame(self) -> GridFrame:
-        """Where the cells lie in the world."""
+        """Position, size and resolution of the grid."""
         return self._grid.frame
 
     def update(self, depth: np.ndarray, pose: np.ndarray, relative_error: float | None = None) -> None:
@@ -140,7 +138,7 @@ class OccupancyMap:
         Args:
             depth: H x W float, metres along the optical axis, 0 or NaN = none.
             pose: 4 x 4 camera-to-world.
-            relative_error: of this frame's depth, where it is known; else `errors.relative`.
+            relative_error: relative error of this frame's depth; None for `errors.relative`.
         """
         relative = self.errors.relative if relative_error is None else relative_error
         x, z = float(pose[0, 3]), float(pose[2, 3])
@@ -170,7 +168,7 @@ class OccupancyMap:
         self._extend_trace(x, z)
 
     def mark_contact(self, pose: np.ndarray) -> None:
-        """Enter an obstacle that the body met, straight ahead of the robot; later frames do not remove it."""
+        """Add an obstacle that the robot has collided with, straight ahead; later frames do not remove it."""
         distance = self.robot.radius + 1.5 * self.resolution
         forward = pose[[0, 2], 2] / np.linalg.norm(pose[[0, 2], 2])
         x, z = pose[[0, 2], 3] + forward * distance
@@ -191,7 +189,7 @@ class OccupancyMap:
             self.cells[passed] = FREE
 
     def _disc(self, x: float, z: float, radius: float) -> tuple[tuple[slice, slice], np.ndarray]:
-        """A window of the grid, and which of its cells are the one at (x, z) or have their centre within `radius`."""
+        """A window of the grid, and which of its cells contain (x, z) or have their centre within `radius` of it."""
         frame = self.frame
         row, column = frame.cell(x, z)
         reach = math.ceil(radius / self.resolution)
@@ -203,14 +201,14 @@ class OccupancyMap:
         return window, inside
 
     def _set(self, window: tuple[slice, slice], inside: np.ndarray, log_odds: float) -> None:
-        """Set the evidence of some cells of a window."""
+        """Set the log-odds of some cells of a window."""
         self._grid["log_odds"][window][inside] = log_odds
         self.cells[window][inside] = OCCUPIED if log_odds > 0 else FREE
 
 
 @compiled
 def _without_ramps(depth, most):  # type: ignore[no-untyped-def]
-    """The depth, 0 where the farthest of a pixel and its eight neighbours is more than `most` times the nearest."""
+    """The depth, 0 where the farthest of a pixel and its eight neighbours exceeds `most` times the nearest."""
     kept = depth.copy()
     height, width = depth.shape
     for v in range(height):
@@ -228,7 +226,7 @@ def _without_ramps(depth, most):  # type: ignore[no-untyped-def]
 
 @compiled
 def _classify(depth, pose, lens, floor, band, max_range, lattice, shape):  # type: ignore[no-untyped-def]
-    """What each pixel shows, its distance along the floor, and the cells that obstacles fall into."""
+    """What each pixel shows, its distance along the floor, and the cells that contain obstacles."""
     f, cx, cy = lens
     low, high = band
     origin_x, origin_z, resolution = lattice
@@ -263,8 +261,8 @@ def _classify(depth, pose, lens, floor, band, max_range, lattice, shape):  # typ
                 continue
             x, z = pose[0, 3] + dx, pose[2, 3] + dz
             hits[int((z - origin_z) / resolution), int((x - origin_x) / resolution)] = 1
-            # A surface seen at a grazing angle or from afar leaves gaps between neighbouring pixels: close them,
-            # but not across an edge, where the depth jumps.
+            # Neighbouring pixels of a far surface, or of one at a grazing angle, are more than a cell apart: fill the
+            # cells between them, except at depth discontinuities.
             gap = max(abs(x - before_x), abs(z - before_z))
             if abs(d - before_depth) < 0.1 * d and resolution < gap < 6.0 * resolution:
                 pieces = int(gap / resolution) + 1
@@ -278,9 +276,9 @@ def _classify(depth, pose, lens, floor, band, max_range, lattice, shape):  # typ
 
 @compiled
 def _relabel_feet(kinds, depth, hits, pose, lens, lattice):  # type: ignore[no-untyped-def]
-    """Make the foot of an obstacle, which is as low as the floor, part of the obstacle.
+    """Relabel the lowest part of obstacles, which is as low as floor, as obstacle.
 
-    Otherwise the foot of a wall would pass for floor as far as its line of sight meets the floor behind the wall.
+    Otherwise the cells behind the foot of a wall would be seen free, up to where the line of sight meets the floor.
     """
     f, cx, cy = lens
     origin_x, origin_z, resolution = lattice
@@ -297,7 +295,7 @@ def _relabel_feet(kinds, depth, hits, pose, lens, lattice):  # type: ignore[no-u
 
 @compiled
 def _gather(kinds, ranges, hits, pose, lens, floor, max_range, lattice, relative, log_odds, cells, views, seen):  # type: ignore[no-untyped-def]
-    """Add one frame's evidence to every cell within range of the camera."""
+    """Update the log-odds of every cell within range of the camera by one frame."""
     f, cx, cy = lens
     origin_x, origin_z, resolution = lattice
     height, width = kinds.shape

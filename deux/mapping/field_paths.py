@@ -39,7 +39,7 @@ def points_on_paths(distance: np.ndarray, goals: np.ndarray, spacing: float) -> 
 
 @compiled
 def _descend(distance, goals, spacing):  # type: ignore[no-untyped-def]
-    """Go down the field from each goal; the first of all points is none, it tells numba the lists' types."""
+    """Descend the field from each goal. The first element of each list only defines its type for numba."""
     goal, cells, motion = [0], [(0, 0)], [(0.0, 0.0)]
     for i in range(len(goals)):
         row, column = goals[i, 0], goals[i, 1]
@@ -60,7 +60,7 @@ def _descend(distance, goals, spacing):  # type: ignore[no-untyped-def]
             way += math.sqrt((best_row - row) ** 2 + (best_column - column) ** 2)
             row, column = best_row, best_column
             if way >= spacing - 1e-9:
-                way -= spacing  # what is beyond counts for the next one
+                way -= spacing  # the remainder counts towards the next point
                 goal.append(i)
                 cells.append((row, column))
                 motion.append((float(last_row - row), float(last_column - column)))

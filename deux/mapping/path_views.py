@@ -1,4 +1,4 @@
-"""What the views along a path teach, one after the other: what an earlier one showed is no longer new."""
+"""The value of the views along a path, each computed as if the earlier ones had already been taken."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from deux.mapping.surface_views import SurfaceViews, views_of
 from deux.mapping.view_fan import NOTHING, Rays
 
 SHOWN_CELL = 0.4
-"""Edge in metres of the cells on which the views of a path know of each other: as far apart as rays are at 4.6 m."""
+"""Edge in metres of the cells that store what the views of one path show; rays are that far apart at 4.6 m."""
 
 
 def values_along_paths(
@@ -20,21 +20,20 @@ def values_along_paths(
     place: np.ndarray,
     heading: np.ndarray,
 ) -> np.ndarray:
-    """The value of the views along the path to each of N places, and of the one there, in each of V headings.
+    """The summed value of the views along the path to each of N places and of the view there, for V headings.
 
-    The value of a view is the sum over its rays of share x worth x novelty. Novelty is how much is left to learn from
-    what a ray ends in, (1 + n) ** -(1 + s): n is the number of views that it was seen in, pairs of bearing and distance
-    class, and s is 1 if this view is one of them, else 0; the more often and the more alike, the less. Each view finds
-    the surfaces as those before it on its path leave them.
+    The value of a view is the sum over its rays of share x worth x novelty. The novelty of a ray's end point is
+    (1 + n) ** -(1 + s), where n is the number of different views in which it was seen (pairs of bearing and distance
+    class), and s is 1 if this view is one of them, else 0. The views before it on the path count as seen.
 
     Args:
-        surfaces: how everything was seen until now.
-        rays: from the N places.
-        worth: N x R float64, what a ray's end is worth where it is new.
-        shares: V x R float64, the part of the image that each ray stands for in a view with each heading.
-        goal: M int64 in increasing order, the place whose path each further view lies on.
-        place: M int64, the place that this view is taken from; on each path from the goal back to the start.
-        heading: M int64, its heading.
+        surfaces: the views in which surfaces were seen until now.
+        rays: rays from the N places.
+        worth: N x R float64, the value of each ray's end point if it is new.
+        shares: V x R float64, the part of the image that each ray represents in a view with each heading.
+        goal: M int64 in increasing order, the place to whose path each further view belongs.
+        place: M int64, the place from which this view is taken; ordered from the goal back to the start.
+        heading: M int64, the index of its heading.
 
     Returns:
         N x V float64.
@@ -52,9 +51,9 @@ def values_along_paths(
 
 @compiled
 def _values(cells, views, seen, worth, shares, first, place, heading, count):  # type: ignore[no-untyped-def]
-    """The kernel: `added` holds the views that the path to the present goal adds to each cell."""
+    """The compiled part of `values_along_paths`."""
     value = np.zeros((len(cells), len(shares)))
-    added = np.zeros(count, np.int64)
+    added = np.zeros(count, np.int64)  # the views of each cell along the path to the current goal, as bits
     touched = np.full(count, -1)
     for goal in range(len(cells)):
         on_the_way = 0.0

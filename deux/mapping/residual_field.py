@@ -1,7 +1,4 @@
-"""Residual fields: the depth model's uncertainty over the floor, in two interpretations of Algorithm 1's residual pose.
-
-Both have the same interface.
-"""
+"""Residual fields: the depth model's uncertainty over the floor, in two interpretations of Algorithm 1's residual pose."""
 
 import math
 from typing import Protocol

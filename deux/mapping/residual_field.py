@@ -1,4 +1,4 @@
-"""Residual fields: the depth model's uncertainty over the floor, in two interpretations of Algorithm 1's residual pose."""
+"""Residual fields: the depth model's uncertainty over the floor, for two readings of the paper's residual pose."""
 
 import math
 from typing import Protocol

@@ -197,6 +197,8 @@ def _unreadable(override: str) -> DeuxError:
         return DeuxError(f"{override!r} is not of the form option=value.")
     if value.startswith("[") and value.endswith("]"):
         return DeuxError(f"the items of {key} need quotes of their own: {_quote(key, value[1:-1])}.")
+    if value.endswith(","):
+        return DeuxError(f"the value of {key} ends with a comma: write several values without spaces, {key}={value}...")
     return DeuxError(f"the value of {key} needs quotes of its own, as in '{key}=\"{value}\"'.")
 
 

@@ -272,6 +272,7 @@ def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_exp
             "seed_model.checkpoint=a=b.ckpt",
             """the value of seed_model.checkpoint needs quotes of its own, as in 'seed_model.checkpoint=""",
         ),
+        ("explore=random,", "the value of explore ends with a comma: write several values without spaces, explore="),
         (
             "model=kbnet,voiced",
             "model cannot be kbnet,voiced: add -m to run each in turn, or write model=[kbnet,voiced]",

@@ -261,7 +261,10 @@ class Datasets:
                 progress=report,
                 execute=self._execute,
             )
-        manifest = read_manifest(dataset)
+        try:
+            manifest = read_manifest(dataset)
+        except DeuxError as error:  # of a folder that somebody copied in part or damaged
+            raise DeuxError(f"{error} Delete this folder; the same command then collects it again.") from error
         say(f"  {_usable_frames(spec.name, manifest)}{', collected before' if exists else ''}: {dataset}")
         return dataset
 

@@ -12,7 +12,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import OmegaConf
 
 from deux.command_record import IDENTITY_FILE, RECORD_FOLDER
-from deux.configuration import compose, job_overrides, run_folder
+from deux.configuration import compose, in_sweep, job_overrides, run_folder
 from deux.deployment.model_files import MODEL_FILE
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_atomically, write_json
@@ -112,9 +112,7 @@ def open_run_folder(
         yield RunFolder(path)
         return
     make_folder(path)
-    locked_message = (
-        f"another command is using {path}: wait until it has ended, or choose another folder with hydra.run.dir=..."
-    )
+    locked_message = f"another command is using {path}: wait until it has ended, or {_choose_another()}"
     with locked_at_once(path / _LOCK_FILE, f"works in {path.name}", locked_message):
         _claim(path, json.loads(json.dumps(identity)), {_WEIGHTS: dict(weights or {}), _FILES: dict(files or {})})
         yield RunFolder(path)
@@ -148,17 +146,22 @@ def _claim(path: Path, settings: Any, hashes: dict[str, dict[str, str]]) -> None
     recorded_hashes = {key: recorded.pop(key, {}) if isinstance(recorded, dict) else {} for key in hashes}
     if different := sorted(_differences(recorded, settings)):
         raise DeuxError(
-            f"{path} contains a run with other settings ({', '.join(different[:4])}): choose another folder with "
-            "hydra.run.dir=... or delete this one."
+            f"{path} contains a run with other settings ({', '.join(different[:4])}): {_choose_another()} or "
+            "delete this one."
         )
     for key, what in ((_WEIGHTS, "weights"), (_FILES, "recorded frames")):
         if options := changed_options(recorded_hashes[key], hashes[key]):
             raise DeuxError(
                 f"{path} contains a run with other {what}, the files of {', '.join(options)} have changed since it "
-                "started: choose another folder with hydra.run.dir=... or delete this one."
+                f"started: {_choose_another()} or delete this one."
             )
     if any(hashes[key].keys() - recorded_hashes[key].keys() for key in hashes):
         write_json(record, _identity_record(settings, {key: recorded_hashes[key] | hashes[key] for key in hashes}))
+
+
+def _choose_another() -> str:
+    """The remedy for a run folder that cannot be used; sweeps ignore `hydra.run.dir`."""
+    return f"choose another folder with {'hydra.sweep.dir' if in_sweep() else 'hydra.run.dir'}=..."
 
 
 def _record_command(path: Path) -> None:

@@ -63,6 +63,11 @@ def run(cfg: DictConfig) -> None:
     settings = sections.read("explorer_training", ExplorerTrainingSettings)
     explorer, seed = sections.plugin("explore"), sections.seed
     reward = _reward_name(explorer.name)
+    if (weights := explorer.settings.get("weights")) is not None:
+        raise DeuxError(
+            f"explore.weights={weights} has no effect with task=train_explorer, which trains a new policy: leave it "
+            "out."
+        )
     scenes = _scenes(sections, settings)
     pool = _pool(read_simulation(sections))
     with open_run_folder(run_folder(), sections.identity) as run:

@@ -55,6 +55,12 @@ class NewestCheckpoint(ModelCheckpoint):
     not delete the older one when the training resumes.
     """
 
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Restore the state with the present folder: Lightning warns if a run folder was moved since."""
+        if (newest := state_dict["best_model_path"]) and self.dirpath:
+            newest = str(Path(self.dirpath, Path(newest).name))
+        super().load_state_dict({**state_dict, "dirpath": self.dirpath, "best_model_path": newest})
+
     def on_train_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Delete older checkpoints that a killed process left."""
         super().on_train_start(trainer, pl_module)

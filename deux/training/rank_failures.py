@@ -21,7 +21,8 @@ class EndTogether(Callback):
         """Start the watch, unless there is only one process or it is running."""
         global _watch
         if trainer.world_size > 1 and _watch is None and (store := connect_store()) is not None:
-            _watch = RankWatch(store, trainer.global_rank, trainer.world_size)
+            children = getattr(trainer.strategy.launcher, "procs", ())
+            _watch = RankWatch(store, trainer.global_rank, trainer.world_size, children=children)
             _watch.start()
             atexit.register(_watch.stop)
 

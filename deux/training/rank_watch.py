@@ -1,9 +1,12 @@
 """The thread by which a process of a distributed training monitors the others; see `deux.training.rank_failures`."""
 
 import os
+import signal
+import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -16,6 +19,9 @@ INTERVAL = 1.0
 
 GRACE = 2.0
 """Seconds in which a process can end by itself after another one's failure; then it is ended."""
+
+_GRACE_AFTER_KILL = 0.5
+"""The same after a child process was killed: Lightning kills this one, without a message, within five seconds."""
 
 SILENCE = 300.0
 """Seconds without a heartbeat after which a process counts as dead."""
@@ -33,6 +39,7 @@ class RankWatch(threading.Thread):
         world_size: number of processes.
         interval: seconds between two checks.
         silence: seconds without a heartbeat after which a process counts as dead.
+        children: the processes of the following ranks, if this process started them.
 
     Attributes:
         failed: whether this process ends before its work is done.
@@ -45,10 +52,11 @@ class RankWatch(threading.Thread):
         world_size: int,
         interval: float = INTERVAL,
         silence: float = SILENCE,
+        children: Sequence[subprocess.Popen[Any]] = (),
     ) -> None:
         super().__init__(daemon=True, name="rank watch")
         self._store, self._rank, self._world_size = store, rank, world_size
-        self._interval, self._silence = interval, silence
+        self._interval, self._silence, self._children = interval, silence, children
         self.failed = False
         self._ending = threading.Event()
         self._lock = threading.Lock()  # two threads use the connection
@@ -59,8 +67,9 @@ class RankWatch(threading.Thread):
         beat = 0
         while not self._ending.wait(self._interval):
             beat += 1
-            sentence = self._check(beat)
-            if sentence is not None and not self._ending.wait(GRACE):
+            killed = self._killed()
+            sentence = killed or self._check(beat)
+            if sentence is not None and not self._ending.wait(_GRACE_AFTER_KILL if killed else GRACE):
                 print(f"deux: {sentence}", file=sys.stderr, flush=True)
                 os._exit(1)  # the main thread may wait forever in a collective operation
 
@@ -84,6 +93,8 @@ class RankWatch(threading.Thread):
         lost_contact = _is_distributed(error)
         deadline = time.monotonic() + (_PATIENCE if lost_contact else 0.0)
         while (found := self._failure()) is None and time.monotonic() < deadline:
+            if found := self._killed():
+                break
             time.sleep(0.1)
         if found is not None:
             return DeuxError(found)
@@ -130,6 +141,18 @@ class RankWatch(threading.Thread):
                 return (
                     f"process {rank} of the {self._world_size} that train together has sent no heartbeat for "
                     f"{self._silence:.0f} s."
+                )
+        return None
+
+    def _killed(self) -> str | None:
+        """A message if a signal ended a process that this one started."""
+        for rank, child in enumerate(self._children, start=self._rank + 1):
+            if (code := child.poll()) is not None and code < 0:
+                name = signal.Signals(-code).name
+                reason = ", possibly for lack of memory" if name == "SIGKILL" else ""
+                return (
+                    f"process {rank} of the {self._world_size} that train together was ended by {name}{reason}; the "
+                    "same command resumes from the last checkpoint."
                 )
         return None
 

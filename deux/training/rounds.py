@@ -43,6 +43,11 @@ class RoundSettings:
                 f"{_WHERE}.every={self.every:g} is never reached: with {_WHERE}.unit=fraction it is a part of the "
                 f"training, below 1; {_WHERE}.unit=epoch counts epochs."
             )
+        if self.unit == "epoch" and self.every < 1:
+            raise DeuxError(
+                f"{_WHERE}.every={self.every:g} is less than an epoch, and rounds take place at the end of epochs: "
+                f"with {_WHERE}.unit=fraction it is a part of the training."
+            )
 
     def due(self, number: int, epochs: int, fraction: float) -> bool:
         """Whether a round is due.

@@ -202,6 +202,11 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
             "callbacks.active_collection.steps is 2: it must be at least 3.",
         ),
         (
+            ["callbacks=[active_collection]", "callbacks.active_collection.every=0.25"],
+            "callbacks.active_collection.every=0.25 is less than an epoch, and rounds take place at the end of epochs: "
+            "with callbacks.active_collection.unit=fraction",
+        ),
+        (
             ["callbacks=[active_collection]", "+trainer.reload_dataloaders_every_n_epochs=2"],
             "trainer.reload_dataloaders_every_n_epochs=2 would ignore frames that are collected during the training",
         ),

@@ -219,6 +219,19 @@ def test_a_damaged_dataset_is_named_to_the_file(tiny, tested, tmp_path, damage, 
     assert use(tiny, tested, tmp_path, task, dataset).startswith(f"{file} {sentence}")
 
 
+def test_a_collected_dataset_without_its_manifest_is_collected_again_once_it_is_deleted(tiny, collected, tmp_path):
+    (dataset,) = collected.glob("datasets/random-*")
+    partly_copied = tmp_path / "datasets" / dataset.name
+    shutil.copytree(dataset, partly_copied, ignore=shutil.ignore_patterns("manifest.json"))
+    command = ["task=collect", "explore=random", f"hydra.run.dir={tmp_path}/run"]
+    assert tiny(tmp_path, *command).sentence == (
+        f"{partly_copied} holds no readable manifest.json, so it is no dataset that deux collected: "
+        f"{partly_copied}/manifest.json is missing. Delete this folder; the same command then collects it again."
+    )
+    shutil.rmtree(partly_copied)
+    assert tiny(tmp_path, *command).code == 0
+
+
 def test_a_broken_pose_spoils_no_evaluation(tiny, tested, tmp_path):
     dataset = tmp_path / "dataset"
     shutil.copytree(next(tested.glob("datasets/test-*")), dataset)

@@ -103,6 +103,15 @@ def test_two_commands_do_not_work_in_one_folder_at_once(tmp_path):
         pass
 
 
+def test_a_job_of_a_sweep_names_the_option_that_sweeps_follow(tiny, tmp_path):
+    """Hydra ignores `hydra.run.dir` there."""
+    folders = [f"hydra.sweep.dir={tmp_path}/sweep", "hydra.sweep.subdir=job"]
+    with open_run_folder(tmp_path / "sweep/job", {"seed": 0}):
+        outcome = tiny(tmp_path, "-m", "task=collect", "explore=random", *folders)
+    assert outcome.code == 1
+    assert "wait until it has ended, or choose another folder with hydra.sweep.dir=...\n" in outcome.err
+
+
 def test_seconds_add_up_over_starts_and_survive_an_error(tmp_path, monkeypatch):
     now = iter([10.0, 12.5, 100.0, 101.0])
     monkeypatch.setattr("deux.tasks.run_folder.time.perf_counter", lambda: next(now))

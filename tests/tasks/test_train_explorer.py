@@ -69,6 +69,12 @@ def test_a_folder_with_another_training_is_refused(trained, tiny):
     assert "explorer_training.steps: 96 there, 32 here" in outcome.err
 
 
+def test_weights_to_start_from_are_refused_since_a_new_policy_is_trained(tiny, tmp_path):
+    outcome = tiny(tmp_path, *SMALL, "explore.weights=earlier.safetensors")
+    assert outcome.sentence.startswith("explore.weights=earlier.safetensors has no effect with task=train_explorer")
+    assert not list(tmp_path.glob("**/policy.safetensors"))
+
+
 def test_an_explorer_collects_with_the_policy_and_anew_with_another_one(trained, tiny):
     folder, _ = trained
     copy = folder.parent / "copy.safetensors"

@@ -124,6 +124,16 @@ def test_a_resumed_run_goes_on_as_if_it_had_not_stopped(train, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
+def test_a_run_that_was_moved_goes_on_without_a_warning(train, tmp_path):
+    """Lightning's is about a choice of the best checkpoint, which is not made here; warnings are errors in tests."""
+    whole = train(epochs=4)
+    train(epochs=2, folder=tmp_path / "before")
+    (tmp_path / "before").rename(tmp_path / "after")
+    assert train(epochs=4, folder=tmp_path / "after", resume=resume_point(tmp_path / "after")) == whole[4:]
+    assert [path.name for path in tmp_path.rglob("*.ckpt")] == ["epoch=3-step=8.ckpt"]
+
+
+@pytest.mark.filterwarnings("ignore:Checkpoint directory .* exists and is not empty")
 def test_what_a_kill_between_two_checkpoints_left_is_deleted(train, tmp_path):
     """The older one was not deleted yet, and no state of the training names it."""
     train(epochs=2, folder=tmp_path)

@@ -136,5 +136,41 @@ def test_an_operation_that_fails_because_another_process_was_killed(pair, monkey
     assert str(found).startswith("another of the 2 processes that train together has ended without a message")
 
 
+@pytest.fixture
+def killed() -> subprocess.Popen[bytes]:
+    """A child process that SIGKILL has ended, as the kernel does when memory is short."""
+    child = subprocess.Popen(["sleep", "60"])
+    child.kill()
+    child.wait(timeout=10)
+    return child
+
+
+def test_a_killed_child_is_named_before_lightning_kills_its_parent(pair, killed):
+    """Lightning looks at its children every five seconds, and then sends SIGKILL to all: no message could follow."""
+    running = subprocess.Popen(["sleep", "60"])
+    try:
+        leader = RankWatch(pair[0]._store, 0, 3, children=[running, killed])
+        started = time.monotonic()
+        found = leader.fail(RuntimeError("[gloo] Connection closed by peer"), "an error of the program")
+        assert time.monotonic() - started < 1.0
+    finally:
+        running.kill()
+        running.wait(timeout=10)
+    assert str(found) == (
+        "process 2 of the 3 that train together was ended by SIGKILL, possibly for lack of memory; the same command "
+        "resumes from the last checkpoint."
+    )
+
+
+def test_a_process_that_waits_for_a_killed_child_ends(pair, killed, monkeypatch, capfd):
+    codes: list[int] = []
+    leader = RankWatch(pair[0]._store, 0, 2, interval=0.01, children=[killed])
+    monkeypatch.setattr(rank_watch.os, "_exit", lambda code: (codes.append(code), leader._ending.set()))
+    leader.start()
+    leader.join(timeout=10)
+    assert codes == [1]
+    assert capfd.readouterr().err.startswith("deux: process 1 of the 2 that train together was ended by SIGKILL")
+
+
 def test_a_process_alone_has_nobody_to_tell():
     assert share_failure(DeuxError("a frame is broken."), "a frame is broken.") is None

@@ -103,7 +103,7 @@ def test_needed_splits_must_hold_a_scene():
         (SceneSplits((), (), ("a",)), "a value of the type str in a tuple as test: it must be a tuple of deux"),  # type: ignore[arg-type]
     ],
 )
-def test_what_are_no_splits_is_told_of_the_source(splits, told):
+def test_the_source_is_named_for_what_are_no_splits(splits, told):
     class Source(SceneSource):
         def splits(self):
             return splits

@@ -319,7 +319,7 @@ def test_a_reward_that_is_no_finite_number_is_reported_and_not_learned_from(make
 
     environment = make(reward=Odd())
     environment.reset(seed=0)
-    with pytest.raises(DeuxError, match=r"the reward Odd gives .* at step 1: it must be a finite number"):
+    with pytest.raises(DeuxError, match=r"the reward Odd gives .* at step 1: it must be a finite number\."):
         environment.step(0)
 
 

@@ -45,7 +45,7 @@ def splits_of(source: SceneSource) -> SceneSplits:
     if not isinstance(found, SceneSplits):
         raise broken_contract(source, kind_of(found), "a deux.contracts.SceneSplits", "splits")
     for split in SPLITS:
-        scenes: object = getattr(found, split)
+        scenes: Any = getattr(found, split)
         invalid = [kind_of(scenes)]
         if isinstance(scenes, tuple):
             invalid = [f"{kind_of(one)} in a tuple" for one in scenes if not isinstance(one, SceneReference)]

@@ -56,7 +56,7 @@ def positional_only(target: Callable[..., Any]) -> list[str]:
 
 def takes(target: Callable[..., Any], name: str) -> bool:
     """Whether `target` accepts a keyword argument of that name, by a parameter or by **kwargs."""
-    return name in options(target) or _is_open_ended(target)
+    return name in options(target) or is_open_ended(target)
 
 
 def construct(
@@ -145,7 +145,14 @@ def without_defaults(target: Callable[..., Any], settings: Mapping[str, Any]) ->
 
 def describe(annotation: Any) -> str:
     """A type in words, for messages and listings: "a number", "text or null"."""
-    words = {bool: "true or false", int: "a whole number", float: "a number", str: "text", Path: "a path"}
+    words = {
+        Any: "any value",
+        bool: "true or false",
+        int: "a whole number",
+        float: "a number",
+        str: "text",
+        Path: "a path",
+    }
     arguments = get_args(annotation)
     if annotation in (None, type(None)):
         return "null"
@@ -177,7 +184,7 @@ def _signature(target: Callable[..., Any]) -> inspect.Signature:
         return inspect.signature(target)
 
 
-def _is_open_ended(target: Callable[..., Any]) -> bool:
+def is_open_ended(target: Callable[..., Any]) -> bool:
     """Whether `target` has a parameter such as **settings."""
     return any(p.kind is p.VAR_KEYWORD for p in _signature(target).parameters.values())
 
@@ -187,7 +194,7 @@ def _checked(
 ) -> dict[str, Any]:
     """The settings as the declared types. Raises DeuxError as `construct` does."""
     known = options(target, given)
-    open_ended = _is_open_ended(target)
+    open_ended = is_open_ended(target)
     name = getattr(target, "__name__", str(target))
     prefix = f"{where}." if where else ""
     result: dict[str, Any] = {}

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from deux.errors import DeuxError, near_matches
-from deux.options import REQUIRED, Option, describe, options
+from deux.options import REQUIRED, Option, describe, is_open_ended, options
 from deux.plugin_kinds import GROUPS, KINDS, Plugin
 from deux.registry import registry
 from deux.search_path import leave_out_working_folder
@@ -98,14 +98,16 @@ def _description(plugin: Plugin) -> str:
     lines = [
         f"{kind.noun} {plugin.name}, from {plugin.origin}",
         "",
-        inspect.getdoc(cls) or "(no description)",
+        inspect.cleandoc(vars(cls).get("__doc__") or "(no description)"),  # not that of its base class
         "",
     ]
     where = kind.settings.format(name=plugin.name)
     plugin_options = options(cls, kind.given)
     for option in plugin_options.values():
         lines.append(f"  {where}.{option.name}: {describe(option.annotation)}, {_default(option)}")
-    if not plugin_options:
+    if is_open_ended(cls):
+        lines.append(f"  {where}.*: any other option, unchecked: a misspelt one is not noticed")
+    elif not plugin_options:
         lines.append("It has no options.")
     return "\n".join(lines)
 

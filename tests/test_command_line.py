@@ -249,7 +249,9 @@ def test_an_interrupted_run_ends_with_130(here: Here) -> None:
         ("callbacks=[nothing]", "there is no callback called 'nothing': there is: active_collection"),
     ],
 )
-def test_values_and_names_that_do_not_work_are_told_with_what_would(here: Here, argument: str, sentence: str) -> None:
+def test_values_and_names_that_do_not_work_are_reported_with_what_would(
+    here: Here, argument: str, sentence: str
+) -> None:
     result = here("task=predict", argument)
     assert result.returncode == 1
     assert result.stderr.startswith(f"deux: {sentence}")
@@ -279,7 +281,7 @@ def test_a_sweep_that_cannot_be_composed_starts_no_job(tmp_path: Path, here: Her
     assert not list(tmp_path.glob("outputs/**/facts.json"))
 
 
-def test_an_end_by_sigterm_is_told_and_has_its_exit_code(tmp_path: Path) -> None:
+def test_an_end_by_sigterm_is_reported_and_has_its_exit_code(tmp_path: Path) -> None:
     result = stubbed(tmp_path, "seed=5")
     assert result.returncode == 143
     assert result.stderr == "deux: ended by SIGTERM; the same command goes on from here.\n"

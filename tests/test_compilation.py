@@ -36,7 +36,7 @@ def test_it_is_known_whether_machine_code_is_kept(tmp_path: Path) -> None:
     assert use(tmp_path, tmp_path / "another") == "True False\n"
 
 
-def test_where_no_machine_code_can_be_kept_it_is_said_once() -> None:
+def test_where_no_machine_code_can_be_kept_it_is_logged_once() -> None:
     # numba keeps nothing of functions that are in no file.
     ended = subprocess.run(
         [sys.executable, "-c", MODULE.replace("double", "f") + "print(f(2), unused(3), nothing_compiled())"],

@@ -279,7 +279,7 @@ def test_an_experiment_overrides_the_file_and_the_command_line_overrides_the_exp
         ),
     ],
 )
-def test_mistakes_are_told_in_one_sentence(override: str, sentence: str) -> None:
+def test_mistakes_are_reported_in_one_sentence(override: str, sentence: str) -> None:
     with pytest.raises(DeuxError) as caught:
         compose([override])
     assert str(caught.value).startswith(sentence)

@@ -94,7 +94,7 @@ def test_what_a_plugin_declares_is_a_frozenset(kind: str, attribute: str, value:
         found.create(kind, "mine", {})
 
 
-def test_an_attribute_of_the_contract_that_is_missing_is_told_when_the_plugin_is_made() -> None:
+def test_a_missing_attribute_of_the_contract_is_reported_when_the_plugin_is_made() -> None:
     class Unbounded(DepthModel):
         min_depth = 0.1
 
@@ -169,7 +169,7 @@ def test_a_depth_range_that_is_empty_or_no_range_is_refused(least: Any, most: An
         lambda model: None,
     ],
 )
-def test_a_model_that_is_used_before_it_is_begun_is_told(use: Any) -> None:
+def test_a_model_that_is_used_before_super_init_is_reported(use: Any) -> None:
     class Early(DepthModel):
         min_depth, max_depth = 0.1, 10.0
 

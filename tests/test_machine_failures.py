@@ -71,7 +71,7 @@ def test_a_place_that_takes_no_files(tmp_path: Path) -> None:
         ("DataLoader worker (pid(s) 7, 8) exited unexpectedly", "a process that loads frames has exited unexpectedly"),
     ],
 )
-def test_what_torch_says_of_processes_that_load_frames(message: str, sentence: str) -> None:
+def test_messages_of_torch_about_processes_that_load_frames(message: str, sentence: str) -> None:
     assert told(RuntimeError(message)).startswith(sentence)
     assert not ended_by_sigterm(RuntimeError(message))
 

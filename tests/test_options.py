@@ -110,7 +110,7 @@ def test_simple_types_are_converted() -> None:
         ),
     ],
 )
-def test_mistakes_are_told_in_one_sentence(settings: dict[str, Any], sentence: str) -> None:
+def test_mistakes_are_reported_in_one_sentence(settings: dict[str, Any], sentence: str) -> None:
     with pytest.raises(DeuxError) as caught:
         construct(Everything, settings, "box")
     assert str(caught.value).startswith(sentence)
@@ -211,6 +211,6 @@ def test_an_enums_member_is_chosen_by_its_name_or_value(written):
     ("written", "sentence"),
     [("bleu", r"^explore\.color cannot be 'bleu': there is: BLUE, RED"), (3, r"must be RED or BLUE, but is 3\.$")],
 )
-def test_what_is_no_member_is_told_with_those_there_are(written, sentence):
+def test_what_is_no_member_is_reported_with_the_members(written, sentence):
     with pytest.raises(DeuxError, match=sentence):
         construct(Own, {"color": written}, "explore")

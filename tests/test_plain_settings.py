@@ -29,7 +29,7 @@ def test_plain_values_stay_as_they_are() -> None:
         ({"a": "${unknown_resolver:1}"}, "run cannot be resolved: .*unknown_resolver"),
     ],
 )
-def test_a_reference_that_cannot_be_followed_is_said_in_one_sentence(node: dict[str, str], sentence: str) -> None:
+def test_a_reference_that_cannot_be_followed_is_reported_in_one_sentence(node: dict[str, str], sentence: str) -> None:
     with pytest.raises(DeuxError, match=sentence) as caught:
         plain(OmegaConf.create(node), "run")
 
@@ -42,7 +42,7 @@ def test_options_by_name_are_a_mapping(value: object) -> None:
         plain_options(value, "camera")
 
 
-def test_a_reference_in_what_is_read_inside_is_said_too() -> None:
+def test_a_reference_in_what_is_read_inside_is_reported_too() -> None:
     node = OmegaConf.create({"width": "${nowhere}"})
 
     with pytest.raises(DeuxError, match="width refers by"), references_resolved("camera"):

@@ -38,14 +38,14 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "faulty_terms.py"
 
 
-def test_the_innermost_place_of_a_foreign_package_is_told(package: Path) -> None:
+def test_the_innermost_place_of_a_foreign_package_is_named(package: Path) -> None:
     term = Registry().get("losses", "faulty")()
     with pytest.raises(KeyError) as caught:
         term({})
     assert raised_in(caught.value) == f"faulty-terms 0.3, in {package}, line 9"
 
 
-def test_what_a_package_calls_is_told_as_its_own(package: Path) -> None:
+def test_what_a_package_calls_is_reported_as_its_own(package: Path) -> None:
     import faulty_terms  # type: ignore[import-not-found]
 
     def fail() -> None:

@@ -84,6 +84,22 @@ def test_defaults_are_written_as_a_command_line_takes_them(monkeypatch: pytest.M
     ]
 
 
+class Undescribed(Options):
+    def __init__(self, gain=1.0, **settings) -> None: ...  # type: ignore[no-untyped-def]
+
+
+def test_a_plugin_without_a_description_does_not_get_that_of_its_base_class(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = Registry()
+    found.register("losses", "undescribed", Undescribed)
+    monkeypatch.setattr(plugins, "registry", lambda: found)
+    assert plugins.describe_plugin("undescribed").splitlines()[2:] == [
+        "(no description)",
+        "",
+        "  objective.undescribed.gain: any value, default 1.0",
+        "  objective.undescribed.*: any other option, unchecked: a misspelt one is not noticed",
+    ]
+
+
 def test_an_unknown_name_is_answered_in_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     assert plugins.main(["kbnt"]) == 1
     assert capsys.readouterr().err.startswith("deux: there is no plugin called 'kbnt': did you mean kbnet?")

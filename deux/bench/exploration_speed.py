@@ -121,7 +121,7 @@ class _World:
     def run(self, name: str, steps: int) -> _Run:
         """Collect one episode in each flat into temporary files; each round has a different seed."""
         number = self._rounds[name] = self._rounds.get(name, -1) + 1
-        clock = _Clock(self._watch, warm_up=self._settings.warm_up)
+        rate = _StepRate(self._watch, warm_up=self._settings.warm_up)
         with tempfile.TemporaryDirectory() as folder:
             explore(
                 [EpisodePlan(Path(folder) / scene.name, scene, number, steps) for scene in self._simulators],
@@ -130,12 +130,12 @@ class _World:
                 self._predict,
                 uncertainty=self._guide and self._guide.uncertainty,
                 batch_size=len(self._simulators),
-                progress=clock,
+                progress=rate,
             )
-        return clock.result()
+        return rate.result()
 
 
-class _Clock:
+class _StepRate:
     """Progress callback that measures the step rate of all robots after the warm-up.
 
     Steps are counted by the calls of the explorers, since the progress that the collector reports includes the steps

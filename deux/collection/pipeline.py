@@ -68,10 +68,10 @@ def build_dataset(
             return dataset
         log.info("collecting %s", spec.folder_name)
         make_folder(partial / "data")
-        clock = _Clock()
+        times = _StageTimes()
         _explore(spec, partial, make_simulator, make_explorer, predict_depth, progress, execute)
-        clock.lap("exploration")
-        _prepare(spec, partial, clock, progress)
+        times.end_stage("exploration")
+        _prepare(spec, partial, times, progress)
         shutil.rmtree(partial / _FLOORS, ignore_errors=True)
         lock.confirm()
         os.replace(partial, dataset)
@@ -138,17 +138,17 @@ def _explore(
     )
 
 
-def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progress) -> None:
+def _prepare(spec: DatasetSpec, partial: Path, times: "_StageTimes", progress: Progress) -> None:
     """Stages 2 to 4 and the manifest."""
     found = sequences(partial)
     sample_sequences(found, spec.sparse, progress)
-    clock.lap("sparse depth")
+    times.end_stage("sparse depth")
     viewpoints = spec.explorer == VIEWPOINTS
     verdicts = verify_sequences(found, spec.verification, spec.sparse, every_frame=not viewpoints, progress=progress)
-    clock.lap("verification")
+    times.end_stage("verification")
     frames = {paths.name: len(paths.frames()) for paths in found}
     write_lists(partial, spec.folder_name, spec.split, verdicts)
-    clock.lap("preprocessing")
+    times.end_stage("preprocessing")
     recent, baseline = (_counted(verdicts, choice) for choice in ("recent", "baseline"))
     if not recent["triplets"]:
         reasons = ", ".join(f"{count} {reason.replace('_', ' ')}" for reason, count in recent["rejected"].items())
@@ -164,7 +164,7 @@ def _prepare(spec: DatasetSpec, partial: Path, clock: "_Clock", progress: Progre
         "frames": sum(frames.values()),
         **recent,
         "baseline": baseline,
-        "seconds": clock.seconds,
+        "seconds": times.seconds,
     }
     write_json(partial / MANIFEST, manifest)
 
@@ -244,13 +244,13 @@ def _check_names(spec: DatasetSpec, names: list[str]) -> None:
         )
 
 
-class _Clock:
+class _StageTimes:
     """Measures the seconds of each stage; only this run's, if the build was resumed."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._last = time.perf_counter()
 
-    def lap(self, stage: str) -> None:
+    def end_stage(self, stage: str) -> None:
         now = time.perf_counter()
         self.seconds[stage], self._last = round(now - self._last, 3), now

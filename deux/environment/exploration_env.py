@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from deux.broken_contracts import broken_contract
 from deux.configuration import compose
 from deux.contracts import (
     COLOR,
@@ -187,10 +188,7 @@ class ExplorationEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             number = float(value)
             if math.isfinite(number):
                 return number
-        raise DeuxError(
-            f"the reward {type(self.reward).__name__} gives {shown(value)} at step {self._step}: it must be a finite "
-            "number."
-        )
+        raise broken_contract(self.reward, f"{shown(value)} at step {self._step}", "a finite number")
 
     def _info(self, collided: bool) -> dict[str, Any]:
         return {"area_seen": self.memory.area, "collided": collided, "scene": self.simulator.scene.name}

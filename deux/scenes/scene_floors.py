@@ -7,6 +7,7 @@ from deux.contracts import Floor, Robot, Scene, SceneArea
 from deux.errors import DeuxError
 from deux.geometry.grid import FreeSpace
 from deux.log_once import warn_once
+from deux.mesh_files.mesh_extent import LARGEST, describe_size
 from deux.scenes.floor import building_bounds
 from deux.scenes.free_space import Box, FloorSurvey, survey_floor
 from deux.scenes.ray_caster import RayCaster
@@ -30,10 +31,16 @@ class SceneFloors:
         caster: a ray caster of the scene's mesh.
 
     Raises:
-        DeuxError: there is no such floor, or the robot fits on none of the floors.
+        DeuxError: the scene is too large, there is no such floor, or the robot fits on none of the floors.
     """
 
     def __init__(self, scene: Scene, area: SceneArea, robot: Robot, caster: RayCaster) -> None:
+        bounds = scene.mesh.bounds
+        if (bounds[1] - bounds[0]).max() > LARGEST:
+            raise DeuxError(
+                f"{scene.name} is {describe_size(bounds)} large, but a scene must be at most {LARGEST:.0f} m long: is "
+                "its mesh in metres?"
+            )
         self._scene, self._area, self._robot, self._caster = scene, area, robot, caster
         self._surveys: dict[Floor, FloorSurvey] = {}
         self.floors = self._chosen()

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from deux.broken_contracts import broken_contract
 from deux.contracts import SceneReference, SceneSource, SceneSplits
-from deux.errors import DeuxError, kind_of
+from deux.errors import DeuxError, kind_of, shown
 
 log = logging.getLogger(__name__)
 
@@ -38,19 +38,24 @@ def splits_of(source: SceneSource) -> SceneSplits:
     """Call `SceneSource.splits` and check its result.
 
     Raises:
-        DeuxError: the result is not a `SceneSplits` of tuples of `SceneReference`.
+        DeuxError: the result is not a `SceneSplits` of tuples of `SceneReference`, or a scene's name cannot be that of
+            a folder, in which its frames are stored.
     """
     found: object = source.splits()
     if not isinstance(found, SceneSplits):
         raise broken_contract(source, kind_of(found), "a deux.contracts.SceneSplits", "splits")
     for split in SPLITS:
-        scenes: object = getattr(found, split)
+        scenes: Any = getattr(found, split)
         invalid = [kind_of(scenes)]
         if isinstance(scenes, tuple):
             invalid = [f"{kind_of(one)} in a tuple" for one in scenes if not isinstance(one, SceneReference)]
         if invalid:
             wanted = "a tuple of deux.contracts.SceneReference"
             raise broken_contract(source, f"{invalid[0]} as {split}", wanted, "splits")
+        for name in (scene.name for scene in scenes):
+            if not isinstance(name, str) or name in ("", ".", "..") or "/" in name:
+                wanted = "a name that a folder can have, without /"
+                raise broken_contract(source, f"a scene called {shown(name)} as {split}", wanted, "splits")
     return found
 
 

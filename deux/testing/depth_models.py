@@ -17,10 +17,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from deux.contracts import DepthModel, Prediction
-from deux.errors import DeuxError
+from deux.contracts import Batch, DepthModel, Prediction
+from deux.errors import DeuxError, kind_of
 from deux.geometry.sparse_outliers import remove_outliers
 from deux.testing.host_waits import refuse_host_waits
+from deux.training.objective import make_objective
+
+NEAREST, FARTHEST = 1.0, 5.0
+"""Range of the sparse points of `camera_data` in metres."""
 
 INPUTS = ["image", "sparse_depth", "validity", "intrinsics"]
 RANGE_SLACK = 0.05
@@ -28,7 +32,7 @@ RANGE_SLACK = 0.05
 
 
 def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, seed: int = 0) -> dict[str, Tensor]:
-    """Synthetic inputs of `DepthModel.predict`: random images and points at 1 to 5 metres, a camera of 90 degrees.
+    """Synthetic inputs of `DepthModel.predict`: random images and points from `NEAREST` to `FARTHEST`, a camera of 90°.
 
     Args:
         size: height and width in pixels.
@@ -38,7 +42,7 @@ def camera_data(size: tuple[int, int], count: int = 2, points: float = 0.05, see
     """
     generator = torch.Generator().manual_seed(seed)
     height, width = size
-    depth = 1.0 + 4.0 * torch.rand(count, 1, height, width, generator=generator)
+    depth = NEAREST + (FARTHEST - NEAREST) * torch.rand(count, 1, height, width, generator=generator)
     has_point = torch.rand(depth.shape, generator=generator) < points
     f = width / 2
     intrinsics = torch.tensor([[f, 0.0, (width - 1) / 2], [0.0, f, (height - 1) / 2], [0.0, 0.0, 1.0]])
@@ -58,7 +62,9 @@ def network_inputs(model: DepthModel, data: dict[str, Tensor]) -> dict[str, Tens
 
 def run(model: DepthModel, data: dict[str, Tensor]) -> Prediction:
     """Call the model with the inputs that it gets in training."""
-    return model(**network_inputs(model, data))
+    prediction = model(**network_inputs(model, data))
+    assert isinstance(prediction, Prediction), f"`forward` gives {kind_of(prediction)}, not a Prediction"
+    return prediction
 
 
 class DepthModelSuite:
@@ -82,23 +88,29 @@ class DepthModelSuite:
 
     def check_depth(self, model: DepthModel, depth: Tensor, size: tuple[int, int], count: int = 2) -> None:
         """Assert that `depth` is a valid prediction."""
-        assert depth.shape == (count, 1, *size)
-        assert depth.dtype == torch.float32
-        assert torch.isfinite(depth).all()
-        assert depth.min() >= model.min_depth * (1 - RANGE_SLACK)
-        assert depth.max() <= model.max_depth * (1 + RANGE_SLACK)
+        depth = depth.detach()
+        assert depth.shape == (count, 1, *size), f"the depth is {kind_of(depth)}, not N x 1 x H x W"
+        assert depth.dtype == torch.float32, f"the depth is {kind_of(depth)}, not float32"
+        assert torch.isfinite(depth).all(), "the depth is NaN or infinite in some pixels"
+        ends = f"the depth goes from {float(depth.min()):g} to {float(depth.max()):g} m, outside of the declared range"
+        assert depth.min() >= model.min_depth * (1 - RANGE_SLACK), f"{ends}: min_depth is {model.min_depth:g}"
+        assert depth.max() <= model.max_depth * (1 + RANGE_SLACK), f"{ends}: max_depth is {model.max_depth:g}"
 
     def test_range_is_declared(self, model: DepthModel) -> None:
-        """The model declares its depth range."""
+        """The model declares its depth range in metres, which includes some depth of `camera_data`."""
         assert 0 < model.min_depth < model.max_depth
+        ends = f"min_depth = {model.min_depth:g} to max_depth = {model.max_depth:g}"
+        assert model.min_depth < FARTHEST, f"{ends} leaves out all points of a room: the range is in metres"
+        assert model.max_depth > NEAREST, f"{ends} leaves out all points of a room: the range is in metres"
 
     def test_forward_takes_no_ground_truth(self, model: DepthModel) -> None:
         """`forward` only takes the inputs of the contract and those that `prepare` returns."""
         parameters = inspect.signature(model.forward).parameters.values()
         named = [p.name for p in parameters if p.kind is not inspect.Parameter.VAR_KEYWORD]
         prepared = model.prepare(np.ones(self.size, np.float32))
-        assert named[: len(INPUTS)] == INPUTS
-        assert set(named) <= {*INPUTS, *prepared}
+        assert named[: len(INPUTS)] == INPUTS, f"`forward` takes {named}: the first parameters are {INPUTS}"
+        further = set(named) - {*INPUTS, *prepared}
+        assert not further, f"`forward` takes {sorted(further)}, which `prepare` does not return"
 
     def test_predicts_depth_within_the_range(self, model: DepthModel) -> None:
         """Depth is finite, float32, of the image's size and within the declared range."""
@@ -133,9 +145,14 @@ class DepthModelSuite:
             model.predict(**data)
 
     def test_same_inputs_give_the_same_depth(self, model: DepthModel) -> None:
-        """Predictions are deterministic in eval mode."""
-        first, second = (model.predict(**camera_data(self.size)) for _ in range(2))
-        assert torch.equal(first, second)
+        """Predictions in eval mode are deterministic and do not depend on the frames that were predicted before."""
+        data = camera_data(self.size)
+        first, second = (model.predict(**data) for _ in range(2))
+        assert torch.equal(first, second), "the same inputs gave another depth: predictions are not deterministic"
+        model.predict(**camera_data(self.size, seed=1))
+        assert torch.equal(model.predict(**data), first), (
+            "after another frame, the same inputs gave another depth: a model keeps nothing from one call to the next"
+        )
 
     def test_samples_do_not_influence_each_other(self, model: DepthModel) -> None:
         """The prediction does not depend on the other samples of the batch."""
@@ -145,11 +162,37 @@ class DepthModelSuite:
 
     def test_inputs_are_left_as_they_were(self, model: DepthModel) -> None:
         """`forward` does not modify its inputs, which the losses use as well."""
-        data = camera_data(self.size)
-        before = copy.deepcopy(data)
+        inputs = network_inputs(model, camera_data(self.size))
+        before = copy.deepcopy(inputs)
         model.train()
-        run(model, data)
-        assert all(torch.equal(data[name], before[name]) for name in data)
+        model(**inputs)
+        changed = [name for name in inputs if not torch.equal(inputs[name], before[name])]
+        assert not changed, f"`forward` changed its inputs: {', '.join(changed)}"
+
+    def test_all_its_tensors_move_to_a_device(self, model: DepthModel) -> None:
+        """All tensors that modules keep are parameters or buffers: `model.to(device)` leaves others on the CPU."""
+        left = [
+            f"{place}.{name}".lstrip(".")
+            for place, module in model.named_modules()
+            for name, value in vars(module).items()
+            if isinstance(value, Tensor)
+        ]
+        assert not left, f"{', '.join(left)}: model.to(device) would not move these tensors, so use register_buffer"
+
+    def test_its_objective_can_be_computed(self, model: DepthModel) -> None:
+        """All loss terms of `objective` are installed and accept their options, and the loss is finite."""
+        if not model.objective:
+            pytest.skip("the model declares no objective")
+        data = camera_data(self.size)
+        inputs = network_inputs(model, data)
+        image, points, validity = data["image"], data["sparse_depth"], inputs["validity"]
+        sources = torch.stack([image, image], dim=1)
+        poses = torch.eye(4).repeat(len(image), 2, 1, 1)
+        truth = torch.full_like(points, 0.5 * (NEAREST + FARTHEST))
+        batch = Batch(image, sources, points, validity, points, data["intrinsics"], poses, truth)
+        losses = make_objective(model)(batch, run(model, data))
+        not_finite = [name for name, value in losses.terms.items() if not torch.isfinite(value)]
+        assert not not_finite, f"not finite: {', '.join(not_finite)}"
 
     def test_every_trainable_parameter_gets_a_gradient(self, model: DepthModel) -> None:
         """Every parameter with `requires_grad` gets a gradient that is not zero, and all gradients are finite.
@@ -164,8 +207,9 @@ class DepthModelSuite:
             for name, parameter in model.named_parameters()
             if parameter.requires_grad and (parameter.grad is None or not parameter.grad.any())
         ]
-        assert without == []
-        assert all(p.grad is None or torch.isfinite(p.grad).all() for p in model.parameters())
+        assert without == [], f"no gradient reaches {', '.join(without)}: train them, or set requires_grad=False"
+        infinite = [n for n, p in model.named_parameters() if p.grad is not None and not torch.isfinite(p.grad).all()]
+        assert infinite == [], f"the gradient is not finite for {', '.join(infinite)}"
 
     def test_trains_under_bfloat16_autocast(self, model: DepthModel) -> None:
         """Under autocast, depth is float32 and close to that of full precision, and gradients can be computed."""
@@ -201,9 +245,11 @@ class DepthModelSuite:
         torch.manual_seed(1)
         other = self.make_model().eval()
         data = camera_data(self.size)
-        assert not torch.equal(other.predict(**data), model.predict(**data))
+        different = not torch.equal(other.predict(**data), model.predict(**data))
+        assert different, "models with different random weights predict the same depth: it does not depend on them"
         other.load_state_dict(model.state_dict())
-        assert torch.equal(other.predict(**data), model.predict(**data))
+        same = torch.equal(other.predict(**data), model.predict(**data))
+        assert same, "with the same state dictionary, another model predicts another depth: it lacks some of the state"
 
     def test_published_modules_cover_the_model(self, model: DepthModel) -> None:
         """`published_modules` is empty or contains all parameters of the model."""

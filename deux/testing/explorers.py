@@ -12,12 +12,15 @@ predicted depth is the true depth, and the residual depends on the labels (`obse
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import zip_longest
 
 import numpy as np
 
-from deux.contracts import COLOR, Action, Channel, Episode, Explorer, ExplorerMap, Need, Observation, Simulator
+from deux.collection.explored_map import map_of
+from deux.collection.specification import fingerprint_of
+from deux.contracts import COLOR, Action, Channel, Episode, Explorer, Need, Observation, Simulator
 from deux.geometry.camera import Camera
 from deux.testing.box_world import Box, BoxWorld
 
@@ -75,23 +78,33 @@ def run(
     Returns:
         The actions, including `Action.STOP` if the explorer stopped.
     """
+    return list(actions_of(explorer, world, steps, seed, change, until))
+
+
+def actions_of(
+    explorer: Explorer,
+    world: Simulator,
+    steps: int,
+    seed: int = 0,
+    change: Change = unchanged,
+    until: Callable[[Observation], bool] | None = None,
+) -> Iterator[Action]:
+    """Yield the actions of an episode one by one; the arguments are those of `run`."""
     free_space = world.free_space() if Need.FREE_SPACE in explorer.needs else None
     if free_space is not None:  # explorers must not write to these arrays, by which the robot moves
         free_space.free.flags.writeable = free_space.clearance.flags.writeable = False
     names = world.label_names if Need.LABELS in explorer.needs else ()
     explorer.reset(Episode(seed, steps, world.camera, world.robot, free_space, names))
-    actions: list[Action] = []
     collided = False
     for step in range(steps):
         observation = change(observe(world, explorer.needs, step, collided))
         if until is not None and until(observation):
-            break
+            return
         action = explorer.act(observation)
-        actions.append(action)
+        yield action
         if action == Action.STOP:
-            break
+            return
         collided = world.step(Action(action))
-    return actions
 
 
 def pocket() -> BoxWorld:
@@ -124,10 +137,10 @@ TRAPS = {pocket: 1.0, corner_with_leg: 1.0, pen: 0.5}
 """Worlds in which robots get stuck, and the distance in metres from the start at which a robot has escaped."""
 
 
-def two_rooms() -> BoxWorld:
+def two_rooms(camera: Camera | None = None) -> BoxWorld:
     """Two rooms of 3 x 4 m with a doorway of 1 m and a low box in each room; the robot is in the left room."""
     walls = (Box(2.95, 0.0, 3.05, 1.5), Box(2.95, 2.5, 3.05, 4.0))
-    world = BoxWorld(6.0, 4.0, (*walls, Box(0.5, 0.5, 1.0, 1.0, 0.8), Box(4.5, 2.8, 5.5, 3.4, 0.5)))
+    world = BoxWorld(6.0, 4.0, (*walls, Box(0.5, 0.5, 1.0, 1.0, 0.8), Box(4.5, 2.8, 5.5, 3.4, 0.5)), camera)
     world.reset(1.5, 2.0, 0.0)
     return world
 
@@ -179,6 +192,29 @@ class ExplorerSuite:
         assert run(used, two_rooms(), self.steps, seed=7) == run(
             self.make_explorer(), two_rooms(), self.steps, seed=7
         ), "a used explorer acted differently from a new one: `reset` must forget everything"
+
+    def test_instances_share_nothing(self) -> None:
+        """The actions of an explorer do not depend on another instance that explores another world at the same time."""
+        alone = run(self.make_explorer(), two_rooms(), self.steps, seed=7)
+        here = actions_of(self.make_explorer(), two_rooms(), self.steps, seed=7)
+        elsewhere = actions_of(self.make_explorer(), BoxWorld(4.0, 7.0), self.steps, seed=3)
+        together = [action for action, _ in zip_longest(here, elsewhere) if action is not None]
+        assert together == alone, (
+            "another explorer at work changed the actions: draw from a generator of the instance, not from a global "
+            "one, and keep state in the instance, not in its class"
+        )
+
+    def test_takes_images_that_are_not_square(self) -> None:
+        """The explorer acts with cameras whose images are wider than high, and higher than wide."""
+        for camera in (Camera(48, 32), Camera(32, 48)):
+            self.run_legally(two_rooms(camera), 20)
+
+    def test_equal_explorers_have_one_fingerprint(self) -> None:
+        """`fingerprint` is text or None, and equal for explorers with equal options, so that datasets are found."""
+        first, second = self.make_explorer(), self.make_explorer()  # both exist, so their addresses differ
+        assert fingerprint_of(first) == fingerprint_of(second), (
+            "explorers with equal options have different fingerprints: no dataset would be reused"
+        )
 
     def test_leaves_the_observation_alone(self) -> None:
         """The explorer does not write to the arrays of an observation, which the collector also uses."""
@@ -274,17 +310,29 @@ class ExplorerSuite:
             assert out, f"{where}, and it did not get out within {limit}: {remedy}"
 
     def test_map_is_consistent(self) -> None:
-        """`map` is None or contains grids of its frame's shape with valid values."""
+        """`map` is None or contains grids of its frame's shape with valid types and values."""
         explorer = self.make_explorer()
-        world = two_rooms()
-        run(explorer, world, self.steps)
-        known = explorer.map()
+        run(explorer, two_rooms(), self.steps)
+        known = map_of(explorer)
         if known is None:
             return
-        assert isinstance(known, ExplorerMap)
-        assert known.occupancy.shape == known.frame.shape
-        assert set(np.unique(known.occupancy)) <= {0, 1, 2}
+        values = set(np.unique(known.occupancy).tolist())
+        assert values <= {0, 1, 2}, f"occupancy is 0 (unknown), 1 (occupied) or 2 (free), but has {values}"
         if known.uncertainty is not None:
-            assert known.uncertainty.shape == known.frame.shape
-            recorded = known.uncertainty[np.isfinite(known.uncertainty)]
-            assert ((recorded >= 0.0) & (recorded <= 1.0)).all()
+            recorded = known.uncertainty[~np.isnan(known.uncertainty)]
+            assert ((recorded >= 0.0) & (recorded <= 1.0)).all(), "uncertainty is in [0, 1], or NaN for no value"
+
+    def test_map_changes_nothing(self) -> None:
+        """Calling `map` after every action changes neither the actions nor the map at the end."""
+        asked, left_alone = self.make_explorer(), self.make_explorer()
+        actions = []
+        for action in actions_of(asked, two_rooms(), self.steps, seed=7):
+            asked.map()
+            actions.append(action)
+        assert actions == run(left_alone, two_rooms(), self.steps, seed=7), "calling `map` changed later actions"
+        found, expected = map_of(asked), map_of(left_alone)
+        assert (found is None) == (expected is None), "calling `map` during the episode made it appear or vanish"
+        if found is not None and expected is not None:
+            assert (found.frame, found.target) == (expected.frame, expected.target), "calling `map` changed its frame"
+            for name in ("occupancy", "uncertainty"):
+                np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), f"`map` changed {name}")

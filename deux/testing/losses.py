@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from deux.contracts import Batch, LossInputs, LossNeed, LossTerm, Prediction, Reconstructions
+from deux.errors import kind_of
 from deux.geometry.reprojection import reproject
 from deux.testing.host_waits import refuse_host_waits
 
@@ -218,7 +219,8 @@ def _texture(shift: tuple[int, int], height: int, width: int) -> Tensor:
     return torch.stack([0.5 + 0.4 * torch.sin(a * x + b * y) for a, b in ((0.9, 0.4), (0.5, -0.8), (0.3, 1.1))])
 
 
-def _check_value(value: Tensor) -> None:
+def _check_value(value: object) -> None:
+    assert isinstance(value, Tensor), f"the value is {kind_of(value)}, not a Tensor"
     assert value.shape == (), f"the value has shape {tuple(value.shape)}, not a scalar's"
     assert value.dtype == torch.float32, f"the value is {value.dtype}, not float32"
     assert bool(torch.isfinite(value)), f"the value is {float(value)}"
@@ -236,6 +238,7 @@ def _gradients(term: LossTerm, sample: LossSample) -> list[Tensor]:
     for tensor in inputs:
         tensor.requires_grad_()
     value = evaluate(term, sample)
+    assert isinstance(value, Tensor), f"the value is {kind_of(value)}, not a Tensor"
     assert value.requires_grad, "the value does not depend on depth, poses or extras"
     gradients = [g for g in torch.autograd.grad(value, inputs, allow_unused=True) if g is not None]
     assert all(bool(torch.isfinite(gradient).all()) for gradient in gradients), "a gradient is not finite"

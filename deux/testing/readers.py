@@ -144,7 +144,7 @@ class ReaderSuite:
             assert names == sorted(names, key=natural_order), f"the frames of {sequence} are not in the order of time"
         assert reader.sparse_depth(found[0]).shape == reader.image(found[0]).shape[:2]
 
-    def test_says_where_each_frame_was_taken(self, folder: Path) -> None:
+    def test_place_names_where_each_frame_was_taken(self, folder: Path) -> None:
         """`place` returns a name, which is the same for all frames of a sequence and differs between the sequences."""
         reader = self.make_reader(folder)
         places: dict[str, str] = {}

@@ -10,7 +10,7 @@ The experiences are those of a robot that moves randomly through rooms of `deux.
 policy's view are computed by `deux.environment.memory`, as in the environment.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
@@ -20,6 +20,7 @@ import numpy as np
 from deux.contracts import COLOR, Channel, Episode, Experience, Need, Observation, Reward
 from deux.environment.egocentric import Crops
 from deux.environment.memory import MOVES, ExplorationMemory
+from deux.errors import kind_of
 from deux.geometry.camera import Camera
 from deux.testing.box_world import BoxWorld
 from deux.testing.explorers import two_rooms
@@ -96,7 +97,19 @@ def begin(reward: Reward, make_world: MakeWorld, steps: int, seed: int) -> None:
 def judge(reward: Reward, make_world: MakeWorld, steps: int, seed: int = 0, depth: bool = True) -> list[float]:
     """Reset a reward and return its values for all experiences of a walk; the arguments are those of `wander`."""
     begin(reward, make_world, steps, seed)
-    return [reward(experience) for experience in wander(make_world, reward.needs, steps, seed, depth)]
+    return [value_of(reward, experience) for experience in wander(make_world, reward.needs, steps, seed, depth)]
+
+
+def value_of(reward: Reward, experience: Experience) -> float:
+    """Call a reward and check that its value is a float."""
+    value: object = reward(experience)
+    assert isinstance(value, float), f"the reward gives {kind_of(value)}, not a float"
+    return value
+
+
+def equal(first: Sequence[float], second: Sequence[float]) -> bool:
+    """Whether values are equal; NaN equals NaN, since another test reports it."""
+    return np.array_equal(first, second, equal_nan=True)
 
 
 class RewardSuite:
@@ -118,7 +131,6 @@ class RewardSuite:
     def test_is_a_finite_number(self) -> None:
         """All values of an episode are finite floats, and not all of them are equal."""
         values = judge(self.make_reward(), rooms, self.steps)
-        assert all(isinstance(value, float) for value in values), f"not floats: {[type(v) for v in values]}"
         assert np.isfinite(values).all(), f"not finite: {values}"
         assert len(set(values[1:])) > 1, "every step is worth the same: there is nothing to learn from"
 
@@ -127,7 +139,7 @@ class RewardSuite:
         first, second = self.make_reward(), self.make_reward()
         for seed in (1, 2):
             values = [judge(reward, rooms, self.steps, seed) for reward in (first, second)]
-            assert values[0] == values[1], "the same episode gave different rewards: draw from episode.seed"
+            assert equal(*values), "the same episode gave different rewards: draw from episode.seed"
 
     def test_reset_forgets_everything(self) -> None:
         """After another episode, a reset reward equals a new one with the same state."""
@@ -137,7 +149,8 @@ class RewardSuite:
         new.load_state(used.state())
         begin(new, rooms, self.steps, seed=0)
         for experience in wander(rooms, used.needs, self.steps, seed=0):
-            assert used(experience) == new(experience), "`reset` must forget everything but what `state` returns"
+            values = [value_of(reward, experience) for reward in (used, new)]
+            assert equal(values[:1], values[1:]), "`reset` must forget everything but what `state` returns"
 
     def test_instances_share_nothing(self) -> None:
         """The values of a reward do not depend on another instance that is called alternately."""
@@ -149,8 +162,8 @@ class RewardSuite:
         together = []
         for experience, foreign in zip(wander(rooms, reward.needs, self.steps, seed=0), elsewhere, strict=True):
             other(foreign)
-            together.append(reward(experience))
-        assert together == alone, "the rewards of two environments must have nothing in common"
+            together.append(value_of(reward, experience))
+        assert equal(together, alone), "the rewards of two environments must have nothing in common"
 
     def test_leaves_the_experience_alone(self) -> None:
         """The reward does not write to the arrays of an experience, which belong to the environment."""
@@ -170,18 +183,20 @@ class RewardSuite:
         values = []
         for experience in wander(rooms, reward.needs, self.steps, seed=0):
             own = deepcopy(experience)
-            values.append(reward(own))
+            values.append(value_of(reward, own))
             for array in _arrays(own).values():
                 array.fill(1)
-        assert values == expected, "the reward remembers arrays that the environment changes: copy them"
+        assert equal(values, expected), "the reward remembers arrays that the environment changes: copy them"
 
     def test_survives_empty_depth(self) -> None:
         """The values are finite when the depth is 0 everywhere, as in front of glass or too close to a wall."""
-        assert np.isfinite(judge(self.make_reward(), rooms, self.steps, depth=False)).all()
+        values = judge(self.make_reward(), rooms, self.steps, depth=False)
+        assert np.isfinite(values).all(), f"not finite: {values}"
 
     def test_survives_standing_still(self) -> None:
         """The values are finite in a shaft slightly wider than the robot, in which nothing new is seen."""
-        assert np.isfinite(judge(self.make_reward(), shaft, 2 * self.steps)).all()
+        values = judge(self.make_reward(), shaft, 2 * self.steps)
+        assert np.isfinite(values).all(), f"not finite: {values}"
 
     def test_state_is_arrays_that_stay_as_they_are(self) -> None:
         """`state` returns arrays by name, which later episodes do not change."""
@@ -189,7 +204,10 @@ class RewardSuite:
         for seed in (1, 2):
             judge(reward, rooms, self.steps, seed)
         state = reward.state()
-        assert all(isinstance(name, str) and isinstance(array, np.ndarray) for name, array in state.items())
+        for name, array in state.items():
+            assert isinstance(name, str), f"the state's name {name!r} is not text"
+            numeric = isinstance(array, np.ndarray) and array.dtype.kind in "biuf"
+            assert numeric, f"the state {name!r} is {kind_of(array)}: checkpoints hold arrays of numbers"
         before = deepcopy(state)
         for seed in (2, 1):
             judge(reward, rooms, self.steps, seed)
@@ -206,7 +224,8 @@ class RewardSuite:
         new.load_state(deepcopy(state))
         assert new.state().keys() == state.keys()
         assert all(np.array_equal(new.state()[name], state[name]) for name in state), "the state is not what was loaded"
-        assert judge(new, rooms, self.steps, seed=0) == judge(used, rooms, self.steps, seed=0)
+        same = equal(judge(new, rooms, self.steps, seed=0), judge(used, rooms, self.steps, seed=0))
+        assert same, "a reward with a loaded state differs from the one whose state it is"
 
 
 def _arrays(experience: Experience) -> dict[str, np.ndarray]:

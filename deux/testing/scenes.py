@@ -9,15 +9,21 @@ A plugin's test file subclasses it, and pytest runs the whole suite:
 Choose options with few scenes, but at least one for training and one for testing; one of each split is loaded.
 """
 
+import os
 import pickle
+import subprocess
+import sys
 from collections import Counter
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from deux.contracts import Scene, SceneArea, SceneMesh, SceneReference, SceneSource, SceneSplits
+from deux.contracts import Robot, Scene, SceneArea, SceneMesh, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError
+from deux.geometry.camera import Camera
+from deux.scenes.splits import splits_of
+from deux.simulator.mesh_simulator import MeshSimulator
 
 
 def references(splits: SceneSplits) -> list[SceneReference]:
@@ -40,11 +46,9 @@ class SceneSourceSuite:
 
     def test_splits_hold_references(self) -> None:
         """Splits are tuples of `SceneReference`, and those for training and testing are not empty."""
-        splits = self.make_source().splits()
-        for scenes in (splits.train, splits.validation, splits.test):
-            assert isinstance(scenes, tuple)
-            assert all(isinstance(scene, SceneReference) for scene in scenes)
-            assert all(isinstance(scene.area, SceneArea) for scene in scenes)
+        splits = splits_of(self.make_source())
+        for scene in references(splits):
+            assert isinstance(scene.area, SceneArea), f"the area of {scene.name} is {scene.area!r}, not a SceneArea"
         assert splits.train, "there is no scene to explore"
         assert splits.test, "there is no scene to test on"
 
@@ -68,6 +72,26 @@ class SceneSourceSuite:
             assert copy == scene, f"{scene.name} is another one after pickling"
             assert {scene: True}[copy], f"{scene.name} has another hash after pickling"
             assert copy.identity == scene.identity
+
+    def test_identities_are_the_same_in_other_processes(self) -> None:
+        """Another process computes the same identity from a reference, since datasets are found by it.
+
+        Python's `hash` of text, for example, differs between processes.
+        """
+        scenes = references(self.make_source().splits())
+        code = "import pickle, sys; print(*(scene.identity for scene in pickle.load(sys.stdin.buffer)), sep=chr(0))"
+        path = os.pathsep.join(path for path in sys.path if path)  # with the folders that pytest added
+        found = subprocess.run(
+            [sys.executable, "-c", code],
+            input=pickle.dumps(scenes),
+            capture_output=True,
+            env={**os.environ, "PYTHONPATH": path, "PYTHONHASHSEED": "1"},
+            check=False,
+        )
+        assert found.returncode == 0, f"another process cannot read the references:\n{found.stderr.decode()}"
+        assert found.stdout.decode().rstrip().split("\0") == [scene.identity for scene in scenes], (
+            "another process computes other identities: use nothing that differs between processes, such as `hash`"
+        )
 
     def test_references_are_small(self) -> None:
         """A pickled reference is smaller than 10 kB: it does not contain the mesh."""
@@ -115,6 +139,19 @@ class SceneSourceSuite:
         for one, other in zip(first.mesh.materials, second.mesh.materials, strict=True):
             assert (one.name, one.color) == (other.name, other.color)
             np.testing.assert_array_equal(one.texture, other.texture, err_msg=f"texture of {one.name}")
+
+    def test_the_robot_has_room(self) -> None:
+        """In the first training scene, the default robot has at least 1 m² of free floor, if there is a mesh."""
+        reference = self.make_source().splits().train[0]
+        try:
+            reference.load()
+        except DeuxError:
+            pytest.skip("there is no mesh of the scene")
+        try:
+            area = MeshSimulator(reference, Camera(16, 16), Robot(), colors=False).free_space().area
+        except DeuxError as error:
+            raise AssertionError(f"no robot can be placed in {reference.name} (metres, y up?): {error}") from error
+        assert area >= 1.0, f"the robot has {area:.2g} m² of free floor in {reference.name}: is it in metres, y up?"
 
     def test_further_scenes_are_others(self) -> None:
         """`further` returns the requested number of scenes without the excluded ones, or raises DeuxError."""

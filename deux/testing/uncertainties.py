@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from deux.contracts import DepthPredictor, Uncertainty, View
+from deux.errors import kind_of
 from deux.frame_uncertainty import frame_of, make_view
 from deux.testing.host_waits import refuse_host_waits
 
@@ -147,6 +148,7 @@ class UncertaintySuite:
         """Compute the uncertainty of a view with a new measure, and check shape, dtype, device and range of values."""
         with torch.inference_mode():
             uncertainty = self.make_uncertainty()(view)
+        assert isinstance(uncertainty, Tensor), f"not a Tensor: {kind_of(uncertainty)}"
         assert uncertainty.shape == view.depth[:, 0].shape, f"not N x H x W: {tuple(uncertainty.shape)}"
         assert uncertainty.dtype == torch.float32, f"not float32: {uncertainty.dtype}"
         assert uncertainty.device == view.depth.device, f"not on the view's device: {uncertainty.device}"

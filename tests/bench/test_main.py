@@ -73,7 +73,9 @@ def test_each_part_runs_alone(part: str, module: str, function: str, monkeypatch
     assert asked == [(measuring.QUICK, *given)]
 
 
-def test_a_mistake_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mistake_is_reported_in_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def fail(*_: object) -> None:
         raise DeuxError("there is no such scene.")
 
@@ -82,7 +84,9 @@ def test_a_mistake_is_told_in_one_sentence(monkeypatch: pytest.MonkeyPatch, caps
     assert capsys.readouterr().err == "deux: there is no such scene.\n"
 
 
-def test_a_card_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_card_that_is_not_there_is_reported(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert main(["models", "--device", "cuda", *THREADS]) == 1
     assert "--device cuda: PyTorch finds no CUDA device here" in capsys.readouterr().err

@@ -27,7 +27,7 @@ def test_every_precision_and_source_of_poses_is_measured() -> None:
 
 
 @pytest.mark.usefixtures("tiny_models")
-def test_samples_are_what_the_contract_says() -> None:
+def test_samples_are_as_in_the_contract() -> None:
     batch = render_batch(registry().create("depth_models", "tiny", {}), size=40, count=3)
     assert batch.image.shape == (3, 3, 40, 40)
     assert batch.sources.shape == (3, 2, 3, 40, 40)

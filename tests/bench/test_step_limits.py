@@ -8,7 +8,7 @@ TINY = LimitSettings(batch_size=1, size=32, steps=1, repeats=1)
 
 
 @pytest.mark.usefixtures("tiny_models")
-def test_a_step_is_told_by_its_operations_and_what_is_left_over() -> None:
+def test_a_step_is_described_by_its_operations_and_what_is_left_over() -> None:
     (table,) = measure_limits(TINY, "cpu")
     (row,) = table.rows
     assert (row["model"], row["poses"]) == ("tiny", "learned")

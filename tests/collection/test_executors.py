@@ -20,6 +20,6 @@ def test_the_local_executor_takes_the_number_of_processes():
         ("local", {"workers": 2}, "collect.executor_options.workers is not an option of LocalExecutor"),
     ],
 )
-def test_mistakes_are_told(name, options, sentence):
+def test_mistakes_are_reported(name, options, sentence):
     with pytest.raises(DeuxError, match=sentence):
         make_executor(name, options)

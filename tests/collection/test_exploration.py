@@ -199,7 +199,7 @@ def test_stop_ends_an_episode_and_only_that_one(tmp_path: Path) -> None:
     assert crew.at_work()[0].seen[-1].step == 2
 
 
-def test_collisions_are_told(tmp_path: Path) -> None:
+def test_collisions_reach_the_explorer(tmp_path: Path) -> None:
     class Forward(Wanderer):
         def act(self, observation):  # type: ignore[no-untyped-def]
             super().act(observation)

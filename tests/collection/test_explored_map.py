@@ -79,7 +79,7 @@ NO_MAPS = {
 
 
 @pytest.mark.parametrize("told", NO_MAPS)
-def test_what_is_no_map_is_told_of_the_explorer(told):
+def test_the_explorer_is_named_for_what_is_no_map(told):
     class Mapping(Explorer):
         reset = act = None  # type: ignore[assignment]
 

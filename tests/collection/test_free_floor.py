@@ -22,7 +22,7 @@ def test_recorded_frames_have_none(tmp_path):
     assert read_free_floor(SequencePaths(tmp_path)) is None
 
 
-def test_a_damaged_file_is_told(tmp_path):
+def test_a_damaged_file_is_reported(tmp_path):
     (tmp_path / "free_floor.npz").write_bytes(b"{}")
     with pytest.raises(DeuxError, match=r"free_floor\.npz is damaged"):
         read_free_floor(SequencePaths(tmp_path))

@@ -118,7 +118,7 @@ class Deadly(ToySimulator):
         return super()._frame(pose, channels)
 
 
-def test_a_dead_process_is_told_in_one_sentence_and_its_episode_goes_on(tmp_path):
+def test_a_dead_process_is_reported_in_one_sentence_and_its_episode_goes_on(tmp_path):
     sentence = "The process that worked on room-2 was killed by SIGKILL, .* run the same command again"
     with pytest.raises(DeuxError, match=sentence):
         collect(tmp_path / "cut", "deux", LocalExecutor(2), Deadly)
@@ -135,7 +135,7 @@ def closed_room(scene: ToyScene) -> ToySimulator:
 
 
 @pytest.mark.slow
-def test_a_mistake_in_a_process_is_told_as_it_is(tmp_path):
+def test_a_mistake_in_a_process_is_reported_as_it_is(tmp_path):
     with pytest.raises(DeuxError, match=r"^room1 is closed\.$"):
         collect(tmp_path, "random", LocalExecutor(2), closed_room)
 

@@ -9,7 +9,7 @@ from deux.collection.executors import make_executor
 from deux.errors import DeuxError
 
 
-def test_without_ray_the_command_that_installs_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ray_the_command_that_installs_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     for name in ("ray_cluster", "ray_execution"):
         monkeypatch.delitem(sys.modules, f"deux.collection.{name}", raising=False)
@@ -18,7 +18,7 @@ def test_without_ray_the_command_that_installs_it_is_told(monkeypatch: pytest.Mo
     assert importlib.import_module("deux.collection.local_execution")
 
 
-def test_where_ray_does_not_start_the_way_without_it_is_told(
+def test_where_ray_does_not_start_the_way_without_it_is_named(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     ray = pytest.importorskip("ray")

@@ -190,7 +190,7 @@ def test_viewpoints_and_robots_of_one_batch_are_shared_out_and_sent_back(
     assert [[len(job.plans) for job in jobs] for jobs in shared] == [[2, 2], [2, 2]]
 
 
-def test_a_mistake_that_a_worker_finds_is_told_in_its_own_sentence(tmp_path: Path, cluster: Any) -> None:
+def test_a_mistake_that_a_worker_finds_is_reported_in_its_own_sentence(tmp_path: Path, cluster: Any) -> None:
     with pytest.raises(DeuxError, match=r"^the robot has no battery: charge it\.$"):
         RayExecutor(cluster.address, workers=1)(
             EpisodeRunner(ToySimulator, Mistaken), make_jobs(tmp_path, toy_scenes(2)), lambda frames: None
@@ -205,7 +205,7 @@ def test_a_job_that_ends_its_worker_again_and_again_is_given_up(tmp_path: Path, 
         )
 
 
-def test_no_room_and_no_cluster_are_told(tmp_path: Path, cluster: Any) -> None:
+def test_no_room_and_no_cluster_are_reported(tmp_path: Path, cluster: Any) -> None:
     run, jobs = EpisodeRunner(ToySimulator, Wanderer), make_jobs(tmp_path, toy_scenes(1))
     with pytest.raises(DeuxError, match="no machine with 64 CPUs and 0 graphics cards"):
         RayExecutor(cluster.address, cpus=64)(run, jobs, lambda frames: None)

@@ -46,7 +46,7 @@ def test_the_explorer_sees_and_does_the_same(tmp_path: Path, guided: bool) -> No
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_another_explorer_or_no_episode_is_said(tmp_path: Path) -> None:
+def test_another_explorer_or_no_episode_is_reported(tmp_path: Path) -> None:
     plan, _ = collect(tmp_path, guided=False)
 
     class Straight(Wanderer):

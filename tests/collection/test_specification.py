@@ -18,7 +18,7 @@ class Numbered(SceneReference):
         return 7
 
 
-def test_an_identity_that_is_no_text_is_told_of_the_scene():
+def test_the_scene_is_named_for_an_identity_that_is_no_text():
     spec = DatasetSpec("d", (ToyScene(),), "wanderer", SIMULATION, steps=3)
     assert spec.key()
     sentence = r"^the `identity` of the scene seven \(Numbered of .*test_specification\) gives a value of the type int"
@@ -36,7 +36,7 @@ def test_remembered_frames_are_part_of_the_hash_unless_there_are_none():
 
 
 @pytest.mark.parametrize("found", [7, b"hash", ("a",)])
-def test_a_fingerprint_that_is_no_text_is_told_of_the_explorer(found):
+def test_the_explorer_is_named_for_a_fingerprint_that_is_no_text(found):
     class Marked(Wanderer):
         def fingerprint(self):
             return found

@@ -82,7 +82,7 @@ def test_it_ends_when_the_explorer_stops_or_the_steps_are_used_up():
     assert (walk.over, len(walk.actions), walk.simulator.state) == (True, 1, before)
 
 
-def test_collisions_are_told(monkeypatch):
+def test_collisions_reach_the_explorer(monkeypatch):
     monkeypatch.setattr(Wanderer, "act", lambda self, observation: self.seen.append(observation) or Action.FORWARD)
     explorer = Wanderer()
     steps = steps_of(explorer, steps=40)  # ten metres ahead, in a room of six
@@ -151,7 +151,7 @@ def test_what_an_explorer_needs_has_to_be_there():
 
 
 @pytest.mark.parametrize("chosen", [None, "forward", 7, -1, True, 1.0, torch.tensor(1), np.float64(1.0)])
-def test_what_is_no_action_is_told_at_the_step(monkeypatch, chosen):
+def test_what_is_no_action_is_reported_at_the_step(monkeypatch, chosen):
     explorer = Wanderer()
     script = [Action.LEFT, chosen]
     monkeypatch.setattr(explorer, "act", lambda observation: script[observation.step])
@@ -181,7 +181,7 @@ WRONG_FRAMES = {
 
 
 @pytest.mark.parametrize("told", WRONG_FRAMES)
-def test_a_frame_that_is_not_of_its_camera_is_told_of_the_simulator(monkeypatch, told):
+def test_the_simulator_is_named_for_a_frame_that_is_not_of_its_camera(monkeypatch, told):
     whole = ToySimulator._frame
     monkeypatch.setattr(ToySimulator, "_frame", lambda *arguments: WRONG_FRAMES[told](whole(*arguments)))
     sentence = re.escape(f"the `render` of the simulator ToySimulator gives a frame whose {told}")
@@ -201,7 +201,7 @@ def test_a_frame_that_is_not_of_its_camera_is_told_of_the_simulator(monkeypatch,
         (lambda frames: iter(frames), "a value of the type list_iterator"),
     ],
 )
-def test_frames_that_are_not_one_for_each_pose_are_told_of_the_simulator(monkeypatch, rendered, told):
+def test_the_simulator_is_named_for_frames_that_are_not_one_for_each_pose(monkeypatch, rendered, told):
     whole = ToySimulator.render
     monkeypatch.setattr(ToySimulator, "render", lambda *arguments: rendered(whole(*arguments)))
     sentence = (
@@ -213,7 +213,7 @@ def test_frames_that_are_not_one_for_each_pose_are_told_of_the_simulator(monkeyp
         collect_viewpoints([plan_viewpoints(Path("nowhere"), ToyScene(), 0, 1)], ToySimulator)
 
 
-def test_an_uncertainty_below_0_is_told_of_the_measure():
+def test_the_measure_is_named_for_an_uncertainty_below_0():
     class Signed(L1Residual):
         def __call__(self, view):
             return super().__call__(view) - 1.0

@@ -60,7 +60,7 @@ def test_a_folder_without_that_list_has_its_sources_chosen_by_the_poses(tmp_path
     assert max(chosen.values()) < 0.8
 
 
-def test_offsets_that_are_not_used_are_told_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_offsets_that_are_not_used_are_reported_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     reader = DatasetReader(write(tmp_path / "d", {"hall-00": walk()}))
     assert list_triplets(reader, "train", "baseline", (-3, 3)) == list_triplets(reader, "train", "baseline")
     list_triplets(reader, "train", "baseline", (-3, 3))
@@ -70,7 +70,7 @@ def test_offsets_that_are_not_used_are_told_once(tmp_path: Path, caplog: pytest.
     ]
 
 
-def test_source_frames_of_another_camera_are_told_where_poses_are_learned(
+def test_source_frames_of_another_camera_are_reported_where_poses_are_learned(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     settings = SampleSettings(training=True, poses=False)
@@ -155,7 +155,7 @@ def test_a_clip_of_three_frames_has_its_other_two_as_sources(tmp_path: Path) -> 
     assert all({source.name for source in sources} == {"000000", "000002"} for _, sources in found)
 
 
-def test_the_sentence_says_why_no_frame_has_sources(tmp_path: Path) -> None:
+def test_the_error_names_why_no_frame_has_sources(tmp_path: Path) -> None:
     reader = DatasetReader(write(tmp_path / "d", {"hall-00": walk([Action.FORWARD] * 2)}))
     with pytest.raises(DeuxError, match=r"None of the 2 train frames of .* has source frames: .*training\.sources"):
         TripletDataset([reader], "train", SampleSettings(), choice="baseline")
@@ -206,7 +206,7 @@ NO_TRIPLETS = {
 
 @pytest.mark.parametrize("choice", ["recent", "baseline"])
 @pytest.mark.parametrize("told", NO_TRIPLETS)
-def test_what_are_no_triplets_is_told_of_the_reader(tmp_path: Path, told: str, choice: SourceChoice) -> None:
+def test_the_reader_is_named_for_what_are_no_triplets(tmp_path: Path, told: str, choice: SourceChoice) -> None:
     @dataclass(frozen=True)
     class Plain(Reader):
         folder: Path

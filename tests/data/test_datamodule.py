@@ -511,7 +511,7 @@ def test_a_card_keeps_frames_that_fit(recorded: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "told"), [(None, "None"), ([0.5], r"\[0\.5\]"), (v2.Identity(), r"Identity\(\)"), ({}, r"\{\}")]
 )
-def test_what_is_no_augmentation_is_told_of_the_model(tmp_path: Path, given: Any, told: str) -> None:
+def test_the_model_is_named_for_what_is_no_augmentation(tmp_path: Path, given: Any, told: str) -> None:
     class Odd(ToyModel):
         def augmentation(self) -> Sequence[Augmentation]:
             return given  # type: ignore[no-any-return]

@@ -62,7 +62,7 @@ def test_beyond_the_largest_depth_it_may_be_that_which_is_wrong(depth: np.ndarra
     assert sentence.endswith(asked)
 
 
-def test_nothing_is_said_of_no_depth_or_of_what_no_unit_explains() -> None:
+def test_nothing_is_reported_of_no_depth_or_of_what_no_unit_explains() -> None:
     assert likely_scale(np.zeros((4, 4)), 256.0, 10.0) is None
     assert likely_scale(np.full((4, 4), 1e6), 256.0, 10.0) is None
 

@@ -104,7 +104,7 @@ def test_ground_truth_has_a_folder_and_a_scale_of_its_own(tmp_path: Path) -> Non
         reader.triplets("train", (-1,))
 
 
-def test_what_is_missing_is_said(tmp_path: Path) -> None:
+def test_what_is_missing_is_reported(tmp_path: Path) -> None:
     with pytest.raises(
         DeuxError, match=r"points has no sparse depth of the images .*images: a \.png or \.npy file with the name"
     ):

@@ -68,7 +68,7 @@ def test_the_same_dataset_gives_the_same_bytes(exported, tmp_path):
         assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
 
 
-def test_a_full_disk_is_told_with_the_shard_that_does_not_fit(tmp_path):
+def test_a_full_disk_is_reported_with_the_shard_that_does_not_fit(tmp_path):
     (tmp_path / "shards").mkdir()
     (tmp_path / "shards/train-000000.tar").symlink_to("/dev/full")
     with pytest.raises(DeuxError, match=r"^The disk is full: .*shards/train-000000\.tar could not be written"):

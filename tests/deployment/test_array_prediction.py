@@ -125,7 +125,7 @@ def test_half_precision_around_it_changes_nothing(model):
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
-def test_weights_of_another_precision_are_told(dtype):
+def test_weights_of_another_precision_are_reported(dtype):
     kind = str(dtype).removeprefix("torch.")
     model = registry().create("depth_models", "kbnet", {}).to(dtype)
     image, sparse_depth = np.zeros((32, 32, 3), np.uint8), np.full((32, 32), 2.0, np.float32)

@@ -87,7 +87,7 @@ def test_a_file_cut_short(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["kbnet-void1500.pth", "epoch=0-step=2.ckpt"])
-def test_a_file_of_torch_is_not_said_to_be_damaged(tmp_path, name):
+def test_a_file_of_torch_is_not_reported_as_damaged(tmp_path, name):
     torch.save({"weight": torch.ones(1)}, tmp_path / name)
     with pytest.raises(DeuxError, match=r"written by torch\.save: load published checkpoints with deux\.load_pub"):
         load_model(tmp_path / name)

@@ -78,7 +78,7 @@ def test_a_folder_gives_the_model_back_bit_for_bit(kbnet, folder):
         assert all(torch.equal(value, kbnet.state_dict()[key]) for key, value in model.state_dict().items())
 
 
-def test_config_json_says_what_the_model_is_made_of(folder):
+def test_config_json_lists_what_the_model_is_made_of(folder):
     config = json.loads((folder / CONFIG_FILE).read_text())
     assert config["name"] == "kbnet"
     assert config["settings"] == {**config["settings"], **SMALL}
@@ -126,7 +126,7 @@ def test_other_names_are_those_that_load_knows(kbnet, tmp_path):
         from_pretrained("nowhere")
 
 
-def test_a_missing_folder_is_told_without_asking_the_hub(tmp_path, monkeypatch):
+def test_a_missing_folder_is_reported_without_asking_the_hub(tmp_path, monkeypatch):
     asked = []
     hub = SimpleNamespace(download=lambda name, **options: asked.append(name))
     monkeypatch.setattr(model_folders, "_hub", lambda purpose: hub)
@@ -218,7 +218,7 @@ def test_a_name_of_the_hub_needs_its_package(kbnet, tmp_path, monkeypatch):
     assert kbnet.save_pretrained(tmp_path / "shared").is_dir()
 
 
-def test_a_folder_that_cannot_be_made_is_told(kbnet, tmp_path):
+def test_a_folder_that_cannot_be_made_is_reported(kbnet, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(DeuxError, match="cannot be created"):
         kbnet.save_pretrained(tmp_path / "file")

@@ -91,7 +91,7 @@ def test_mode_warnings_and_logging_are_as_before():
         ),
     ],
 )
-def test_what_cannot_be_exported_is_said_in_one_sentence(model, reason):
+def test_what_cannot_be_exported_is_reported_in_one_sentence(model, reason):
     with pytest.raises(DeuxError, match=f"^{reason}") as caught:
         export_onnx(model(), 16, 16)
     assert "\n" not in str(caught.value)

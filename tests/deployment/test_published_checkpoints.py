@@ -117,7 +117,7 @@ def test_options_other_than_the_defaults(path):
         deux.load_published("two", path)
 
 
-def test_a_range_that_nobody_named_is_said_once(path, caplog):
+def test_a_range_that_nobody_named_is_reported_once(path, caplog):
     torch.save(checkpoint_of(Two()), path)
     for _ in range(2):
         assert deux.load_published("with_range", path).max_depth == 10.0
@@ -271,7 +271,7 @@ def test_options_that_are_asked_for_are_those_of_the_model(path):
 
 
 @pytest.mark.usefixtures("fixed")
-def test_what_the_published_code_does_not_compute_is_said(path, caplog):
+def test_what_the_published_code_does_not_compute_is_reported(path, caplog):
     save_published(Fixed(margin=0), "fixed", path)
     assert not caplog.messages
     save_published(Fixed(), "fixed", path)

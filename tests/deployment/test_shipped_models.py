@@ -51,7 +51,7 @@ def test_a_package_brings_models_by_name(packages, caplog):
     assert load_model("small").state_dict().keys() == deux.load(shipped_files()["small"]).state_dict().keys()
 
 
-def test_two_models_of_one_name_are_told(packages, caplog):
+def test_two_models_of_one_name_are_reported(packages, caplog):
     packages(deux_first_models=["small"], deux_second_models=["small", "other"])
     with caplog.at_level(logging.WARNING):
         assert sorted(deux.available()) == ["other", "small"]

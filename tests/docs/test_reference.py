@@ -30,7 +30,7 @@ def page(tmp_path_factory) -> str:
     return module.write_reference(tmp_path_factory.mktemp("docs") / "reference" / "configuration.md").read_text()
 
 
-def test_every_option_of_every_plugin_has_a_line_that_says_what_it_means(page):
+def test_every_option_of_every_plugin_has_a_line_that_explains_it(page):
     for kind in KINDS.values():
         for plugin in (one for one in registry().plugins(kind.name) if one.package == "deux"):
             where = kind.settings.format(name=plugin.name)

@@ -84,12 +84,12 @@ def test_an_option_that_its_plugin_does_not_have_is_a_fault(capsys):
     assert "explore.distanse is not an option of FrontierExplorer" in lines(capsys)["FAULT"]
 
 
-def test_what_is_missing_is_told_and_counted(tmp_path, capsys):
+def test_what_is_missing_is_reported_and_counted(tmp_path, capsys):
     assert main(["scenes=files", f"scenes.train={tmp_path / 'nowhere.ply'}"]) == 1
     assert "there is no scene file" in lines(capsys)["FAULT"]
 
 
-def test_frames_are_read_as_the_configuration_says(tmp_path, capsys):
+def test_frames_are_read_as_configured(tmp_path, capsys):
     assert main([f"training_data={tmp_path}"]) == 1
     assert str(tmp_path) in lines(capsys)["FAULT"]
 

@@ -140,7 +140,7 @@ def test_what_is_not_there_is_a_fact_and_no_problem(folder: Path, tmp_path: Path
     assert check.preview is not None
 
 
-def test_depth_without_a_point_says_nothing_of_poses(folder: Path) -> None:
+def test_depth_without_a_point_gives_no_verdict_on_poses(folder: Path) -> None:
     for kind in ("ground_truth", "sparse_depth"):
         for file in folder.glob(f"data/*/{kind}/*.png"):
             Image.fromarray(np.zeros((40, 48), np.uint16)).save(file)

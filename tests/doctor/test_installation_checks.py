@@ -12,7 +12,7 @@ def facts(checkup: Checkup) -> dict[str, str]:
     return {name: value for section in checkup.as_json()["sections"] for name, value in section["facts"]}
 
 
-def test_each_dependency_is_told_with_its_version():
+def test_each_dependency_is_listed_with_its_version():
     checkup = Checkup(show=False)
     check_packages(checkup)
     assert checkup.faults == 0

@@ -42,7 +42,7 @@ def test_an_output_folder_that_cannot_be_written_is_a_fault(tmp_path):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_read_only_folder_is_told(tmp_path):
+def test_a_read_only_folder_is_reported(tmp_path):
     tmp_path.chmod(0o500)
     assert write_obstacle(tmp_path) == "Permission denied"
 

@@ -46,7 +46,7 @@ def listed_names(text: str) -> list[str]:
     return text.partition(" (")[0].split(", ")
 
 
-def test_broken_plugins_are_told_with_package_and_error(add_plugin, tmp_path, monkeypatch):
+def test_broken_plugins_are_listed_with_package_and_error(add_plugin, tmp_path, monkeypatch):
     (tmp_path / "third_party_leaver.py").write_text("raise SystemExit('no licence')\n")
     (tmp_path / "third_party_broken.py").write_text("1 / 0\n")
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -76,7 +76,7 @@ def test_a_broken_plugin_that_is_asked_for_is_a_fault(add_plugin):
     assert facts["model"] == "kbnet"
 
 
-def test_a_plugin_says_itself_what_it_lacks(add_plugin, monkeypatch):
+def test_a_plugin_reports_itself_what_it_lacks(add_plugin, monkeypatch):
     class Needy(Reader):
         lacking = staticmethod(lambda: "it needs a card reader.")
 

@@ -234,7 +234,7 @@ class Witness(Reward):
         self.loaded = dict(state)
 
 
-def test_a_reward_is_told_what_it_declares_and_nothing_else(make):
+def test_a_reward_gets_what_it_declares_and_nothing_else(make):
     reward = Witness()
     environment = make(reward=reward, extras=("rgb",), steps=50)
     steps = play(environment, 0, ACTIONS[:4])
@@ -270,7 +270,7 @@ def test_rewards_are_chosen_by_name_with_their_options(make):
         make(reward="novelty", reward_options={"sell": 1.0})
 
 
-def test_mistakes_are_told_in_one_sentence(make, flats, configured):
+def test_mistakes_are_reported_in_one_sentence(make, flats, configured):
     with pytest.raises(DeuxError, match="extras contains 'colour': it must be a list of depth and rgb"):
         make(extras=("colour",))
     with pytest.raises(DeuxError, match="extras contains 'rgb': it must be a list"):
@@ -312,14 +312,14 @@ def test_a_reward_that_cannot_be_used_is_refused(make):
 
 
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf"), np.zeros(3), "1"])
-def test_a_reward_that_is_no_finite_number_is_told_and_not_learned_from(make, value):
+def test_a_reward_that_is_no_finite_number_is_reported_and_not_learned_from(make, value):
     class Odd(Witness):
         def __call__(self, experience):
             return value if experience.observation.step else 0.0
 
     environment = make(reward=Odd())
     environment.reset(seed=0)
-    with pytest.raises(DeuxError, match=r"the reward Odd gives .* at step 1: it must be a finite number"):
+    with pytest.raises(DeuxError, match=r"the reward Odd gives .* at step 1: it must be a finite number\."):
         environment.step(0)
 
 

@@ -50,7 +50,7 @@ def test_a_flat_without_its_textures_has_the_same_depth_and_labels(references, s
     assert any(material.texture is not None for material in references[0].scene.mesh.materials), "it is a copy"
 
 
-def test_a_scene_without_floor_is_told_when_a_robot_is_put_there(references, simulation):
+def test_a_scene_without_floor_is_reported_when_a_robot_is_put_there(references, simulation):
     reference = replace(references[0], scene=replace(references[0].scene, floors=(Floor(50.0, 1.0),)))
     with pytest.raises(DeuxError, match="floor"):
         placed(ScenePool(simulation).simulator(reference))

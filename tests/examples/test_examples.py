@@ -63,7 +63,7 @@ def dataset(tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("script", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.stem)
-def test_a_script_is_short_and_says_how_it_is_called(script):
+def test_a_script_is_short_and_documents_how_it_is_called(script):
     text = script.read_text()
     assert len(text.splitlines()) < 40
     assert f"python examples/{script.name}" in text.split('"""')[1]

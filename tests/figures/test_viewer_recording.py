@@ -99,7 +99,7 @@ def test_a_file_that_cannot_be_finished_is_one_sentence_and_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_package_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_package_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("deux.figures.viewer_recording.find_spec", lambda name: None)
     with pytest.raises(DeuxError, match=r'predict\.viewer=rerun needs .* install it with pip install "deux\[viewer\]"'):
         check_viewer("predict.viewer")

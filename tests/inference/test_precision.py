@@ -73,7 +73,7 @@ def test_the_fast_predictor_computes_in_the_fastest_precision_and_answers_in_flo
     assert torch.allclose(depth, torch.full_like(depth, 1 / 3), atol=2e-3)
 
 
-def test_the_fast_predictor_says_that_bits_do_not_depend_on_the_batch_on_a_cpu_alone():
+def test_the_fast_predictor_declares_that_bits_do_not_depend_on_the_batch_on_a_cpu_alone():
     predictor = FastPredictor(Multiplied(), "cpu")
     assert predictor.batch_invariant
     predictor.device = torch.device("cuda")

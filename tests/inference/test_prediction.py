@@ -151,7 +151,7 @@ def test_values_are_read_once_and_points_copied_only_for_models_that_prepare(kin
         (lambda depth: Prediction(depth.long()), "a prediction whose depth is Tensor of 2 x 1 x 32 x 32, int64"),
     ],
 )
-def test_an_output_that_is_no_depth_of_the_images_size_is_told(output, message):
+def test_an_output_that_is_no_depth_of_the_images_size_is_reported(output, message):
     class Odd(Recorder):
         def forward(self, image, sparse_depth, validity, intrinsics, **prepared):
             return output(sparse_depth)
@@ -170,7 +170,7 @@ def test_an_output_that_is_no_depth_of_the_images_size_is_told(output, message):
         ({"a": torch.ones(1, 4, 5)}, "gives Tensor of 1 x 4 x 5, float32 as 'a'"),
     ],
 )
-def test_inputs_that_are_prepared_in_another_shape_or_type_are_told(prepared, message):
+def test_inputs_that_are_prepared_in_another_shape_or_type_are_reported(prepared, message):
     class Odd(Recorder):
         def prepare(self, sparse_depth):
             return prepared

@@ -29,7 +29,7 @@ def test_objects_and_texts_are_no_numbers(tmp_path):
             read_array(tmp_path / "a.npy")
 
 
-def test_a_file_of_another_length_than_its_header_says_is_refused(tmp_path):
+def test_a_file_of_another_length_than_in_its_header_is_refused(tmp_path):
     np.save(tmp_path / "a.npy", np.zeros((2, 2)))
     content = (tmp_path / "a.npy").read_bytes()
     for wrong in (content[:-1], content + b"\0", content.replace(b"(2, 2)", b"(9, 9)")):

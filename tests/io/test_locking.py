@@ -186,7 +186,7 @@ def test_a_file_that_names_nobody_is_removed_after_the_lease(path, content, monk
     assert seconds_to_lock(path) > 0.3
 
 
-def test_a_suspended_holder_loses_the_lock_and_is_told(holding, path):
+def test_a_suspended_holder_loses_the_lock_and_gets_an_error(holding, path):
     process = holding(0.6)
     process.send_signal(signal.SIGSTOP)
     started = time.monotonic()

@@ -69,7 +69,7 @@ def test_pixels_are_taken_as_they_are_stored(tmp_path: Path, turn: str) -> None:
         assert np.abs(found.astype(int) - image)[[0, 8, 24, 40, 47]].max() <= 12
 
 
-def test_what_is_no_video_is_said(tmp_path: Path) -> None:
+def test_what_is_no_video_is_reported(tmp_path: Path) -> None:
     with pytest.raises(DeuxError, match=r"nothing\.mp4 is missing"):
         VideoReader(tmp_path / "nothing.mp4")
     (tmp_path / "text.mp4").write_text("no video")
@@ -132,7 +132,7 @@ def test_a_video_that_lacks_frames_does_not_appear(
     assert path.read_bytes() == before
 
 
-def test_without_an_encoder_it_is_said(
+def test_without_an_encoder_it_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(video_files, "ENCODERS", ("none",))

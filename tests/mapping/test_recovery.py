@@ -97,7 +97,7 @@ def test_a_blocked_robot_turns_one_way_by_30_to_180_degrees_and_then_steps():
     assert sides == {Action.LEFT, Action.RIGHT}
 
 
-def test_a_robot_that_turns_away_goes_as_far_as_it_is_told():
+def test_a_robot_that_turns_away_goes_as_far_as_configured():
     found = recovery()
     pose = camera_pose(2.0, 1.25, 2.0, 0.0)
     moves = [found.turn_away(steps=4)]

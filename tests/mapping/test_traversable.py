@@ -7,7 +7,7 @@ from deux.mapping.traversable import approaches, process_map, unknown_beside
 
 
 @pytest.mark.parametrize("clearance", [1.0, 2.5, 3.0])
-def test_obstacles_grow_by_the_clearance_as_an_exact_distance_transform_says(clearance):
+def test_obstacles_grow_by_the_clearance_as_by_an_exact_distance_transform(clearance):
     cells = np.random.default_rng(1).choice([1, 2], size=(60, 70), p=[0.02, 0.98]).astype(np.int8)
     distance = ndimage.distance_transform_edt(cells != 1)
     assert np.array_equal(process_map(cells, clearance, []), distance > clearance)

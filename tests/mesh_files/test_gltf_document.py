@@ -106,7 +106,7 @@ def test_glb_chunks(triangle):
         np.testing.assert_array_equal(corners(path), [TRIANGLE])
 
 
-def test_the_content_says_which_kind_a_file_is(triangle):
+def test_the_content_determines_which_kind_a_file_is(triangle):
     binary = triangle.save("scene.glb")
     np.testing.assert_array_equal(corners(binary.rename(triangle.folder / "other.gltf")), [TRIANGLE])
     text = triangle.save("text.gltf").rename(triangle.folder / "text.glb")

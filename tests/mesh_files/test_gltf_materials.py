@@ -81,7 +81,7 @@ def test_vertex_colours_of_every_type(gltf, width, dtype):
     assert part.material.color == (255, 255, 255), "without a material they are not darkened"
 
 
-def test_surfaces_of_which_nothing_is_said_are_grey(gltf):
+def test_surfaces_without_a_description_are_grey(gltf):
     square(gltf)
     (part,) = read_gltf(gltf.save())
     assert (part.material.color, part.material.texture, part.vertex_colors) == (GREY, None, None)
@@ -300,7 +300,7 @@ def test_a_clamped_texture_is_not_enlarged_without_end(gltf, caplog):
     assert "images[0] is clamped, but its coordinates far exceed the image" in caplog.text
 
 
-def test_coordinates_that_are_missing_are_said(gltf, caplog):
+def test_coordinates_that_are_missing_are_reported(gltf, caplog):
     material = gltf.textured(gltf.image(PIXELS), texCoord=1)
     gltf.header["materials"][material]["pbrMetallicRoughness"]["baseColorFactor"] = [0.2, 0.4, 0.6, 1]
     square(gltf, material)

@@ -23,14 +23,14 @@ def bounds(x: float, y: float, z: float) -> np.ndarray:
         ((9000, 0, 9000), 1.0, "is it in metres"),
     ],
 )
-def test_a_building_in_another_unit_is_told_which(size, scale, advice):
+def test_the_unit_of_a_building_in_another_unit_is_named(size, scale, advice):
     with pytest.raises(DeuxError, match=advice) as error:
         check_extent(PATH, bounds(*size) * scale, scale)
     assert str(error.value).startswith("house.ply is ")
 
 
 @pytest.mark.parametrize(("size", "scale"), [((6, 2.6, 8), 0.01), ((19, 3, 11), 0.001), ((6, 2.6, 8), 100.0)])
-def test_a_building_in_metres_is_told_so_where_another_unit_was_assumed(size, scale):
+def test_metres_are_named_where_another_unit_was_assumed(size, scale):
     assert "it seems to be in metres, set scenes.scale=1 " in unit_advice(bounds(*size) * scale, scale)
 
 

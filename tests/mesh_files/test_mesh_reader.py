@@ -33,7 +33,7 @@ def test_a_vertex_that_no_face_uses_does_not_count(tmp_path):
     np.testing.assert_allclose(mesh.bounds, [[0, 0, 0], [5, 2.5, 4]])
 
 
-def test_stray_triangles_are_left_out_and_said(tmp_path, caplog):
+def test_stray_triangles_are_left_out_and_reported(tmp_path, caplog):
     far = ROOM.vertices[:3] * 0.1 + 900
     mesh = read_mesh(save(tmp_path / "far.ply", np.vstack([ROOM.vertices, far]), np.vstack([ROOM.faces, [[8, 9, 10]]])))
     np.testing.assert_allclose(mesh.triangles, ROOM.triangles)

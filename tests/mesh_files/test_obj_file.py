@@ -98,7 +98,7 @@ def test_names_of_materials_may_hold_a_hash(read, names):
 
 
 @pytest.mark.parametrize("statement", ["map_Kd", "map_Kd ", "Kd"])
-def test_an_empty_statement_of_a_library_says_nothing(read, statement):
+def test_an_empty_statement_of_a_library_changes_nothing(read, statement):
     (part,) = read("mtllib m.mtl\n" + SQUARE + "usemtl m\nf 1 2 3\n", m=f"newmtl m\nKd 1 0 0\n{statement}\n")
     assert (part.material.color, part.material.texture) == ((255, 0, 0), None)
 
@@ -163,7 +163,7 @@ def test_groups_lines_and_points_change_nothing(read):
     assert area(read(text)) == 16.0
 
 
-def test_a_material_that_no_library_describes_is_said(read, caplog):
+def test_a_material_that_no_library_describes_is_reported(read, caplog):
     (part,) = read("mtllib m.mtl\n" + SQUARE + "usemtl wood\nf 1 2 3\n", m="newmtl oak\nKd 1 1 1\n")
     assert part.material.color == GREY
     assert "contains wood" in caplog.text

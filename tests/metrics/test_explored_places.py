@@ -111,7 +111,7 @@ def test_a_dataset_of_an_earlier_version_has_no_share_of_the_free_floor(tmp_path
     assert measure(tmp_path) == replace(known, floor_share=None)
 
 
-def test_a_damaged_record_is_told(tmp_path):
+def test_a_damaged_record_is_reported(tmp_path):
     collect(tmp_path, "room-00")
     (tmp_path / "data/room-00/episode.json").write_text("{}")
     with pytest.raises(DeuxError, match=r"episode\.json is damaged, it contains no episode"):

@@ -20,7 +20,7 @@ def test_it_holds_the_true_mean_19_times_in_20():
     assert np.mean([abs(mean - 1.0) <= half_width for mean, half_width in found]) == pytest.approx(0.95, abs=0.015)
 
 
-def test_one_value_says_nothing_of_its_spread_and_none_nothing_at_all():
+def test_one_value_has_no_spread_and_no_value_has_no_mean():
     assert estimate([4.0]).mean == 4.0
     assert math.isnan(estimate([4.0]).half_width)
     assert math.isnan(estimate([]).mean)

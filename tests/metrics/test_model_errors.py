@@ -93,7 +93,7 @@ def test_no_source_frame_is_looked_at():
     assert evaluate(Constant(2.0), [single]).metrics == evaluate(Constant(2.0), [batch()]).metrics
 
 
-def test_it_says_what_is_missing():
+def test_what_is_missing_is_named_in_the_error():
     blind = batch()
     blind.ground_truth = None
     with pytest.raises(DeuxError, match="loaded without it"):

@@ -38,7 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp("conditions") / "toy", split="test")
 
 
-def test_the_points_are_what_the_condition_says(folder: Path) -> None:
+def test_the_points_are_those_of_the_condition(folder: Path) -> None:
     model, reader = Watched(), DatasetReader(folder)
     found = errors_under(PointCondition("uniform", 0.05), model, reader)
     assert found.images == len(model.seen) == len(reader.triplets("test", (-1, -2)))

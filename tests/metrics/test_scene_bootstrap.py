@@ -23,7 +23,7 @@ def test_with_one_scene_a_seed_it_is_students_interval():
     assert found.half_width == pytest.approx(expected.half_width, rel=0.05)
 
 
-def test_where_scenes_make_the_spread_it_holds_the_effect_as_often_as_it_says():
+def test_where_scenes_make_the_spread_it_holds_the_effect_as_often_as_its_level():
     rng, effect = np.random.default_rng(1), -5.0
     held = [
         abs(found.mean - effect) <= found.half_width

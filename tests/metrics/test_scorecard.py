@@ -145,7 +145,7 @@ def test_large_datasets_are_sampled_for_pixels_only():
 @pytest.mark.parametrize(
     ("poses", "known", "says"), [(2, True, "lists no train frames"), (4, False, "no ground truth")]
 )
-def test_what_has_no_scorecard_says_so(poses, known, says):
+def test_a_missing_scorecard_is_reported_with_its_cause(poses, known, says):
     with pytest.raises(DeuxError, match=says):
         score(Wall(Path("d"), along(poses, 0.25), known=known))
 
@@ -189,7 +189,7 @@ def test_a_scorecard_of_an_earlier_version_judges_recent_sources_and_knows_no_ac
 
 
 @pytest.mark.parametrize("change", [{"parallax": "much"}, {"parallax": None}, {"beauty": 1.0}])
-def test_what_is_no_scorecard_says_so(tmp_path, change):
+def test_what_is_no_scorecard_is_reported(tmp_path, change):
     score(Wall(Path("d"), along(10, 0.25))).save(tmp_path)
     content = json.loads((tmp_path / "scorecard.json").read_text())
     (tmp_path / "scorecard.json").write_text(json.dumps({**content, **change}))

@@ -71,7 +71,7 @@ def test_means_over_other_seeds_have_no_rank():
     assert [row.cells[0].mark for row in table.rows] == ["second", "best", None, None, None]
 
 
-def test_a_column_says_which_end_is_best():
+def test_a_column_marks_which_end_is_best():
     columns = (Column("area", best="highest"), Column("length"))
     rows = tuple(Row((name,), (Cell(Estimate(v)), Cell(Estimate(v)))) for name, v in (("a", 1.0), ("b", 2.0)))
     a, b = ResultTable("Areas", ("who",), columns, (rows,)).ranked(second=False).rows

@@ -149,7 +149,7 @@ def test_a_policy_file_in_the_home_folder_is_found(tmp_path, monkeypatch):
     assert Learned("~/policy.safetensors").fingerprint() == found
 
 
-def test_a_missing_policy_file_is_told_when_the_episode_begins(tmp_path):
+def test_a_missing_policy_file_is_reported_when_the_episode_begins(tmp_path):
     learned = Learned(str(tmp_path / "missing.safetensors"))
     for ask in (learned.fingerprint, lambda: run(learned, two_rooms(), 1)):
         with pytest.raises(DeuxError, match=r"there is no policy file .*missing\.safetensors"):

@@ -111,7 +111,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_file_is_told_in_one_sentence(path, damage):
+def test_a_damaged_file_is_reported_in_one_sentence(path, damage):
     DAMAGES[damage](path)
     with pytest.raises(DeuxError) as caught:
         load_policy(path)
@@ -121,7 +121,7 @@ def test_a_damaged_file_is_told_in_one_sentence(path, damage):
     assert "\n" not in message
 
 
-def test_a_missing_file_is_told(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     for read in (load_policy, policy_identity):
         for path in (tmp_path / "missing.safetensors", tmp_path):
             with pytest.raises(DeuxError, match=f"there is no policy file {path}: task=train_explorer makes one"):

@@ -170,7 +170,7 @@ def test_the_first_episodes_end_one_after_the_other(make_environment, tmp_path):
     assert [environment._step for environment in environments] == [8, 0, 16, 16]
 
 
-def test_a_checkpoint_of_another_training_is_told_in_one_sentence(make_environment, likes_left, tmp_path):
+def test_a_checkpoint_of_another_training_is_reported_in_one_sentence(make_environment, likes_left, tmp_path):
     train_policy(replace(TINY, steps=128), make_environment(likes_left), 0, tmp_path)
     path = tmp_path / "checkpoint.pt"
     more = replace(TINY, environments=3)

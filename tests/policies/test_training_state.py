@@ -63,7 +63,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_checkpoint_is_told_in_one_sentence(path, damage):
+def test_a_damaged_checkpoint_is_reported_in_one_sentence(path, damage):
     DAMAGES[damage](path)
     with pytest.raises(DeuxError) as caught:
         load_training_state(path)

@@ -202,7 +202,7 @@ def test_every_section_of_the_configuration_is_assigned_to_a_part():
     assert set(sections) <= assigned | UNRELATED[""]
 
 
-def test_differences_are_told_from_ones_own_side():
+def test_differences_are_described_from_ones_own_side():
     mine, others = flatten_options({"a": 1, "b": {"c": "x"}}), flatten_options({"a": 2, "d": True})
     assert differences(mine, others) == "a=1, b.c=x, d not set"
     assert differences(mine, mine) == ""

@@ -78,7 +78,7 @@ def test_missing_runs_and_commands_are_listed(write_run, write_sweep, outputs, n
     assert contents.notes == ("None of 2 runs is finished: python -m deux -m explore=novelty seed=5,6",)
 
 
-def test_a_sweep_over_other_options_says_how_many_runs_it_lacks(write_run, write_sweep, outputs, names):
+def test_a_sweep_over_other_options_reports_how_many_runs_it_lacks(write_run, write_sweep, outputs, names):
     write_sweep(["explore=deux,random", "scenes.train=1,2,4", "collect.processes=1,2"])
     write_run("random", "kbnet", 0, 20.0, scenes__train=1)
     write_run("deux", "kbnet", 0, 20.0, scenes__train=1)

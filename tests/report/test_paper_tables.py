@@ -129,7 +129,7 @@ def test_table_three_averages_over_the_models_seed_by_seed(write_run, outputs, n
     assert "VOICED, KBNet" in table.notes[0]
 
 
-def test_table_three_says_so_where_models_are_missing(write_run, outputs, names, here, there):
+def test_table_three_reports_where_models_are_missing(write_run, outputs, names, here, there):
     for seed, models in enumerate((("kbnet", "voiced"), ("kbnet",), ("kbnet",))):
         for model in models:
             write_run("deux", model, seed, 20.0, place=there, trained_in=here)

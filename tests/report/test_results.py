@@ -32,7 +32,7 @@ def test_results_of_a_version_that_knew_no_rounds_are_read(tmp_path):
     assert Results.load(tmp_path) == results()
 
 
-def test_reading_says_what_is_wrong(tmp_path):
+def test_what_is_wrong_with_a_file_is_named_in_the_error(tmp_path):
     with pytest.raises(DeuxError, match="give the folder of a finished run"):
         Results.load(tmp_path)
     (tmp_path / "results.json").write_text('{"model": 1}')
@@ -60,7 +60,7 @@ def test_the_tables_columns_have_the_metrics_names_and_units():
     assert "| kbnet, deux frames | 1.0 | 2.0 | 3.0 | 4.0 |" in results().table().markdown().replace("**", "")
 
 
-def test_the_table_says_how_many_frames_and_what_the_baselines_stand_for():
+def test_the_table_lists_how_many_frames_and_what_the_baselines_stand_for():
     table = results(images=30, without_truth=2, without_points=3).table()
     assert table.caption == "Errors on the 30 test frames (12 training frames, seed 3)"
     assert table.notes == (

@@ -43,7 +43,7 @@ def test_results_without_any_configuration_are_read(write_run, outputs):
     assert ("camera.width", "8") in run.conditions.testing
 
 
-def test_what_fits_into_no_table_is_told(write_run, outputs):
+def test_what_fits_into_no_table_is_reported(write_run, outputs):
     path = write_run("deux", "kbnet", 0, 10.0, task="evaluate")
     given = write_run("deux", "kbnet", 1, 10.0, training_data="void")
     reasons = dict(find_runs(outputs).left_out)

@@ -66,7 +66,7 @@ def test_a_row_is_the_mean_over_an_explorers_runs_in_the_reports_order(write_sco
     assert "| 60.0 |" in found.markdown()
 
 
-def test_a_mean_over_other_seeds_says_so(write_scored, outputs, names):
+def test_a_mean_over_other_seeds_is_marked(write_scored, outputs, names):
     for seed in range(2):
         write_scored("random", "kbnet", seed, 22.0)
     write_scored("deux", "kbnet", 0, 20.0, {"parallax": 0.9})

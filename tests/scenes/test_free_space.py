@@ -151,7 +151,7 @@ def test_a_ramp_is_floor_and_the_surface_follows_it(mesh_of, slab, sheet):
 
 
 @pytest.mark.parametrize(("climb", "joined"), [(0.2, False), (0.35, True)])
-def test_split_levels_of_a_room_are_joined_by_the_climb_or_told_of(mesh_of, room, slab, climb, joined):
+def test_split_levels_of_a_room_are_joined_by_the_climb_or_reported(mesh_of, room, slab, climb, joined):
     podium = slab([2.2, 0, 0], [4, 0.3, 3])
     found = survey_floor(mesh_of(*room, podium), 0.0, Robot(max_climb=climb))
     assert free_at(found.space, 1.0, 1.5)
@@ -233,7 +233,7 @@ def test_a_start_chooses_the_part_of_the_floor(mesh_of, room, sheet):
         survey_floor(mesh, 0.0, ROBOT, start=(2.62, 1.5))
 
 
-def test_a_scene_that_is_too_large_for_a_map_says_so(mesh_of, slab):
+def test_a_scene_that_is_too_large_for_a_map_is_reported(mesh_of, slab):
     with pytest.raises(DeuxError, match=r"1000 x 1000 m is too large for a map: limit it by scenes.region"):
         free_space(mesh_of(slab([0, -1, 0], [1000, 0, 1000])), 0.0, ROBOT)
 

@@ -45,7 +45,7 @@ def test_what_has_colours(room):
     assert has_colors(replace(room, vertex_colors=np.eye(len(room.vertices), 3, dtype=np.uint8)))
 
 
-def test_what_is_unlikely_is_said_once(room, caplog):
+def test_what_is_unlikely_is_reported_once(room, caplog):
     for _ in range(2):
         mesh_scene("grey", room, "test:2", "grey.ply")
     assert [record.message for record in caplog.records] == [
@@ -57,7 +57,7 @@ def test_what_is_unlikely_is_said_once(room, caplog):
     ("factor", "said"),
     [(0.001, "0.005 x 0.0026 x 0.004 m large"), (0.3, "1.5 x 0.78 x 1.2 m large"), (20.0, "52 m above the floor")],
 )
-def test_an_unlikely_size_is_said_with_the_option(room, caplog, factor, said):
+def test_an_unlikely_size_is_reported_with_the_option(room, caplog, factor, said):
     other = replace(room, vertices=room.vertices * np.float32(factor))
     if factor < 0.1:
         with pytest.raises(
@@ -80,13 +80,13 @@ def test_what_covers_most_of_the_floor_is_not_its_ceiling(room, mesh_of, slab, c
     assert "ceiling" not in caplog.text
 
 
-def test_a_likely_ceiling_is_not_said(room, caplog):
+def test_a_likely_ceiling_is_not_reported(room, caplog):
     mesh_scene("likely", painted(room, Material("a", (1, 2, 3)), Material("b", (3, 2, 1))), "test:5", "likely.ply")
     assert caplog.text == ""
 
 
 @pytest.mark.parametrize("name", ["small_house.glb", "lounge.ply"])
-def test_nothing_is_said_of_real_scenes(shared_data, name, caplog):
+def test_nothing_is_reported_of_real_scenes(shared_data, name, caplog):
     warn_once.cache_clear()  # an earlier test of this process may have logged it
     assert load_scene(shared_data("scenes") / name).floors[0].height == pytest.approx(0.0, abs=0.05)
     assert caplog.text == ""

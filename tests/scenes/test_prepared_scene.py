@@ -133,7 +133,7 @@ def test_two_processes_at_once_make_it_once(tmp_path, make):
     assert not list(tmp_path.glob(".*/"))
 
 
-def test_what_it_takes_is_said(tmp_path, make, caplog):
+def test_what_it_takes_is_reported(tmp_path, make, caplog):
     with caplog.at_level(logging.INFO):
         prepared_scene(tmp_path, "test:room", make)
     assert str(tmp_path) in caplog.text

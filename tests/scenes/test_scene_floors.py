@@ -41,7 +41,7 @@ def tall_house(scene_of, two_storeys, slab):
     return scene_of(*two_storeys(), slab([4, 2.9, 1], [7.8, 4.9, 4]))
 
 
-def test_the_floor_with_the_most_room_is_taken_and_said(tall_house, caplog):
+def test_the_floor_with_the_most_room_is_taken_and_logged(tall_house, caplog):
     with caplog.at_level(logging.WARNING):
         floors = chosen(tall_house)
     assert heights(floors) == [0.0]
@@ -120,7 +120,7 @@ def test_a_floor_is_surveyed_once(tall_house):
 
 
 @pytest.mark.parametrize(("climb", "area"), [(0.2, 24.0), (0.35, 40.0)])
-def test_a_split_level_that_is_left_out_is_said(scene_of, house, slab, caplog, climb, area):
+def test_a_split_level_that_is_left_out_is_reported(scene_of, house, slab, caplog, climb, area):
     scene = scene_of(*house(), slab([5.0, 0, 0.2], [7.8, 0.3, 5.8]))
     with caplog.at_level(logging.WARNING):
         assert chosen(scene, Robot(max_climb=climb)).free_space(0).area == pytest.approx(area, rel=0.06)
@@ -129,7 +129,7 @@ def test_a_split_level_that_is_left_out_is_said(scene_of, house, slab, caplog, c
     assert all("robot.max_climb is 0.2" in message for message in said)
 
 
-def test_rooms_behind_closed_doors_and_floor_without_a_ceiling_are_said(scene_of, house, slab, caplog):
+def test_rooms_behind_closed_doors_and_floor_without_a_ceiling_are_reported(scene_of, house, slab, caplog):
     """A house of 7.4 x 5.4 m for the robot, parted at x = 5, with a terrace of 8 x 3 m before its open door."""
     parted, terrace = slab([5.0, 0, 0.2], [5.1, 2.6, 5.8]), slab([0, -0.2, -3], [8, 0, 0])
     with caplog.at_level(logging.WARNING):
@@ -169,3 +169,10 @@ def test_a_scene_without_room_names_itself(scene_of, house, slab):
 def test_areas_that_cannot_be_are_refused(area):
     with pytest.raises(DeuxError, match=r"scenes\.(floor|region) is"):
         SceneArea(**area)
+
+
+def test_a_scene_in_millimetres_is_reported_before_its_floor_is_mapped(scene_of, house):
+    scene = scene_of(*house())
+    mesh = replace(scene.mesh, vertices=scene.mesh.vertices * np.float32(1000.0))
+    with pytest.raises(DeuxError, match=r" m large, but a scene must be at most 250 m long: is its mesh in metres\?$"):
+        SceneFloors(replace(scene, mesh=mesh), SceneArea(), ROBOT, RayCaster(mesh))

@@ -100,10 +100,15 @@ def test_needed_splits_must_hold_a_scene():
         ({"train": ()}, r"a value of the type dict: it must be a deux\.contracts\.SceneSplits\."),
         (SceneSplits([Named("a")], (), ()), "a value of the type list as train: it must be a tuple of deux"),  # type: ignore[arg-type]
         (SceneSplits((), None, ()), "None as validation: it must be a tuple of deux"),  # type: ignore[arg-type]
+        (
+            SceneSplits((Named("set/a"),), (), ()),
+            "a scene called 'set/a' as train: it must be a name that a folder can",
+        ),
+        (SceneSplits((), (), (Named(""),)), "a scene called '' as test: it must be a name"),
         (SceneSplits((), (), ("a",)), "a value of the type str in a tuple as test: it must be a tuple of deux"),  # type: ignore[arg-type]
     ],
 )
-def test_what_are_no_splits_is_told_of_the_source(splits, told):
+def test_the_source_is_named_for_what_are_no_splits(splits, told):
     class Source(SceneSource):
         def splits(self):
             return splits

@@ -81,7 +81,9 @@ class OpenGLRendererSuite:
         del other
         np.testing.assert_array_equal(render(kept, pose).depth, before.depth)
 
-    def test_a_forked_process_is_told_instead_of_hanging(self, box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_forked_process_gets_an_error_instead_of_hanging(
+        self, box: Scene, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         monkeypatch.setattr("deux.simulator.egl_context._creator", os.getpid() + 1)
         with pytest.raises(DeuxError, match="before this process was forked: start worker processes by spawn"):
             render(self.renderer(box.mesh, Camera(8, 8)), np.eye(4))

@@ -40,7 +40,7 @@ def test_a_missing_moderngl_is_one_sentence_with_the_command(box: Scene, monkeyp
         make_renderer("gl", box.mesh, Camera())
 
 
-def test_missing_opengl_is_told_for_gl_too(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_opengl_is_reported_for_gl_too(box: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     moderngl = pytest.importorskip("moderngl")
 
     def fail(**settings: object) -> None:

@@ -32,7 +32,7 @@ def test_the_generator_decides() -> None:
     assert first == second != other
 
 
-def test_a_floor_without_a_free_cell_is_told() -> None:
+def test_a_floor_without_a_free_cell_is_reported() -> None:
     space = room(2, 2)
     assert not space.free.any()
     with pytest.raises(DeuxError, match="none of the 4 x 4 cells of the free space is free: the robot fits nowhere"):

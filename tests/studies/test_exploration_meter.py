@@ -152,7 +152,7 @@ def test_a_scene_without_objects_leaves_out_what_needs_labels():
     assert found.rewards == {"any": 0.0}
 
 
-def test_rewards_that_need_labels_are_told_their_names():
+def test_rewards_that_need_labels_get_their_names():
     rewards = {"any": Steps(), "labelled": Steps(frozenset({Need.LABELS}))}
     world = BoxWorld(3.0, 3.0, (Box(0.2, 0.2, 0.5, 0.5),), CAMERA)
     measure(world, turn_around(1.5, 1.5), **rewards)

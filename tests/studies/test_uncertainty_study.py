@@ -27,7 +27,7 @@ def test_what_a_measure_goes_with(study):
     assert study.frames("l1", "distance").mean == 0.0  # the same in all frames
 
 
-def test_frames_of_which_a_measure_says_nothing(study):
+def test_frames_for_which_a_measure_has_no_value(study):
     assert study.count() == 20
     assert study.count("moved") == 10
     assert study.coverage("parallax").mean == pytest.approx(0.25)  # half of the pixels of half of the frames

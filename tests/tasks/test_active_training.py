@@ -226,7 +226,7 @@ def test_an_explorer_without_a_model_can_stand_beside(tiny, active):
         ),
     ],
 )
-def test_mistakes_are_told_in_one_sentence(tiny, tmp_path, overrides, sentence):
+def test_mistakes_are_reported_in_one_sentence(tiny, tmp_path, overrides, sentence):
     assert tiny(tmp_path, "explore=random", *overrides).sentence.startswith(sentence)
     assert not list(tmp_path.glob("datasets/*"))
 

@@ -373,7 +373,7 @@ def unfinished(folder: Path) -> list[Path]:
     return [path for path in folder.rglob(".*") if path.is_file()]
 
 
-def test_a_full_disk_is_said_and_the_same_command_goes_on_when_there_is_room(tiny, small_disk):
+def test_a_full_disk_is_reported_and_the_same_command_goes_on_when_there_is_room(tiny, small_disk):
     disk = small_disk(60)
     command = ("task=train", "explore=random", f"hydra.run.dir={disk}/run")
     sentence = tiny(disk, *command).sentence

@@ -53,7 +53,7 @@ def test_no_heading_of_a_table_is_cut_short_in_a_file(capsys: pytest.CaptureFixt
     assert [heading for heading in headings if heading not in said] == []
 
 
-def test_long_work_that_nobody_watches_says_a_line_a_minute(
+def test_long_work_that_nobody_watches_prints_a_line_a_minute(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = 0.0
@@ -69,7 +69,7 @@ def test_long_work_that_nobody_watches_says_a_line_a_minute(
     assert len(lines) == 2 * 6  # 400 seconds; the end is told by what follows
 
 
-def test_short_work_says_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_short_work_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     with progress() as report:
         for done in range(101):
             report("collection", done, 100)

@@ -96,7 +96,7 @@ def test_a_checkpoint_that_does_not_fit(founded, tiny, trained):
         (["model.scaffnet_pools=[5,7,9,11,13]"], "(pools=[13, 17, 19, 21, 25])"),
     ],
 )
-def test_a_checkpoint_of_other_options_is_told_before_any_work(tiny, model_file, tmp_path, options, said):
+def test_a_checkpoint_of_other_options_is_reported_before_any_work(tiny, model_file, tmp_path, options, said):
     chosen = f"foundation.checkpoint={model_file('scaffnet')}"
     sentence = tiny(tmp_path, "task=train", "explore=random", chosen, *options, model="fusionnet").sentence
     assert sentence.startswith(f"{chosen} was made with other options of scaffnet {said} than fusionnet needs")

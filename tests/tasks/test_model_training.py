@@ -64,17 +64,17 @@ def test_seed_models_start_from_scratch(tiny, model_file, tmp_path):
         ("kbnet", ["model.pool_filters=4", *ALIKE], "was made with other options of kbnet (pool_filters=8)"),
     ],
 )
-def test_a_start_that_does_not_fit_is_told_before_any_work(tiny, model_file, tmp_path, model, options, message):
+def test_a_start_that_does_not_fit_is_reported_before_any_work(tiny, model_file, tmp_path, model, options, message):
     start = f"training.start={model_file('kbnet')}"
     assert message in tiny(tmp_path, *TRAIN, *options, start, model=model).sentence
     assert not list(tmp_path.glob("datasets/*"))
 
 
-def test_a_start_that_is_not_there_is_told(tiny, tmp_path):
+def test_a_start_that_is_not_there_is_reported(tiny, tmp_path):
     assert "there is no model" in tiny(tmp_path, *TRAIN, "training.start=nothing").sentence
 
 
-def test_an_unsupervised_model_reads_ground_truth_only_where_that_is_said(tiny, collected, tmp_path):
+def test_an_unsupervised_model_reads_ground_truth_only_where_that_is_set(tiny, collected, tmp_path):
     terms = ["color_consistency", "structural_consistency", "local_smoothness", "sparse_depth"]
     objective = ["objective={supervised_depth: 1.0, " + ", ".join(f"{term}: null" for term in terms) + "}"]
     folder = f"hydra.run.dir={tmp_path}/run"

@@ -46,7 +46,7 @@ def test_a_foundation_counts_where_something_is_trained_on_it(found):
     assert found("model=kbnet", "explore=deux", "seed_model.checkpoint=null", "training.start=null") == []
 
 
-def test_weights_that_are_not_there_are_told_by_whoever_needs_them():
+def test_missing_weights_are_reported_by_whoever_needs_them():
     overrides = ["task=train", "explore=coverage", "explore.weights=nowhere", "training.start=nowhere"]
     assert named_weights(sections_of(compose(overrides))) == {}
 

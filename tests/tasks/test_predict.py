@@ -300,7 +300,7 @@ def change(frame: Frame, kind: str) -> dict[str, object]:
         ),
     ],
 )
-def test_what_is_suspicious_is_said(predict, frame, kind, sentence):
+def test_what_is_suspicious_is_reported(predict, frame, kind, sentence):
     outcome = predict(**change(frame, kind))
     assert outcome.code == 0
     assert outcome.err.startswith("WARNING: ")
@@ -330,7 +330,7 @@ def test_without_points_nothing_is_interpolated(predict, frame):
     assert "interpolated points" not in outcome.out
 
 
-def test_depth_beyond_what_a_png_holds_is_said(tmp_path, caplog):
+def test_depth_beyond_what_a_png_holds_is_reported(tmp_path, caplog):
     depth = np.array([[1.0, 300.0]], np.float32)
     png, npy, _ = write_prediction(CompletedDepth(depth), tmp_path / "run")
     assert caplog.messages == [f"{png} is 0 where the depth is above 256 m: {npy} contains these depths as well."]

@@ -174,7 +174,7 @@ def test_files_that_options_name_count_and_other_text_does_not(tmp_path, monkeyp
     assert identity() != first
 
 
-def test_a_foundation_is_trained_on_generated_flats_and_that_is_said(tiny, video, tmp_path):
+def test_a_foundation_is_trained_on_generated_flats_and_that_is_logged(tiny, video, tmp_path):
     """The crop of the recorded frames is larger than the camera of those flats."""
     options = [f"training_data={video}", f"hydra.run.dir={tmp_path}/run", "training.crop=[64,72]"]
     outcome = tiny(tmp_path, "task=train", *options, model="fusionnet")
@@ -191,7 +191,7 @@ def copy(video: Path, folder: Path) -> Path:
     return folder / "copy"
 
 
-def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny, video, tmp_path):
+def test_without_a_validation_split_there_is_no_validation_and_that_is_reported(tiny, video, tmp_path):
     folder = copy(video, tmp_path)
     (folder / "validation_image.txt").unlink()
     options = ["task=train", f"training_data={folder}", "scenes.validation=2", f"hydra.run.dir={tmp_path}/run"]
@@ -214,7 +214,7 @@ def test_without_a_validation_split_there_is_no_validation_and_that_is_said(tiny
 
 
 @pytest.mark.parametrize("why", ["single", "blind", "partly blind"])
-def test_a_validation_split_that_cannot_be_used_is_said(tiny, video, tmp_path, why):
+def test_a_validation_split_that_cannot_be_used_is_reported(tiny, video, tmp_path, why):
     folder = copy(video, tmp_path)
     if why == "single":
         (folder / "validation_image.txt").write_text("copy/data/office/image/0.jpg\ncopy/data/office/image/1.jpg")
@@ -297,7 +297,7 @@ def test_errors_are_kept_for_each_recorded_sequence(deux, tmp_path, wall):
     ]
 
 
-def test_a_reader_that_finds_nothing_is_told_with_folder_and_split(tmp_path, capsys):
+def test_a_reader_that_finds_nothing_is_reported_with_folder_and_split(tmp_path, capsys):
     class Blind(Reader):
         folder = tmp_path
         image = intrinsics = sparse_depth = None

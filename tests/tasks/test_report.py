@@ -163,14 +163,14 @@ def test_several_models_that_fit_are_not_chosen_between(tiny, trained, tmp_path)
         (["report.runs={tmp}", "report.order=a"], "report.order is not an option of ReportSettings"),
     ],
 )
-def test_mistakes_are_told_in_one_sentence(deux, tmp_path, overrides, sentence):
+def test_mistakes_are_reported_in_one_sentence(deux, tmp_path, overrides, sentence):
     arguments = [override.format(tmp=tmp_path / "runs") for override in overrides]
     (tmp_path / "runs").mkdir()
     found = deux("task=report", *arguments, f"paths.outputs={tmp_path}/outputs").sentence
     assert found.startswith(sentence.format(tmp=tmp_path / "runs"))
 
 
-def test_damaged_results_are_told_in_one_sentence(deux, tmp_path):
+def test_damaged_results_are_reported_in_one_sentence(deux, tmp_path):
     (tmp_path / "runs" / "a").mkdir(parents=True)
     (tmp_path / "runs" / "a" / "results.json").write_text('{"model": "kb')
     found = deux("task=report", f"report.runs={tmp_path}/runs", f"paths.outputs={tmp_path}/outputs").sentence

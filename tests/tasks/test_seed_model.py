@@ -63,7 +63,7 @@ def test_another_kind_has_the_options_of_its_configuration(recipe):
         (["scale=paper"], 1e-4),
     ],
 )
-def test_another_kind_is_trained_as_a_preset_or_the_user_says(recipe, overrides, rate):
+def test_another_kind_is_trained_as_a_preset_or_the_user_sets(recipe, overrides, rate):
     training = recipe("model=kbnet", "seed_model.name=voiced", *overrides).training
     assert training.learning_rate == rate
     assert training == recipe("model=voiced", *overrides).training
@@ -130,13 +130,13 @@ def test_its_frames_may_come_from_other_scenes(tiny, tmp_path):
     assert not {scene["identity"] for scene in random["scenes"]} & {scene["identity"] for scene in guided["scenes"]}
 
 
-def test_an_unknown_source_of_its_scenes_is_told_before_any_work(tiny, tmp_path):
+def test_an_unknown_source_of_its_scenes_is_reported_before_any_work(tiny, tmp_path):
     sentence = tiny(tmp_path, *GUIDED, "seed_model.source=apartmens").sentence
     assert sentence.startswith("there is no source of scenes called 'apartmens': did you mean apartments?")
     assert not list(tmp_path.glob("datasets/*"))
 
 
-def test_an_unknown_kind_is_told(tiny, tmp_path):
+def test_an_unknown_kind_is_reported(tiny, tmp_path):
     sentence = tiny(tmp_path, *GUIDED, "seed_model.name=voicd").sentence
     assert sentence.startswith("there is no depth model called 'voicd': did you mean voiced?")
 
@@ -162,5 +162,5 @@ def test_a_model_that_brings_its_weights_is_not_trained(tiny, tmp_path, wall):
     ],
 )
 @pytest.mark.usefixtures("wall")
-def test_wrong_options_of_it_are_told(tiny, tmp_path, options, sentence):
+def test_wrong_options_of_it_are_reported(tiny, tmp_path, options, sentence):
     assert tiny(tmp_path, *GUIDED, *options).sentence.startswith(sentence)

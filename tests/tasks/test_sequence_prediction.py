@@ -83,7 +83,7 @@ def predict(deux, room_folder, model_file):
     return run
 
 
-def test_every_frame_gets_what_the_model_says_of_it_alone(predict, room_folder, recorded, model_file):
+def test_every_frame_gets_what_the_model_predicts_for_it_alone(predict, room_folder, recorded, model_file):
     outcome = predict(format="npy", batch_size=3)
     assert (outcome.code, outcome.err) == (0, "")
     model = load_model(model_file("kbnet"))
@@ -288,7 +288,7 @@ def test_without_poses_some_things_cannot_be(predict, room_folder, options, sent
     assert re.match(sentence, predict(**options).sentence)
 
 
-def test_a_filter_that_leaves_nothing_is_said(predict):
+def test_a_filter_that_leaves_nothing_is_reported(predict):
     outcome = predict(uncertainty="sparse_error", least_confidence=1, export="ply")
     assert re.match(
         r".*/clouds/room\.ply would have no point: raise predict\.agreement or predict\.keep, or lower",

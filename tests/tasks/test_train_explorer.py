@@ -29,7 +29,7 @@ def trained(tiny, tmp_path_factory):
     return folder, outcome.out
 
 
-def test_the_policy_says_what_made_it(trained):
+def test_the_policy_records_what_made_it(trained):
     folder, _ = trained
     made_by = load_policy(folder / "policy.safetensors").made_by
     assert (made_by["reward"], made_by["seed"]) == ("novelty", 0)
@@ -93,19 +93,19 @@ def test_an_explorer_collects_with_the_policy_and_anew_with_another_one(trained,
     assert [len(found) for found in datasets] == [1, 2], "frames of another policy were used again"
 
 
-def test_an_explorer_that_learns_nothing_is_told(tiny, tmp_path):
+def test_an_explorer_that_learns_nothing_is_reported(tiny, tmp_path):
     outcome = tiny(tmp_path, "task=train_explorer", "explore=frontier")
     assert outcome.code == 1
     assert "explore=frontier is not a learned explorer: task=train_explorer takes coverage" in outcome.err
 
 
-def test_impossible_settings_are_told(tiny, tmp_path):
+def test_impossible_settings_are_reported(tiny, tmp_path):
     outcome = tiny(tmp_path, *SMALL, "explorer_training.batch_size=64")
     assert outcome.code == 1
     assert "explorer_training.batch_size is 64: it must be at least 2 and at most 32." in outcome.err
 
 
-def test_a_missing_weights_file_is_told(tiny, tmp_path):
+def test_a_missing_weights_file_is_reported(tiny, tmp_path):
     outcome = tiny(tmp_path, "task=collect", "explore=novelty", "explore.weights=nowhere.safetensors")
     assert outcome.code == 1
     assert "there is no policy file nowhere.safetensors" in outcome.err

@@ -75,7 +75,7 @@ def test_a_bar_takes_the_place_of_the_lines(tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("bar", [False, True])
-def test_an_end_before_the_last_step_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str], bar: bool) -> None:
+def test_an_end_before_the_last_step_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str], bar: bool) -> None:
     trainer = train(tmp_path, bar=bar, max_steps=10_000_000, max_time={"seconds": 0.5})
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith(

@@ -1,5 +1,6 @@
 """The suite must pass a sound explorer and catch each fault that it is there to catch."""
 
+import random
 import subprocess
 import sys
 
@@ -121,6 +122,79 @@ class CrookedMap(Sound):
         return ExplorerMap(GridFrame(0.0, 0.0, 4, 5), np.zeros((5, 4), np.int8))
 
 
+class WithMap(Sound):
+    occupancy = np.zeros((4, 5), np.int8)
+    uncertainty = np.zeros((4, 5), np.float32)
+
+    def map(self):
+        return ExplorerMap(GridFrame(0.0, 0.0, 4, 5), self.occupancy, self.uncertainty)
+
+
+class MapOfFloats(WithMap):
+    occupancy = np.zeros((4, 5))
+
+
+class InfiniteMap(WithMap):
+    uncertainty = np.full((4, 5), np.inf, np.float32)
+
+
+class DrawsForTheMap(Sound):
+    def map(self):
+        self.rng.random()
+        return None
+
+
+class GrowsByAsking(Sound):
+    def reset(self, episode):
+        super().reset(episode)
+        self.occupancy = np.zeros((4, 5), np.int8)
+
+    def map(self):
+        self.occupancy[0, 0] = 2 if self.occupancy[0, 0] else 1
+        return ExplorerMap(GridFrame(0.0, 0.0, 4, 5), self.occupancy.copy())
+
+
+class DrawsGlobally(Sound):
+    def reset(self, episode):
+        super().reset(episode)
+        random.seed(episode.seed)
+
+    def act(self, observation):
+        action = self.recovery.action(observation.pose, observation.collided)
+        return Action(random.randrange(3)) if action is None else action
+
+
+class CountsInItsClass(Sound):
+    count: list = []  # noqa: RUF012
+
+    def reset(self, episode):
+        super().reset(episode)
+        self.count.clear()
+
+    def act(self, observation):
+        self.count.append(observation.step)
+        return Action.LEFT if len(self.count) % 3 else super().act(observation)
+
+
+class TakesRowsForColumns(Sound):
+    needs = frozenset({Need.SENSOR_DEPTH})
+
+    def act(self, observation):
+        rows, columns = observation.sensor_depth.shape
+        assert observation.sensor_depth[columns - 1, rows - 1] >= 0.0
+        return super().act(observation)
+
+
+class FingerprintOfTheObject(Sound):
+    def fingerprint(self):
+        return str(id(self))
+
+
+class FingerprintOfBytes(Sound):
+    def fingerprint(self):
+        return b"weights"
+
+
 def failures(explorer_class, only=None):
     """Names of the suite's tests that fail for an explorer, of all or of one of them."""
 
@@ -138,7 +212,7 @@ def failures(explorer_class, only=None):
     return failed
 
 
-@pytest.mark.parametrize("sound", [Sound, Stops])
+@pytest.mark.parametrize("sound", [Sound, Stops, WithMap])
 def test_a_sound_explorer_passes(sound):
     assert failures(sound) == set()
 
@@ -167,6 +241,15 @@ def test_a_trap_has_a_way_out_and_holds_a_robot_that_goes_forward(trap):
         (TrustsResiduals, "test_survives_missing_residuals"),
         (DividesByDepth, "test_survives_empty_depth"),
         (CrookedMap, "test_map_is_consistent"),
+        (MapOfFloats, "test_map_is_consistent"),
+        (InfiniteMap, "test_map_is_consistent"),
+        (DrawsForTheMap, "test_map_changes_nothing"),
+        (GrowsByAsking, "test_map_changes_nothing"),
+        (DrawsGlobally, "test_instances_share_nothing"),
+        (CountsInItsClass, "test_instances_share_nothing"),
+        (TakesRowsForColumns, "test_takes_images_that_are_not_square"),
+        (FingerprintOfTheObject, "test_equal_explorers_have_one_fingerprint"),
+        (FingerprintOfBytes, "test_equal_explorers_have_one_fingerprint"),
         (WritesToTheFloor, "test_acts_legally"),
         (StandsOnTheFloor, "test_survives_a_scene_of_one_cell"),
         (GivesUpWhenWalledIn, "test_survives_a_cell_of_its_own"),
@@ -213,7 +296,7 @@ class LeavesNeedsAsText(Sound):
         (LeavesNeedsAsText, "test_needs_are_declared", r"isinstance\('sensor_depth', frozenset\)"),
     ],
 )
-def test_a_failure_says_what_is_wrong(faulty, test, told):
+def test_what_is_wrong_is_named_in_the_failure(faulty, test, told):
     class Suite(ExplorerSuite):
         def make_explorer(self):
             return faulty()

@@ -78,6 +78,6 @@ def test_a_command_that_is_killed_twenty_times_ends_like_an_unbroken_one(tmp_pat
     assert count["differences"] == []
 
 
-def test_an_unknown_scenario_is_told_in_one_sentence(capsys):
+def test_an_unknown_scenario_is_reported_in_one_sentence(capsys):
     assert main(["colect"]) == 1
     assert capsys.readouterr().err.startswith("deux: there is no scenario 'colect': did you mean collect? There is: ")

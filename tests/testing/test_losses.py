@@ -156,3 +156,15 @@ class DetachedDepth(LogVariance):
 class TestATermForAnExtraAlone(TestAnUnusualExtra):
     def make_term(self):
         return DetachedDepth()
+
+
+@pytest.mark.parametrize("test", ["is_a_finite_float32_scalar", "is_differentiable", "frames_without_points"])
+def test_a_number_in_place_of_a_tensor_is_named_in_the_failure(test):
+    class Number(BrokenTerm):
+        def __call__(self, inputs):
+            return float(super().__call__(inputs).detach())
+
+    suite = LossTermSuite()
+    suite.make_term = lambda: Number("none")
+    with pytest.raises(AssertionError, match="the value is a value of the type float, not a Tensor"):
+        getattr(suite, f"test_{test}")()

@@ -105,7 +105,7 @@ class TestSoundReader(ArraySuite):
         ("millimetres", "test_reads_what_was_recorded"),
         ("world-to-camera", "test_reads_what_was_recorded"),
         ("stack traces", "test_a_damaged_file_is_an_error_or_does_not_matter"),
-        ("one place", "test_says_where_each_frame_was_taken"),
+        ("one place", "test_place_names_where_each_frame_was_taken"),
         ("incomparable", "test_can_be_sent_and_compared"),
     ],
 )

@@ -112,6 +112,16 @@ class ReturnsItsOwnArray(Learns):
         return {"episodes": self.episodes}
 
 
+class ReturnsObjects(Learns):
+    def state(self):
+        return {**super().state(), "model": np.array([{"weights": 1.0}], dtype=object)}
+
+
+class IsNaN(Sound):
+    def __call__(self, experience):
+        return float("nan")
+
+
 class DoesNotLoad(Learns):
     def load_state(self, state):
         pass
@@ -155,8 +165,14 @@ def test_a_sound_reward_passes(sound):
         (DividesByZero, "test_survives_empty_depth"),
         (WorksOnlyInRooms, "test_survives_standing_still"),
         (ReturnsItsOwnArray, "test_state_is_arrays_that_stay_as_they_are"),
+        (ReturnsObjects, "test_state_is_arrays_that_stay_as_they_are"),
         (DoesNotLoad, "test_state_round_trips"),
     ],
 )
 def test_each_fault_is_caught(faulty, caught_by):
     assert caught_by in failures(faulty)
+
+
+def test_nan_fails_the_tests_of_finite_values_alone():
+    """NaN differs from itself, which must not be taken for chance or for a missing reset."""
+    assert failures(IsNaN) == {"test_is_a_finite_number", "test_survives_empty_depth", "test_survives_standing_still"}

@@ -152,3 +152,16 @@ def test_points_have_the_true_depth():
     view = wall_view(torch.full((2, 1, 48, 64), 3.0), points=point_grid(), predict_depth=CheckedPredictor())
     assert view.sparse_depth.unique().tolist() == [0.0, WALL]
     assert (view.sparse_depth > 0).sum().item() == 2 * 48
+
+
+def test_an_array_in_place_of_a_tensor_is_named_in_the_failure():
+    class Array(Sound):
+        def __call__(self, view):
+            return super().__call__(view).numpy()
+
+    class Suite(UncertaintySuite):
+        def make_uncertainty(self) -> Uncertainty:
+            return Array()
+
+    with pytest.raises(AssertionError, match="not a Tensor: ndarray of 3 x 48 x 64, float32"):
+        Suite().test_has_values_where_there_is_all_to_judge_by()

@@ -88,7 +88,7 @@ QUANTITIES = ["train/loss", "validation/loss"]
         ("timer", {}, True),
     ],
 )
-def test_a_quantity_that_no_training_logs_is_told(name, settings, known):
+def test_a_quantity_that_no_training_logs_is_reported(name, settings, known):
     made = make_callback(name, settings)
     sentence = rf"callbacks\.{name}\.monitor=\S+ is not logged by this training: did you mean .*validation/loss"
     with nullcontext() if known else pytest.raises(DeuxError, match=sentence):

@@ -16,7 +16,7 @@ validated_run = sys.modules["validated_run"] = importlib.util.module_from_spec(_
 _spec.loader.exec_module(validated_run)
 
 
-def test_the_log_says_what_a_training_computes_with():
+def test_the_log_names_what_a_training_computes_with():
     trainer = make_trainer(
         {"accelerator": "cpu", "precision": "bf16-mixed", "logger": False, "enable_checkpointing": False}
     )
@@ -117,7 +117,7 @@ def test_a_validation_sees_all_frames(tmp_path):
 
 
 @quiet_training
-def test_an_interval_that_is_longer_than_the_epoch_it_is_counted_in_is_told_in_one_sentence(tmp_path):
+def test_an_interval_that_is_longer_than_the_epoch_it_is_counted_in_is_reported_in_one_sentence(tmp_path):
     trainer = {"check_val_every_n_epoch": 1, "val_check_interval": 7}
     with pytest.raises(DeuxError, match=r"^trainer\.val_check_interval is more batches than an epoch has"):
         validated_run.train(tmp_path, {"steps": 20}, {"every": 999}, trainer, validate=True)
@@ -138,6 +138,6 @@ def test_an_interval_that_is_longer_than_the_epoch_it_is_counted_in_is_told_in_o
         ),
     ],
 )
-def test_what_makes_no_training_is_told_before_it(settings, arguments, sentence):
+def test_what_makes_no_training_is_reported_before_it(settings, arguments, sentence):
     with pytest.raises(DeuxError, match=sentence):
         check_trainer(TrainingSettings(**settings), {"accelerator": "cpu", **arguments})

@@ -78,7 +78,7 @@ def test_a_loss_term_that_is_not_finite_is_named(small_model, fit, steps):
         fit(module, perfect_sample().batch, copies=steps, max_epochs=1, callbacks=[HealthCheck()])
 
 
-def test_a_loss_of_the_poses_alone_trains_no_depth_and_is_told(small_model, fit):
+def test_a_loss_of_the_poses_alone_trains_no_depth_and_is_reported(small_model, fit):
     model = small_model(3.0)
     objective = make_objective(model, dict.fromkeys(model.objective) | {"pose_consistency": 1.0})
     module = DepthCompletion(model, objective, LearnedPoseSource(model.pose_network()))
@@ -86,7 +86,7 @@ def test_a_loss_of_the_poses_alone_trains_no_depth_and_is_told(small_model, fit)
         fit(module, perfect_sample().batch, copies=1, max_epochs=1, callbacks=[HealthCheck()])
 
 
-def test_a_rate_that_is_too_high_is_told_of_a_later_step(train):
+def test_a_rate_that_is_too_high_is_reported_at_a_later_step(train):
     with pytest.raises(
         DeuxError, match=r"training loss is nan and .* at step [2-9], .*: lower training\.learning_rate"
     ):

@@ -241,7 +241,7 @@ def test_adam_is_fused_unless_a_scaler_and_clipping_meet(make_module, fit, clip,
 
 
 @pytest.mark.parametrize("scaled", [False, True])
-def test_adam_averages_as_it_is_told(make_module, fit, scaled):
+def test_adam_averages_as_configured(make_module, fit, scaled):
     scaler = torch.amp.GradScaler("cpu", init_scale=1.0) if scaled else None
     plugin = MixedPrecision("16-mixed" if scaled else "bf16-mixed", "cpu", scaler)
     arguments = {"max_steps": 1, "plugins": [plugin], "gradient_clip_val": 1.0}
@@ -259,7 +259,7 @@ def unlearnable(model, change):
     return Unlearnable()
 
 
-def test_a_model_without_weights_is_told(small_model, fit):
+def test_a_model_without_weights_is_reported(small_model, fit):
     model = small_model()
     model.requires_grad_(False)
     module = DepthCompletion(model, make_objective(model), schedule=FAST)
@@ -267,7 +267,7 @@ def test_a_model_without_weights_is_told(small_model, fit):
         fit(module, perfect_sample().batch, copies=1, max_steps=1)
 
 
-def test_a_loss_without_a_gradient_is_told_with_its_cause(small_model, fit):
+def test_a_loss_without_a_gradient_is_reported_with_its_cause(small_model, fit):
     model = unlearnable(small_model, lambda model, found: Prediction(found.depth.detach()))
     module = DepthCompletion(model, make_objective(model), schedule=FAST)
     with pytest.raises(

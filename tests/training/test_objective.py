@@ -173,7 +173,7 @@ def test_a_term_that_declares_its_need_too_late_gets_no_ground_truth():
     assert term.inputs.batch.ground_truth is None
 
 
-def test_a_supervised_objective_gets_ground_truth_and_says_when_there_is_none():
+def test_a_supervised_objective_gets_ground_truth_and_reports_when_there_is_none():
     sample, term = imperfect_sample(), Probe(LossNeed.GROUND_TRUTH)
     objective = objective_of(term, supervised=True)
     objective(sample.batch, Prediction(sample.depth))
@@ -248,7 +248,7 @@ WRONG_PREDICTIONS = {
 
 
 @pytest.mark.parametrize("told", WRONG_PREDICTIONS)
-def test_what_is_no_prediction_of_the_batch_is_told_of_the_model(told):
+def test_the_model_is_named_for_what_is_no_prediction_of_the_batch(told):
     sample = imperfect_sample()
     objective = objective_of(Probe(LossNeed.RECONSTRUCTIONS), model="Model")
     with pytest.raises(DeuxError, match=f"^{re.escape(told)}"):
@@ -276,7 +276,7 @@ def test_a_term_that_gives_no_scalar_is_named(value, told):
         objective_of(Probe(), Term())(sample.batch, Prediction(sample.depth))
 
 
-def test_wrong_values_are_told_without_reading_them():
+def test_wrong_values_are_reported_without_reading_them():
     """On a card, that would wait for it."""
     sample = imperfect_sample()
     objective = objective_of(Probe())
@@ -286,7 +286,7 @@ def test_wrong_values_are_told_without_reading_them():
         objective(sample.batch, Prediction(sample.depth))
 
 
-def test_the_terms_are_told_the_models_depth_range():
+def test_the_terms_get_the_models_depth_range():
     """Truth at 50 m lies within the range of a model of 80 m, and beyond that of one of 10 m."""
 
     class Far(Model):

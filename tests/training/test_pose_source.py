@@ -109,7 +109,7 @@ class OneImage(nn.Module):
         (TranslationNetwork, "a value of the type type"),
     ],
 )
-def test_a_network_that_does_not_take_two_images_is_told_of_the_model(network, told):
+def test_the_model_is_named_for_a_pose_network_that_does_not_take_two_images(network, told):
     model = Model(None)
     model.pose_network = lambda: network  # type: ignore[method-assign]
     sentence = rf"^the `pose_network` of the depth model Model gives {told}: it must be an nn\.Module whose `forward`"
@@ -121,7 +121,7 @@ def test_a_network_that_does_not_take_two_images_is_told_of_the_model(network, t
     ("found", "told"),
     [(lambda n: None, "None"), (lambda n: torch.zeros(n, 6), "Tensor of 4 x 6, float32")],
 )
-def test_a_network_that_gives_no_poses_is_told_of_the_model(batch, found, told):
+def test_the_model_is_named_for_a_pose_network_that_gives_no_poses(batch, found, told):
     class Odd(nn.Module):
         def forward(self, target: torch.Tensor, source: torch.Tensor) -> torch.Tensor:
             return found(len(target))  # type: ignore[no-any-return]

@@ -62,7 +62,7 @@ def test_scaffnet_is_frozen_whatever_the_mode():
     assert all(torch.equal(after[name], value) for name, value in before.items())
 
 
-def test_the_prior_is_what_scaffnet_says():
+def test_the_prior_is_what_scaffnet_predicts():
     model, data = FusionNet().eval(), camera_data((32, 48))
     assert torch.equal(run(model, data).extras["prior"], model.scaffnet.predict(**data))
 

@@ -44,7 +44,7 @@ def test_they_are_small_enough_together() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_page_is_what_the_header_says(name: str) -> None:
+def test_the_page_agrees_with_the_header(name: str) -> None:
     file = shipped_files()[name]
     card = read_card(file)
     assert file.with_suffix(".md").read_text() == card.markdown()

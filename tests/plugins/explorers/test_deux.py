@@ -186,7 +186,7 @@ def test_its_map_allows_for_the_mean_of_the_errors_measured_lately():
     assert [allowed(9.0) for _ in range(20)][-1] == 0.2
 
 
-def test_its_fingerprint_says_what_the_map_allows_for():
+def test_its_fingerprint_contains_what_the_map_allows_for():
     assert DeuxExplorer().fingerprint() != DeuxExplorer(depth_error=0.1).fingerprint()
     assert DeuxExplorer(depth_error=0.1).fingerprint() == DeuxExplorer(map_depth="sensor").fingerprint()
 

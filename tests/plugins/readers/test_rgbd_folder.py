@@ -182,7 +182,7 @@ def test_without_poses_static_frames_are_found_by_their_images(tmp_path: Path) -
     assert len(with_sources(whole(folder, min_difference=1.0), (-1,))) == 3
 
 
-def test_a_camera_that_never_moves_is_told_as_such(tmp_path: Path) -> None:
+def test_a_camera_that_never_moves_is_reported_as_such(tmp_path: Path) -> None:
     still = [next(iter(video(1)))] * 5
     posed, unposed = write_video(tmp_path / "hall", still), write_video(tmp_path / "attic", still, poses=False)
     moved = r"camera does not move, all frames are within data\.min_distance=0\.01 m and data\.min_angle=1 degrees"

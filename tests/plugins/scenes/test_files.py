@@ -298,7 +298,7 @@ def test_equal_stems_are_told_apart_by_their_folders(tmp_path):
     assert splits.train[0].load().name == "office_mesh"
 
 
-def test_a_file_in_two_splits_must_be_allowed_as_the_error_says(boxes):
+def test_a_file_in_two_splits_must_be_allowed_by_the_option_that_the_error_names(boxes):
     settings = {"train": boxes, "test": boxes[:1]}
     with pytest.raises(DeuxError, match=r"a\.ply is in scenes\.train and scenes\.test") as error:
         construct(Files, settings, "scenes")

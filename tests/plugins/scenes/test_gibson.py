@@ -33,7 +33,7 @@ class TestGibson(SceneSourceSuite):
         return Gibson(str(self.root))
 
 
-def test_without_a_list_the_split_is_drawn_and_said(root, caplog):
+def test_without_a_list_the_split_is_drawn_and_logged(root, caplog):
     drawn = names(Gibson(str(root)).splits())
     assert [len(split) for split in drawn] == [2, 1, 1]
     assert sorted(name for split in drawn for name in split) == list(BUILDINGS)
@@ -41,7 +41,7 @@ def test_without_a_list_the_split_is_drawn_and_said(root, caplog):
     assert any(names(Gibson(str(root), split_seed=seed).splits()) != drawn for seed in range(1, 4))
 
 
-def test_a_list_says_the_splits(root):
+def test_a_list_sets_the_splits(root):
     source = Gibson(str(root), train=1, split_file=str(root / "split.csv"))
     assert names(source.splits()) == [["Adrian"], ["Bolton"], ["Cantwell"]]
     assert source.inventory()["train"][1].missing
@@ -74,7 +74,7 @@ def test_mistakes_are_one_sentence(root, settings, message):
         construct(Gibson, {"root": str(root), **settings}, "scenes").splits()
 
 
-def test_a_list_of_another_kind_is_said(root):
+def test_a_list_of_another_kind_is_reported(root):
     (root / "split.csv").write_text("Adrian\nBolton\n")
     with pytest.raises(DeuxError, match="not a table with the columns id, train, val and test"):
         Gibson(str(root), split_file=str(root / "split.csv")).splits()

@@ -161,7 +161,7 @@ def test_the_folder_of_a_split_is_the_wrong_level(root):
         ("HM3D Semantic Annotations\n1,red,wall,0\n", "line 2 of .* is not id,HEXRGB"),
     ],
 )
-def test_a_damaged_list_of_instances_is_said(tmp_path, text, message):
+def test_a_damaged_list_of_instances_is_reported(tmp_path, text, message):
     path = tmp_path / "a.semantic.txt"
     path.write_text(text)
     with pytest.raises(DeuxError, match=message):

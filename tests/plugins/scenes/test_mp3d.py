@@ -74,7 +74,7 @@ def test_both_layouts_are_labelled_with_mpcat40(tmp_path, write):
     assert (find_objects(mesh).face_object >= 0).sum() == (mesh.face_object == CHAIR).sum()
 
 
-def test_the_robot_sees_labels_where_the_annotation_says(root):
+def test_the_robot_sees_labels_where_the_annotation_has_them(root):
     simulator = MeshSimulator(only(root), Camera(32, 32, hfov=110.0), Robot())
     simulator.reset(2.0, -1.0, -np.pi / 2)  # 0.8 m west of the chair, looking east
     frame = simulator.observe(frozenset({Channel.LABELS}))
@@ -105,7 +105,7 @@ def test_a_prepared_building_keeps_its_labels(root, tmp_path):
     assert scenes[0].identity == scenes[1].identity != only(root).identity
 
 
-def test_an_annotation_of_another_building_is_said(root, caplog):
+def test_an_annotation_of_another_building_is_reported(root, caplog):
     far = room()
     write_ply(root / "mp3d" / TRAIN / f"{TRAIN}_semantic.ply", far.vertices + 20, far.faces, object_id=far.kind)
     mesh = only(root).load().mesh
@@ -166,12 +166,12 @@ def test_the_root_may_be_at_the_wrong_level(tmp_path, wrong):
         MP3D(str(tmp_path / wrong)).splits()
 
 
-def test_a_root_that_is_not_there_is_said(tmp_path):
+def test_a_root_that_is_not_there_is_reported(tmp_path):
     with pytest.raises(DeuxError, match="there is no such folder"):
         MP3D(str(tmp_path / "nowhere")).splits()
 
 
-def test_a_folder_of_something_else_is_said(tmp_path_factory):
+def test_a_folder_of_something_else_is_reported(tmp_path_factory):
     folder = tmp_path_factory.mktemp("other") / "a" / "b" / "c"
     folder.mkdir(parents=True)
     with pytest.raises(DeuxError, match=r"does not look like Matterport3D's folder: it contains <id>/<id>\.glb"):
@@ -194,7 +194,7 @@ def test_a_house_file_is_read(tmp_path):
         (HOUSE.replace("O 2 0 3", "O two 0 3"), "line 14 of .* is not a valid O line"),
     ],
 )
-def test_a_damaged_house_file_is_said(root, text, message):
+def test_a_damaged_house_file_is_reported(root, text, message):
     (root / "mp3d" / TRAIN / f"{TRAIN}.house").write_text(text)
     with pytest.raises(DeuxError, match=message) as error:
         only(root).load()
@@ -202,7 +202,7 @@ def test_a_damaged_house_file_is_said(root, text, message):
 
 
 @pytest.mark.parametrize("numbers", [{}, {"object_idx": np.zeros(24)}])
-def test_a_ply_without_objects_is_said(root, numbers):
+def test_a_ply_without_objects_is_reported(root, numbers):
     made = room()
     write_ply(root / "mp3d" / TRAIN / f"{TRAIN}_semantic.ply", made.vertices, made.faces, **numbers)
     with pytest.raises(DeuxError, match="neither object_id nor material_id"):

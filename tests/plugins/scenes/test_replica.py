@@ -54,13 +54,13 @@ def test_a_scene_has_its_vertices_colours_and_its_labels(root):
     assert set(np.unique(mesh.face_object)) <= {11, 12, 13, 11 + CHAIR}
 
 
-def test_a_damaged_list_of_objects_is_said(root):
+def test_a_damaged_list_of_objects_is_reported(root):
     (root / "replica_v1" / "room_0" / "habitat" / "info_semantic.json").write_text('{"objects": [{"id": 1}]}')
     with pytest.raises(DeuxError, match=r"does not list objects.*scenes\.labels=false"):
         only(root).load()
     assert (only(root, labels=False).load().mesh.face_label == -1).all()
 
 
-def test_missing_scenes_are_said(root):
+def test_missing_scenes_are_reported(root):
     with pytest.raises(DeuxError, match=r"12 of the 13 scenes of scenes\.train are missing.* first apartment_0"):
         Replica(str(root)).splits()

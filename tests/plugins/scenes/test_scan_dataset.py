@@ -47,7 +47,7 @@ def test_labels_are_part_of_the_identity(tmp_path):
     assert len(known) == 3
 
 
-def test_what_is_wrong_with_a_mesh_file_is_told(tmp_path):
+def test_what_is_wrong_with_a_mesh_file_is_reported(tmp_path):
     path = tmp_path / "scene" / "scene.glb"
     assert ScanFiles(path).fault == f"there is no folder {path.parent}"
     write_textured(path, room())

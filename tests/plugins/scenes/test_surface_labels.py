@@ -68,7 +68,7 @@ def test_numbers_of_faces_are_read(tmp_path, ascii_, corners):
     assert areas.sum() == pytest.approx(2 * (12 + 10 + 7.5) + 2 * 0.16 + 4 * 0.36)
 
 
-def test_a_file_of_something_else_is_said(tmp_path):
+def test_a_file_of_something_else_is_reported(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"ply\nformat ascii 1.0\nend_header\n")
     with pytest.raises(DeuxError, match=r"a\.ply contains no faces"):
         read_annotated_ply(tmp_path / "a.ply")

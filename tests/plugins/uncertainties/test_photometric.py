@@ -52,7 +52,7 @@ def test_a_wrong_depth_is_less_certain_than_the_true_one(measure):
 
 
 @pytest.mark.parametrize("measure", [L1Residual(), SSIMResidual()])
-def test_a_turn_says_nothing_about_depth(measure):
+def test_a_turn_has_no_value_for_depth(measure):
     """What `parallax` is for: after a turn on the spot the residual is the same for any depth."""
     standing = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     right, wrong = (

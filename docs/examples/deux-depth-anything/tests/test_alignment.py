@@ -73,7 +73,7 @@ def test_near_stays_near_where_the_points_say_otherwise() -> None:
     assert (depth.flatten()[order].diff() <= 0).all()
 
 
-def test_without_points_the_median_is_typical_or_what_a_metric_network_says() -> None:
+def test_without_points_the_median_is_typical_or_that_of_a_metric_network() -> None:
     relative, _, _ = frames(count=2)
     nothing = torch.zeros_like(relative)
     assert align(relative, nothing, nothing, RANGE).flatten(1).median(1).values.tolist() == pytest.approx(

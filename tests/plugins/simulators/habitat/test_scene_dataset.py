@@ -20,7 +20,7 @@ def attributes(scene: SceneReference, folder: Path) -> dict:
 @pytest.mark.parametrize(
     ("up", "axis", "front"), [("y", [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]), ("z", [0.0, 0.0, 1.0], [0.0, 1.0, 0.0])]
 )
-def test_the_axes_of_the_file_are_said(
+def test_the_axes_of_the_file_are_passed_on(
     up: str, axis: list, front: list, make_room: Callable[..., SceneReference], tmp_path: Path
 ) -> None:
     written = attributes(make_room(up), tmp_path)
@@ -29,7 +29,7 @@ def test_the_axes_of_the_file_are_said(
     assert "semantic_asset" not in written
 
 
-def test_a_semantic_ply_is_said_to_be_upright(make_room: Callable[..., SceneReference], tmp_path: Path) -> None:
+def test_a_semantic_ply_is_passed_on_as_upright(make_room: Callable[..., SceneReference], tmp_path: Path) -> None:
     scene = make_room("z", ("_semantic.ply", ".house"))
     written = attributes(scene, tmp_path)
     assert written["semantic_asset"] == str(scene.file.with_name("room_semantic.ply"))

@@ -15,7 +15,7 @@ def test_a_missing_package_gets_the_conda_command(monkeypatch: pytest.MonkeyPatc
         import_habitat()
 
 
-def test_a_package_that_is_broken_says_what_it_needs(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+def test_the_error_about_a_broken_package_names_what_it_needs(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     (tmp_path / "habitat_sim.py").write_text("import a_package_that_nobody_has")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "habitat_sim", raising=False)

@@ -94,7 +94,7 @@ def begin(reward: Reward, make_world: MakeWorld, steps: int, seed: int) -> None:
     reward.reset(Episode(seed, steps, world.camera, world.robot, label_names=names))
 
 
-def judge(reward: Reward, make_world: MakeWorld, steps: int, seed: int = 0, depth: bool = True) -> list[float]:
+def rewards_of(reward: Reward, make_world: MakeWorld, steps: int, seed: int = 0, depth: bool = True) -> list[float]:
     """Reset a reward and return its values for all experiences of a walk; the arguments are those of `wander`."""
     begin(reward, make_world, steps, seed)
     return [value_of(reward, experience) for experience in wander(make_world, reward.needs, steps, seed, depth)]
@@ -130,7 +130,7 @@ class RewardSuite:
 
     def test_is_a_finite_number(self) -> None:
         """All values of an episode are finite floats, and not all of them are equal."""
-        values = judge(self.make_reward(), rooms, self.steps)
+        values = rewards_of(self.make_reward(), rooms, self.steps)
         assert np.isfinite(values).all(), f"not finite: {values}"
         assert len(set(values[1:])) > 1, "every step is worth the same: there is nothing to learn from"
 
@@ -138,13 +138,13 @@ class RewardSuite:
         """Two rewards return equal values for the same episodes."""
         first, second = self.make_reward(), self.make_reward()
         for seed in (1, 2):
-            values = [judge(reward, rooms, self.steps, seed) for reward in (first, second)]
+            values = [rewards_of(reward, rooms, self.steps, seed) for reward in (first, second)]
             assert equal(*values), "the same episode gave different rewards: draw from episode.seed"
 
     def test_reset_forgets_everything(self) -> None:
         """After another episode, a reset reward equals a new one with the same state."""
         used, new = self.make_reward(), self.make_reward()
-        judge(used, hall, self.steps, seed=1)
+        rewards_of(used, hall, self.steps, seed=1)
         begin(used, rooms, self.steps, seed=0)
         new.load_state(used.state())
         begin(new, rooms, self.steps, seed=0)
@@ -154,7 +154,7 @@ class RewardSuite:
 
     def test_instances_share_nothing(self) -> None:
         """The values of a reward do not depend on another instance that is called alternately."""
-        alone = judge(self.make_reward(), rooms, self.steps)
+        alone = rewards_of(self.make_reward(), rooms, self.steps)
         reward, other = self.make_reward(), self.make_reward()
         begin(reward, rooms, self.steps, seed=0)
         begin(other, hall, self.steps, seed=1)
@@ -177,7 +177,7 @@ class RewardSuite:
 
     def test_keeps_no_array_of_the_experience(self) -> None:
         """The reward copies the arrays that it stores, since the environment modifies them after the call."""
-        expected = judge(self.make_reward(), rooms, self.steps)
+        expected = rewards_of(self.make_reward(), rooms, self.steps)
         reward = self.make_reward()
         begin(reward, rooms, self.steps, seed=0)
         values = []
@@ -190,19 +190,19 @@ class RewardSuite:
 
     def test_survives_empty_depth(self) -> None:
         """The values are finite when the depth is 0 everywhere, as in front of glass or too close to a wall."""
-        values = judge(self.make_reward(), rooms, self.steps, depth=False)
+        values = rewards_of(self.make_reward(), rooms, self.steps, depth=False)
         assert np.isfinite(values).all(), f"not finite: {values}"
 
     def test_survives_standing_still(self) -> None:
         """The values are finite in a shaft slightly wider than the robot, in which nothing new is seen."""
-        values = judge(self.make_reward(), shaft, 2 * self.steps)
+        values = rewards_of(self.make_reward(), shaft, 2 * self.steps)
         assert np.isfinite(values).all(), f"not finite: {values}"
 
     def test_state_is_arrays_that_stay_as_they_are(self) -> None:
         """`state` returns arrays by name, which later episodes do not change."""
         reward = self.make_reward()
         for seed in (1, 2):
-            judge(reward, rooms, self.steps, seed)
+            rewards_of(reward, rooms, self.steps, seed)
         state = reward.state()
         for name, array in state.items():
             assert isinstance(name, str), f"the state's name {name!r} is not text"
@@ -210,7 +210,7 @@ class RewardSuite:
             assert numeric, f"the state {name!r} is {kind_of(array)}: checkpoints hold arrays of numbers"
         before = deepcopy(state)
         for seed in (2, 1):
-            judge(reward, rooms, self.steps, seed)
+            rewards_of(reward, rooms, self.steps, seed)
         for name, array in state.items():
             assert np.array_equal(array, before[name]), f"further training changed {name} in a state returned before"
 
@@ -218,13 +218,13 @@ class RewardSuite:
         """A new reward with a loaded state returns the same state and the same values as the original."""
         used, new = self.make_reward(), self.make_reward()
         for seed in (1, 2):
-            judge(used, rooms, self.steps, seed)
+            rewards_of(used, rooms, self.steps, seed)
         begin(used, rooms, self.steps, seed=0)
         state = used.state()
         new.load_state(deepcopy(state))
         assert new.state().keys() == state.keys()
         assert all(np.array_equal(new.state()[name], state[name]) for name in state), "the state is not what was loaded"
-        same = equal(judge(new, rooms, self.steps, seed=0), judge(used, rooms, self.steps, seed=0))
+        same = equal(rewards_of(new, rooms, self.steps, seed=0), rewards_of(used, rooms, self.steps, seed=0))
         assert same, "a reward with a loaded state differs from the one whose state it is"
 
 

@@ -156,9 +156,9 @@ class UncertaintySuite:
         assert not (uncertainty < 0.0).any(), "an uncertainty is not negative"
         return uncertainty
 
-    def test_has_values_where_there_is_all_to_judge_by(self) -> None:
+    def test_has_values_in_a_view_with_all_inputs(self) -> None:
         """Some pixels have a value for views with motion, texture, sparse points and wrong depth."""
-        assert self.measure(_views()).isfinite().any(), "no pixel has a value, although there is all to judge by"
+        assert self.measure(_views()).isfinite().any(), "no pixel has a value, although all inputs are given"
 
     def test_same_view_same_values(self) -> None:
         """The measure is deterministic and does not depend on previous calls."""
@@ -167,7 +167,7 @@ class UncertaintySuite:
             first = measure(view)
             measure(wall_view(points=point_grid(4), predict_depth=CheckedPredictor()))
             second = measure(view)
-        assert torch.equal(first.nan_to_num(-1.0), second.nan_to_num(-1.0)), "the same view was judged differently"
+        assert torch.equal(first.nan_to_num(-1.0), second.nan_to_num(-1.0)), "the same view has other values"
 
     def test_frames_of_a_batch_do_not_touch_each_other(self) -> None:
         """The values of a frame do not depend on the other frames of the batch."""
@@ -214,7 +214,7 @@ class UncertaintySuite:
         for moves in (MOVES[:1], MOVES * 2):
             self.measure(wall_view(moves=moves, points=point_grid(), predict_depth=CheckedPredictor()))
 
-    def test_judges_a_frame_without_sources_if_it_needs_none(self) -> None:
+    def test_works_without_source_frames_if_it_needs_none(self) -> None:
         """If `needs_sources` is False, the values are the same without source frames."""
         if self.make_uncertainty().needs_sources:
             pytest.skip("the measure compares a frame with its source frames")

@@ -164,4 +164,4 @@ def test_an_array_in_place_of_a_tensor_is_named_in_the_failure():
             return Array()
 
     with pytest.raises(AssertionError, match="not a Tensor: ndarray of 3 x 48 x 64, float32"):
-        Suite().test_has_values_where_there_is_all_to_judge_by()
+        Suite().test_has_values_in_a_view_with_all_inputs()

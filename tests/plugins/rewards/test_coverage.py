@@ -7,7 +7,7 @@ from deux.contracts import Reward
 from deux.environment.egocentric import Crops
 from deux.environment.memory import ExplorationMemory
 from deux.testing.box_world import BoxWorld
-from deux.testing.rewards import RewardSuite, judge, rooms
+from deux.testing.rewards import RewardSuite, rewards_of, rooms
 from deux_plugins.rewards.coverage import CoverageReward, SmoothCoverageReward
 
 
@@ -36,7 +36,7 @@ def test_coverage_is_the_growth_of_the_known_area_by_hand(make_experience, make_
 
 def test_the_coverage_of_an_episode_adds_up_to_what_is_known_at_its_end(make_experience, make_episode):
     reward = CoverageReward()
-    values = judge(reward, rooms, 60)
+    values = rewards_of(reward, rooms, 60)
     assert all(value >= 0.0 for value in values)
     assert sum(values[1:]) > 0.5, "square metres that were not in the first look"
     assert sum(values) < 7.0 * 5.0, "the rooms have 6 x 4 m"

@@ -5,7 +5,7 @@ import pytest
 
 from deux.contracts import Reward
 from deux.geometry.poses import camera_pose
-from deux.testing.rewards import RewardSuite, judge, rooms
+from deux.testing.rewards import RewardSuite, rewards_of, rooms
 from deux_plugins.rewards.curiosity import CuriosityReward
 
 
@@ -98,7 +98,7 @@ def test_a_new_reward_is_the_change_of_the_features(make_experience, make_episod
 
 def test_what_is_seen_again_and_again_becomes_boring():
     reward = CuriosityReward(learning_rate=3e-3)
-    sums = [sum(judge(reward, rooms, 30, seed=1)) for _ in range(24)]
+    sums = [sum(rewards_of(reward, rooms, 30, seed=1)) for _ in range(24)]
     assert sums[0] > 0.0
     assert sums[-1] < 0.5 * sums[0]
 

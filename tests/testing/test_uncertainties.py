@@ -105,11 +105,11 @@ class AsksWithNoPointsAsNaN(Sound):
 
 
 FAULTS = {
-    KeepsTheChannel: "has_values_where_there_is_all_to_judge_by",
-    IsDouble: "has_values_where_there_is_all_to_judge_by",
-    IsNegative: "has_values_where_there_is_all_to_judge_by",
-    IsInfinite: "has_values_where_there_is_all_to_judge_by",
-    HasNoValue: "has_values_where_there_is_all_to_judge_by",
+    KeepsTheChannel: "has_values_in_a_view_with_all_inputs",
+    IsDouble: "has_values_in_a_view_with_all_inputs",
+    IsNegative: "has_values_in_a_view_with_all_inputs",
+    IsInfinite: "has_values_in_a_view_with_all_inputs",
+    HasNoValue: "has_values_in_a_view_with_all_inputs",
     IsNormalisedOverTheBatch: "frames_of_a_batch_do_not_touch_each_other",
     DrawsByLot: "same_view_same_values",
     Remembers: "same_view_same_values",

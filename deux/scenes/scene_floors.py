@@ -31,14 +31,14 @@ class SceneFloors:
         caster: a ray caster of the scene's mesh.
 
     Raises:
-        DeuxError: the scene is too large, there is no such floor, or the robot fits on none of the floors.
+        DeuxError: the scene is too high, there is no such floor, or the robot fits on none of the floors.
     """
 
     def __init__(self, scene: Scene, area: SceneArea, robot: Robot, caster: RayCaster) -> None:
         bounds = scene.mesh.bounds
-        if (bounds[1] - bounds[0]).max() > LARGEST:
+        if bounds[1, 1] - bounds[0, 1] > LARGEST:  # the ground around a building may be longer
             raise DeuxError(
-                f"{scene.name} is {describe_size(bounds)} large, but a scene must be at most {LARGEST:.0f} m long: is "
+                f"{scene.name} is {describe_size(bounds)} large, but a scene must be at most {LARGEST:.0f} m high: is "
                 "its mesh in metres?"
             )
         self._scene, self._area, self._robot, self._caster = scene, area, robot, caster

@@ -174,5 +174,5 @@ def test_areas_that_cannot_be_are_refused(area):
 def test_a_scene_in_millimetres_is_reported_before_its_floor_is_mapped(scene_of, house):
     scene = scene_of(*house())
     mesh = replace(scene.mesh, vertices=scene.mesh.vertices * np.float32(1000.0))
-    with pytest.raises(DeuxError, match=r" m large, but a scene must be at most 250 m long: is its mesh in metres\?$"):
+    with pytest.raises(DeuxError, match=r" m large, but a scene must be at most 250 m high: is its mesh in metres\?$"):
         SceneFloors(replace(scene, mesh=mesh), SceneArea(), ROBOT, RayCaster(mesh))

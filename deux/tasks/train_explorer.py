@@ -71,7 +71,7 @@ def run(cfg: DictConfig) -> None:
     scenes = _scenes(sections, settings)
     pool = _pool(read_simulation(sections))
     with open_run_folder(run_folder(), sections.identity) as run:
-        say(f"Run folder: {run.path}")
+        say(f"{'This run is complete' if (run.path / POLICY_FILE).exists() else 'Run folder'}: {run.path}")
         say(
             f"Train {explorer.name} in {counted(len(scenes), 'scene')}: {counted(settings.steps, 'step')} for the "
             f"reward {reward}"

@@ -59,6 +59,7 @@ def test_the_same_command_trains_no_more(trained, tiny):
     before = load_training_state(folder / "checkpoint.pt").steps
     outcome = tiny(folder.parent, *SMALL, "explorer_training.steps=96", f"hydra.run.dir={folder}")
     assert outcome.code == 0
+    assert "This run is complete: " in outcome.out
     assert load_training_state(folder / "checkpoint.pt").steps == before == 96
 
 

@@ -124,7 +124,10 @@ class OccupancyMap:
 
     @property
     def trace(self) -> np.ndarray:
-        """Rows x columns bool: the cells under the path of the robot's centre, three cells wide."""
+        """Rows x columns bool: the cells under the path of the robot's centre, three cells wide.
+
+        Recorded if `errors.visited_is_free`; otherwise empty.
+        """
         return self._grid["trace"]
 
     @property
@@ -165,7 +168,8 @@ class OccupancyMap:
         window, inside = self._disc(x, z, self.robot.radius)
         self._set(window, inside, LEAST)
         self.visited[window][inside] = True
-        self._extend_trace(x, z)
+        if self.errors.visited_is_free:
+            self._extend_trace(x, z)
 
     def mark_contact(self, pose: np.ndarray) -> None:
         """Add an obstacle that the robot has collided with, straight ahead; later frames do not remove it."""
@@ -176,7 +180,7 @@ class OccupancyMap:
         self._set(*self._disc(float(pose[0, 3]), float(pose[2, 3]), self.robot.radius), LEAST)
 
     def _extend_trace(self, x: float, z: float) -> None:
-        """Add the straight way from the last position to (x, z) to the trace."""
+        """Add the straight way from the last position to (x, z) to the trace, as free cells."""
         start_x, start_z = self._position or (x, z)
         self._position = x, z
         pieces = 1 + math.ceil(2.0 * math.hypot(x - start_x, z - start_z) / self.resolution)
@@ -184,9 +188,8 @@ class OccupancyMap:
         down, right = np.mgrid[-1:2, -1:2].reshape(2, 9, 1)
         passed = rows + down, columns + right
         self.trace[passed] = True
-        if self.errors.visited_is_free:
-            self._grid["log_odds"][passed] = LEAST
-            self.cells[passed] = FREE
+        self._grid["log_odds"][passed] = LEAST
+        self.cells[passed] = FREE
 
     def _disc(self, x: float, z: float, radius: float) -> tuple[tuple[slice, slice], np.ndarray]:
         """A window of the grid, and which of its cells contain (x, z) or have their centre within `radius` of it."""

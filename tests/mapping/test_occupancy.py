@@ -143,7 +143,7 @@ def test_floor_that_the_robot_has_been_on_stays_free_whatever_later_frames_show(
 
 def test_the_trace_is_the_way_of_the_robots_centre():
     world = BoxWorld(6.0, 4.0, camera=Camera(64, 64))
-    occupancy = OccupancyMap(world.camera, world.robot)
+    occupancy = OccupancyMap(world.camera, world.robot, errors=DepthTolerance(visited_is_free=True))
     world.reset(1.0, 2.0, np.radians(-100.0))
     for _ in range(12):
         occupancy.update(world.observe().depth, world.pose)

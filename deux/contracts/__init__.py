@@ -5,9 +5,10 @@ to them. Conventions: camera axes are OpenCV's (x right, y down, z forward), pos
 world is Y-up, depth is measured along the optical axis and 0 means "no value".
 """
 
-from deux.contracts.depth_model import Augmentation, DepthModel, Foundation, LossSettings, Prediction
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from deux.contracts.explorer import NO_ROBOT, Episode, Explorer, ExplorerMap, FreeViewpoints, Need, Observation
-from deux.contracts.loss import Batch, LossInputs, LossNeed, LossTerm, Reconstructions
 from deux.contracts.reader import FrameReference, MissingSplit, Neighbourhood, Reader, Triplet
 from deux.contracts.reward import Experience, Reward
 from deux.contracts.scene import (
@@ -22,8 +23,12 @@ from deux.contracts.scene import (
     SceneSplits,
 )
 from deux.contracts.simulator import COLOR, DEPTH, Action, Channel, Channels, Frame, Simulator
-from deux.contracts.uncertainty import DepthPredictor, Uncertainty, View
 from deux.geometry.robot import Robot
+
+if TYPE_CHECKING:
+    from deux.contracts.depth_model import Augmentation, DepthModel, Foundation, LossSettings, Prediction
+    from deux.contracts.loss import Batch, LossInputs, LossNeed, LossTerm, Reconstructions
+    from deux.contracts.uncertainty import DepthPredictor, Uncertainty, View
 
 __all__ = [
     "COLOR",
@@ -71,3 +76,22 @@ __all__ = [
     "Uncertainty",
     "View",
 ]
+
+WITH_TORCH = {
+    **dict.fromkeys(["Augmentation", "DepthModel", "Foundation", "LossSettings", "Prediction"], "depth_model"),
+    **dict.fromkeys(["Batch", "LossInputs", "LossNeed", "LossTerm", "Reconstructions"], "loss"),
+    **dict.fromkeys(["DepthPredictor", "Uncertainty", "View"], "uncertainty"),
+}
+"""Modules of the contracts that import torch, which processes that only make or render scenes do not wait for."""
+
+
+def __getattr__(name: str) -> Any:
+    """Import one of the contracts `WITH_TORCH` at its first use (PEP 562)."""
+    if name not in WITH_TORCH:
+        raise AttributeError(f"module 'deux.contracts' has no attribute {name!r}")
+    return getattr(import_module(f"deux.contracts.{WITH_TORCH[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """The public names, for completion in notebooks."""
+    return sorted(__all__)

@@ -96,7 +96,7 @@ def test_help_tells_what_there_is_without_importing_torch(tmp_path: Path) -> Non
     for expected in (
         "usage: python -m deux",
         "experiment        collect, train",
-        f"explore: {', '.join(sorted([*registry().names('explorers'), 'deux_informative', 'deux_paper']))}",
+        f"explore: {', '.join(sorted([*registry().names('explorers'), 'deux_paper']))}",
         f"model: {', '.join(registry().names('depth_models'))}",
         "scenes: apartments, ",
         "experiment: debug",

@@ -17,13 +17,16 @@ from deux.mapping.residual_field import PoseResidualField, ResidualField, Surfac
 
 
 class DeuxExplorer(GoalExplorer):
-    """Drives to places where the depth model's uncertainty is high.
+    """Drives to views that are expected to teach the depth model most, by its uncertainty.
 
-    Each target is sampled from places on the frontiers with probability proportional to w ** (1 / temperature), where
-    w = u ** guidance / (actions to get there + `overhead`) and u is the uncertainty nearby (Eq. 8). A frontier that is
-    resolved on the way, by coming into view, is abandoned. If no frontier is left, places on the free floor are sampled
-    in proportion to u ** (1 / temperature). With target="informative", it drives instead to the view with the highest
-    expected information per action (`deux.mapping.informative_targets`).
+    Each target is the view, on known floor or at a frontier, with the highest expected information per action: the
+    uncertainty of the surfaces that it would show, less where they have been seen before
+    (`deux.mapping.informative_targets`).
+
+    With target="sampled", as in the paper, each target is sampled from places on the frontiers with probability
+    proportional to w ** (1 / temperature), where w = u ** guidance / (actions to get there + `overhead`) and u is the
+    uncertainty nearby (Eq. 8). A frontier that is resolved on the way, by coming into view, is abandoned. If no
+    frontier is left, places on the free floor are sampled in proportion to u ** (1 / temperature).
 
     The paper's explorer is `explore=deux_paper`, this class with other options (conf/explore/deux_paper.yaml).
 
@@ -31,7 +34,7 @@ class DeuxExplorer(GoalExplorer):
         residual_pose: what uncertainty is assigned to: the "surface" whose depth was wrong; the robot's "pose" (as in
             the paper), from which most frontiers are too far away to differ; or "constant", the same everywhere.
         map_depth: the depth that the map is built from: "predicted" (as in the paper) or of the "sensor".
-        target: "sampled", as above; "greedy", the place with the largest w; or "informative".
+        target: "informative" or "sampled", as above; or "greedy", the place on a frontier with the largest w.
         temperature: of sampled targets: with 1, probabilities are proportional to w; near 0, sampling becomes greedy.
         guidance: exponent of the uncertainty, for sampled and greedy targets: with 2, a place with twice the
             uncertainty may cost four times the actions. With 0, only the actions matter.
@@ -79,7 +82,7 @@ class DeuxExplorer(GoalExplorer):
         self,
         residual_pose: Literal["pose", "surface", "constant"] = "surface",
         map_depth: DepthSource = "predicted",
-        target: Literal["sampled", "greedy", "informative"] = "sampled",
+        target: Literal["informative", "sampled", "greedy"] = "informative",
         temperature: float = 0.1,
         guidance: float = 2.0,
         resolution: float = 0.05,
@@ -113,8 +116,8 @@ class DeuxExplorer(GoalExplorer):
         )
         if residual_pose not in ("pose", "surface", "constant"):
             raise DeuxError(f'deux\'s residual_pose is "{residual_pose}": it must be "pose", "surface" or "constant".')
-        if target not in ("sampled", "greedy", "informative"):
-            raise DeuxError(f'deux\'s target is "{target}": it must be "sampled", "greedy" or "informative".')
+        if target not in ("informative", "sampled", "greedy"):
+            raise DeuxError(f'deux\'s target is "{target}": it must be "informative", "sampled" or "greedy".')
         if not temperature > 0.0:  # false for NaN as well
             raise DeuxError(
                 f'deux\'s temperature is {temperature}: it must be positive (target="greedy" is its limit).'

@@ -14,7 +14,7 @@ SWITCHES = {
     ),
     "explore.map_depth": ("predicted", "sensor"),
     "explore.depth_error": ("null", "0.1"),
-    "explore.target": ("sampled", "greedy", "informative"),
+    "explore.target": ("informative", "sampled", "greedy"),
     "explore.per_action": ("true", "false"),
     "explore.keep_targets": ("false", "true"),
     "explore.least_way": ("1.5", "0.0"),

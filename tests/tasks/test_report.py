@@ -43,13 +43,12 @@ def test_a_scale_gives_way_to_the_scenes_and_the_command_line_to_nothing():
 def test_presets_of_explorers_are_known_by_their_options():
     """What `explore=deux_paper` sets otherwise than `explore=deux`: the walk, the measure and the map."""
     presets = explorer_presets()
-    assert list(presets) == ["deux_informative", "deux_paper"]
-    informative = dict(presets["deux_informative"])
-    assert informative == {"explore.target": '"informative"', "collect.uncertainty_options.relative": "true"}
+    assert list(presets) == ["deux_paper"]
     options = dict(presets["deux_paper"])
     assert options["explore.residual_pose"] == '"pose"'
     assert (options["collect.uncertainty"], options["collect.correct_depth"]) == ('"l1"', "false")
-    assert "explore.target" not in options  # sampled, as by default
+    assert options["explore.target"] == '"sampled"'
+    assert "explore.motion" not in options  # arcs, as by default
 
 
 def test_a_report_changes_no_runs_name():

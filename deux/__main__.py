@@ -23,7 +23,7 @@ from omegaconf import DictConfig, OmegaConf
 from deux.composition_errors import check_names, composition_error, quoted_digits, raised_in_composition
 from deux.configuration import CONFIG_NAME, check_unused, config_folder, in_sweep, register_configuration
 from deux.errors import DeuxError, JobFailed, counted, printable
-from deux.interruption import Terminated, termination_raised
+from deux.interruption import Terminated, interrupt_behind, termination_raised
 from deux.machine_failures import PLACE_ERRORS, ended_by_sigterm, machine_failure
 from deux.plugin_failures import raised_in
 from deux.search_path import leave_out_working_folder
@@ -63,6 +63,8 @@ class Jobs:
         except Exception as error:
             if ended_by_sigterm(error):
                 raise Terminated from error
+            if interrupt_behind(error):
+                raise KeyboardInterrupt from error
             # At level INFO, the stack trace goes to the log file but not to the console.
             log.info("the run ended with an error", exc_info=True)
             sentence = _report(error)

@@ -16,6 +16,20 @@ class Terminated(KeyboardInterrupt):
     """The process received SIGTERM; handled like an interrupt by Ctrl-C."""
 
 
+def interrupt_behind(error: BaseException | None) -> KeyboardInterrupt | None:
+    """The innermost interrupt in an error's chain of causes and contexts, or None.
+
+    Libraries may replace an interrupt by an error: what they clean up after it fails in turn, such as the file of an
+    unfinished `torch.save`.
+    """
+    found = None
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            found = error
+        error = error.__cause__ or error.__context__
+    return found
+
+
 @contextmanager
 def termination_raised() -> Iterator[None]:
     """Context manager in which SIGTERM raises `Terminated`. Lightning and Ray chain this handler with their own.

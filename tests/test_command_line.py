@@ -26,6 +26,11 @@ def run(cfg):
     errors = {1: DeuxError("the seed is 1."), 2: ZeroDivisionError("a fault"), 3: KeyboardInterrupt()}
     if cfg.seed in errors:
         raise errors[cfg.seed]
+    if cfg.seed == 6:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise RuntimeError("an unfinished file cannot be closed")
     if cfg.seed == 5:
         os.kill(os.getpid(), signal.SIGTERM)
     if cfg.seed == 4:
@@ -225,8 +230,9 @@ def test_a_fault_of_the_program_keeps_its_stack_trace(here: Here) -> None:
     assert "ZeroDivisionError: a fault" in result.stderr
 
 
-def test_an_interrupted_run_ends_with_130(here: Here) -> None:
-    result = here("seed=3", "task=train")
+@pytest.mark.parametrize("seed", [3, 6], ids=["interrupt", "its clean-up fails"])
+def test_an_interrupted_run_ends_with_130(here: Here, seed: int) -> None:
+    result = here(f"seed={seed}", "task=train")
     assert result.returncode == 130
     assert result.stderr == "deux: interrupted; the same command goes on from here.\n"
 

@@ -5,7 +5,7 @@ import weakref
 
 import pytest
 
-from deux.interruption import Terminated, termination_raised
+from deux.interruption import Terminated, interrupt_behind, termination_raised
 
 
 class Held:
@@ -42,3 +42,17 @@ def test_what_was_there_before_is_there_again():
     with termination_raised():
         assert signal.getsignal(signal.SIGTERM) is not before
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_an_interrupt_is_found_behind_the_errors_of_what_it_interrupted():
+    interrupt = Terminated()
+    try:
+        try:
+            raise interrupt
+        finally:
+            raise ZeroDivisionError
+    except ZeroDivisionError as error:
+        replaced = RuntimeError("a file is unfinished")
+        replaced.__cause__ = error
+    assert interrupt_behind(replaced) is interrupt
+    assert interrupt_behind(RuntimeError()) is None

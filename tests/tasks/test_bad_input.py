@@ -460,7 +460,8 @@ def test_an_interrupted_training_goes_on(tiny, tiny_arguments, collected, tmp_pa
     dataset, run = next(collected.glob("datasets/random-*")), tmp_path / "run"
     options = ["task=train", f"training_data={dataset}", "training.steps=50", f"hydra.run.dir={run}"]
     command = [sys.executable, "-m", "deux", *tiny_arguments(tmp_path, *options)]
-    assert interrupt(command, lambda: list(run.glob("checkpoints/*.ckpt"))) == INTERRUPTED
+    ended = interrupt(command, lambda: list(run.glob("checkpoints/*.ckpt")))
+    assert ended == INTERRUPTED, ended[1]  # the whole stack trace, if there is one
     (checkpoint,) = run.glob("checkpoints/*.ckpt")
     done = torch.load(checkpoint, weights_only=True)["global_step"]
     assert 0 < done < 50

@@ -147,8 +147,7 @@ def test_a_sweep_over_explorers_collects_the_random_frames_once(tiny, tested):
     assert sorted(result["explore"] for result in found.values()) == ["deux", "frontier", "random"]
     assert len({json.dumps(result["baseline"]) for result in found.values()}) == 1  # the same test frames
     metrics = {result["explore"]: result["metrics"] for result in found.values()}
-    # Models of their own: within eight actions, frontier and deux may see the same frames, random does not.
-    assert metrics["random"] not in (metrics["frontier"], metrics["deux"])
+    assert metrics["random"] != metrics["frontier"]  # on the map of such a seed model, deux also moves at random
     names = sorted(path.name.partition("-")[0] for path in tested.glob("datasets/[!.]*"))
     assert names == ["deux", "frontier", "random", "test"]
     assert before == {path: path.stat().st_mtime_ns for path in before}

@@ -63,7 +63,9 @@ class Jobs:
         except Exception as error:
             if ended_by_sigterm(error):
                 raise Terminated from error
-            if interrupt_behind(error):
+            interrupt = interrupt_behind(error)
+            if interrupt and not _mistake(error):  # a lost lock interrupts its process, and has a sentence of its own
+                _stay_until_killed(interrupt)
                 raise KeyboardInterrupt from error
             # At level INFO, the stack trace goes to the log file but not to the console.
             log.info("the run ended with an error", exc_info=True)

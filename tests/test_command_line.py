@@ -26,11 +26,11 @@ def run(cfg):
     errors = {1: DeuxError("the seed is 1."), 2: ZeroDivisionError("a fault"), 3: KeyboardInterrupt()}
     if cfg.seed in errors:
         raise errors[cfg.seed]
-    if cfg.seed == 6:
+    if cfg.seed in (6, 7):
         try:
             raise KeyboardInterrupt
         finally:
-            raise RuntimeError("an unfinished file cannot be closed")
+            raise {6: RuntimeError("an unfinished file cannot be closed"), 7: DeuxError("a lock was lost.")}[cfg.seed]
     if cfg.seed == 5:
         os.kill(os.getpid(), signal.SIGTERM)
     if cfg.seed == 4:
@@ -235,6 +235,11 @@ def test_an_interrupted_run_ends_with_130(here: Here, seed: int) -> None:
     result = here(f"seed={seed}", "task=train")
     assert result.returncode == 130
     assert result.stderr == "deux: interrupted; the same command goes on from here.\n"
+
+
+def test_what_an_interrupted_run_reports_itself_is_kept(here: Here) -> None:
+    result = here("seed=7", "task=train")
+    assert (result.returncode, result.stderr) == (1, "deux: a lock was lost.\n")
 
 
 @pytest.mark.parametrize(

@@ -63,9 +63,9 @@ class Jobs:
         except Exception as error:
             if ended_by_sigterm(error):
                 raise Terminated from error
-            interrupt = interrupt_behind(error)
-            if interrupt and not _mistake(error):  # a lost lock interrupts its process, and has a sentence of its own
-                _stay_until_killed(interrupt)
+            behind = interrupt_behind(error)
+            if behind and not _mistake(error):  # a lost lock interrupts its process, and has a sentence of its own
+                _stay_until_killed(behind)
                 raise KeyboardInterrupt from error
             # At level INFO, the stack trace goes to the log file but not to the console.
             log.info("the run ended with an error", exc_info=True)

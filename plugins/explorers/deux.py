@@ -1,5 +1,6 @@
 """The explorer guided by depth uncertainty: Algorithm 1 of the paper, with extensions."""
 
+import logging
 from dataclasses import replace
 from typing import Literal
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from deux.contracts import Episode, ExplorerMap, Need, Observation
 from deux.errors import DeuxError, check_range
+from deux.log_once import warn_once
 from deux.mapping.frontier_targets import FrontierCandidates, cell_centres
 from deux.mapping.goal_explorer import DepthSource, GoalExplorer
 from deux.mapping.informative_targets import InformativeTargets, MapNow, ResidualPlace
@@ -14,6 +16,15 @@ from deux.mapping.navigation import Motion
 from deux.mapping.occupancy import UNKNOWN
 from deux.mapping.pursuit import Target
 from deux.mapping.residual_field import PoseResidualField, ResidualField, SurfaceResidualField
+from deux.options import options
+
+log = logging.getLogger(__name__)
+
+OF_FRONTIERS = ("temperature", "guidance", "least_way", "keep_targets")
+"""Options that only sampled and greedy targets have; the temperature is of sampled ones alone."""
+
+OF_VIEWS = ("revisits", "on_the_way")
+"""Options that only informative targets have."""
 
 
 class DeuxExplorer(GoalExplorer):
@@ -130,7 +141,23 @@ class DeuxExplorer(GoalExplorer):
         self._guidance = guidance
         self._per_action = per_action
         self._keep_targets = keep_targets
+        self._report_unused(
+            temperature=temperature,
+            guidance=guidance,
+            least_way=least_way,
+            keep_targets=keep_targets,
+            revisits=revisits,
+            on_the_way=on_the_way,
+        )
         self._views_options = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
+
+    def _report_unused(self, **given: float) -> None:
+        """Warn of options that the chosen kind of target does not have, if they are not the defaults."""
+        unused = {"informative": OF_FRONTIERS, "sampled": OF_VIEWS, "greedy": (*OF_VIEWS, "temperature")}[self._target]
+        defaults = options(DeuxExplorer)
+        for name in unused:
+            if given[name] != defaults[name].default:
+                warn_once(log, f"explore.{name}={given[name]} has no effect with explore.target={self._target}.")
 
     def reset(self, episode: Episode) -> None:
         """Begin an episode."""

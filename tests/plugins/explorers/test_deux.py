@@ -312,3 +312,29 @@ def test_unknown_options_are_refused(options):
     option, value = next(iter(options.items()))
     with pytest.raises(DeuxError, match=f"{option} .*{value}"):
         DeuxExplorer(**options)
+
+
+@pytest.mark.parametrize(
+    ("target", "option", "value"),
+    [
+        ("informative", "temperature", 0.3),
+        ("informative", "guidance", 1.25),
+        ("informative", "least_way", 0.75),
+        ("informative", "keep_targets", True),
+        ("sampled", "revisits", False),
+        ("greedy", "on_the_way", False),
+        ("greedy", "temperature", 0.35),
+    ],
+)
+def test_an_option_of_other_targets_is_reported(target, option, value, caplog):
+    DeuxExplorer(target=target, **{option: value})
+    assert caplog.messages == [f"explore.{option}={value} has no effect with explore.target={target}."]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"revisits": False}, {"target": "sampled", "temperature": 0.45}, {"target": "greedy", "least_way": 0.85}],
+)
+def test_an_option_of_the_chosen_targets_is_not_reported(options, caplog):
+    DeuxExplorer(**options)
+    assert caplog.messages == []

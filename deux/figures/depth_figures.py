@@ -1,4 +1,4 @@
-"""Figures of predicted depth: a single depth map, or several frames with errors and uncertainty."""
+"""Figures of predicted depth: a single depth map, or several frames with errors and photometric residuals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from deux.geometry.photometric_residual import photometric_residual
 from deux.geometry.reprojection import reproject
 from deux.inference.prediction import device_of
 
-_COLUMNS = ("image", "sparse depth", "prediction", "ground truth", "error", "uncertainty")
+_COLUMNS = ("image", "sparse depth", "prediction", "ground truth", "error", "photometric residual")
 
 _LONGER_SIDE = 7.0
 """Longer side of a single depth map without its colour bar, in inches."""
@@ -97,12 +97,12 @@ def known(depth: np.ndarray) -> np.ndarray:
 
 
 def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
-    """Draw one row for each sample, with common colour scales for depth, error and uncertainty.
+    """Draw one row for each sample, with common colour scales for depth, error and residual.
 
-    Depth runs from 0 to the 98th percentile of the ground truth. The error is absolute, in metres; the uncertainty is
-    the per-pixel photometric residual whose mean enters Eq. 8.
+    Depth runs from 0 to the 98th percentile of the ground truth. The error is absolute, in metres; the residual is
+    the per-pixel photometric error whose mean enters Eq. 8, whichever measure of uncertainty guides the robot.
     """
-    deepest, worst, most_unsure = depth_scales(samples)
+    deepest, worst, largest = depth_scales(samples)
     height, width = samples[0].rgb.shape[:2]
     figure = new_figure(1.9 * len(_COLUMNS), 1.95 * len(samples) * height / width + 0.9)
     grid = figure.add_gridspec(len(samples) + 1, len(_COLUMNS), height_ratios=[1.0] * len(samples) + [0.06])
@@ -114,12 +114,12 @@ def draw_depth_panels(samples: Sequence[DepthSample]) -> Figure:
         depth = panels[3].imshow(known(sample.ground_truth), cmap=DEPTH_COLORS, vmin=0.0, vmax=deepest)
         error = np.abs(known(sample.ground_truth) - sample.predicted_depth)
         wrong = panels[4].imshow(error, cmap=ERROR_COLORS, vmin=0.0, vmax=worst)
-        unsure = panels[5].imshow(sample.residual, cmap=UNCERTAINTY_COLORS, vmin=0.0, vmax=most_unsure)
+        residual = panels[5].imshow(sample.residual, cmap=UNCERTAINTY_COLORS, vmin=0.0, vmax=largest)
         for panel, title in zip(panels, _COLUMNS, strict=True):
             panel.set_facecolor("0.85")
             hide_ticks(panel)
             panel.set_title(title if row == 0 else "", fontsize=10)
-    bars = ((slice(1, 4), depth, "depth [m]"), (4, wrong, "|error| [m]"), (5, unsure, "photometric residual"))
+    bars = ((slice(1, 4), depth, "depth [m]"), (4, wrong, "|error| [m]"), (5, residual, "L1 of the images"))
     for columns, image, label in bars:
         bar = figure.colorbar(image, cax=figure.add_subplot(grid[-1, columns]), orientation="horizontal")
         bar.set_label(label, fontsize=9)

@@ -1,4 +1,4 @@
-"""Conversion of configurations of version 0.1.0 to the current keys, so that reports can read its runs."""
+"""Conversion of configurations of earlier versions to the current keys, so that reports can read their runs."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,12 +15,16 @@ def current_keys(configuration: Mapping[str, Any]) -> dict[str, Any]:
 
     Version 0.1.0, recognised by `random_seed`, had `random_seed` for `seed`, `seed` for `seed_model`, `renderer` for
     `simulator`, `scenes.source` for `scenes.name`, `foundation.flats` for `foundation.scenes`, and in `callbacks` the
-    options of its only callback.
+    options of its only callback. Until `max_range` of deux became 5 m, its default was null: 5 m for the sensor's depth and
+    3 m for predicted depth.
 
     Args:
         configuration: the content of `run.json` or Hydra's `config.yaml`, of any version.
     """
     converted = dict(configuration)
+    explore = converted.get("explore") or {}
+    if explore.get("name") == "deux" and explore.get("max_range", 0.0) is None:
+        converted["explore"] = {**explore, "max_range": 5.0 if explore.get("map_depth") == "sensor" else 3.0}
     if "random_seed" not in converted:
         return converted
     if "seed" in converted:

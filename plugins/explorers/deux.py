@@ -50,8 +50,7 @@ class DeuxExplorer(GoalExplorer):
         guidance: exponent of the uncertainty, for sampled and greedy targets: with 2, a place with twice the
             uncertainty may cost four times the actions. With 0, only the actions matter.
         resolution: edge of a map cell in metres.
-        max_range: distance along the floor in metres up to which depth is mapped. None is 5 for the sensor's depth and
-            3 for predicted depth, whose errors grow with the distance.
+        max_range: distance along the floor in metres up to which depth is mapped.
         depth_error: relative depth error that the map allows for: if it is too small, errors turn floor into obstacles;
             if it is too large, low obstacles become floor. None is 0 for the sensor's depth; for predicted depth it is
             the error measured at the frames' sparse points (`Observation.depth_error`).
@@ -97,7 +96,7 @@ class DeuxExplorer(GoalExplorer):
         temperature: float = 0.1,
         guidance: float = 2.0,
         resolution: float = 0.05,
-        max_range: float | None = None,
+        max_range: float = 5.0,
         depth_error: float | None = None,
         max_incidence: float = 81.0,
         visited_is_free: bool = True,
@@ -110,8 +109,6 @@ class DeuxExplorer(GoalExplorer):
         revisits: bool = True,
         on_the_way: bool = True,
     ) -> None:
-        if max_range is None:
-            max_range = 3.0 if map_depth == "predicted" else 5.0
         super().__init__(
             map_depth,
             resolution,

@@ -15,8 +15,8 @@ def current_keys(configuration: Mapping[str, Any]) -> dict[str, Any]:
 
     Version 0.1.0, recognised by `random_seed`, had `random_seed` for `seed`, `seed` for `seed_model`, `renderer` for
     `simulator`, `scenes.source` for `scenes.name`, `foundation.flats` for `foundation.scenes`, and in `callbacks` the
-    options of its only callback. Until `max_range` of deux became 5 m, its default was null: 5 m for the sensor's depth and
-    3 m for predicted depth.
+    options of its only callback. The option `max_range` of deux was null by default, which meant 3 m for predicted
+    depth and 5 m for the sensor's.
 
     Args:
         configuration: the content of `run.json` or Hydra's `config.yaml`, of any version.

@@ -88,6 +88,17 @@ def test_a_run_of_an_older_version_has_the_same_conditions():
     assert old == conditions({**CONFIGURATION, "evaluation": recorded})
 
 
+@pytest.mark.parametrize(("map_depth", "meant"), [("predicted", 3.0), ("sensor", 5.0)])
+def test_a_range_that_depended_on_the_mapped_depth_is_written_out(map_depth, meant):
+    def of_range(max_range):
+        return {**CONFIGURATION, "explore": {"name": "deux", "map_depth": map_depth, "max_range": max_range}}
+
+    assert conditions(of_range(None)) == conditions(of_range(meant))
+    assert current_keys(of_range(None)) == of_range(meant)
+    frontier = {**CONFIGURATION, "explore": {"name": "frontier", "depth": "sensor", "max_range": None}}
+    assert current_keys(frontier) == frontier
+
+
 @pytest.mark.parametrize(
     "changes",
     [

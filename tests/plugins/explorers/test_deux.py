@@ -7,6 +7,7 @@ import pytest
 from deux.configuration import compose
 from deux.contracts import Episode, Need, Robot
 from deux.errors import DeuxError
+from deux.log_once import warn_once
 from deux.mapping.frontier_targets import cell_centres
 from deux.mapping.occupancy import FREE
 from deux.testing.box_world import Box, BoxWorld
@@ -327,6 +328,7 @@ def test_unknown_options_are_refused(options):
     ],
 )
 def test_an_option_of_other_targets_is_reported(target, option, value, caplog):
+    warn_once.cache_clear()
     DeuxExplorer(target=target, **{option: value})
     assert caplog.messages == [f"explore.{option}={value} has no effect with explore.target={target}."]
 
@@ -336,5 +338,6 @@ def test_an_option_of_other_targets_is_reported(target, option, value, caplog):
     [{}, {"revisits": False}, {"target": "sampled", "temperature": 0.45}, {"target": "greedy", "least_way": 0.85}],
 )
 def test_an_option_of_the_chosen_targets_is_not_reported(options, caplog):
+    warn_once.cache_clear()
     DeuxExplorer(**options)
     assert caplog.messages == []

@@ -23,7 +23,7 @@ def current_keys(configuration: Mapping[str, Any]) -> dict[str, Any]:
     """
     converted = dict(configuration)
     explore = converted.get("explore") or {}
-    if explore.get("name") == "deux" and explore.get("max_range", 0.0) is None:
+    if explore.get("name") == "deux" and "max_range" in explore and explore["max_range"] is None:
         converted["explore"] = {**explore, "max_range": 5.0 if explore.get("map_depth") == "sensor" else 3.0}
     if "random_seed" not in converted:
         return converted

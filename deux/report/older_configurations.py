@@ -15,16 +15,20 @@ def current_keys(configuration: Mapping[str, Any]) -> dict[str, Any]:
 
     Version 0.1.0, recognised by `random_seed`, had `random_seed` for `seed`, `seed` for `seed_model`, `renderer` for
     `simulator`, `scenes.source` for `scenes.name`, `foundation.flats` for `foundation.scenes`, and in `callbacks` the
-    options of its only callback. The option `max_range` of deux was null by default, which meant 3 m for predicted
-    depth and 5 m for the sensor's.
+    options of its only callback, and deux had sampled targets only. The option `max_range` of deux was null by default,
+    which meant 3 m for predicted depth and 5 m for the sensor's.
 
     Args:
         configuration: the content of `run.json` or Hydra's `config.yaml`, of any version.
     """
     converted = dict(configuration)
-    explore = converted.get("explore") or {}
-    if explore.get("name") == "deux" and "max_range" in explore and explore["max_range"] is None:
-        converted["explore"] = {**explore, "max_range": 5.0 if explore.get("map_depth") == "sensor" else 3.0}
+    explore = dict(converted.get("explore") or {})
+    if explore.get("name") == "deux":
+        if "max_range" in explore and explore["max_range"] is None:
+            explore["max_range"] = 5.0 if explore.get("map_depth") == "sensor" else 3.0
+        if "random_seed" in converted:
+            explore.setdefault("target", "sampled")
+        converted["explore"] = explore
     if "random_seed" not in converted:
         return converted
     if "seed" in converted:

@@ -26,7 +26,7 @@ CONFIGURATION = {
     "training": {"batch_size": 4, "steps": 10, "epochs": 25, "crop": [32, 32], "validations": 1},
     "trainer": {"accelerator": "auto"},
     "evaluation": {"viewpoints": 4, "data": None},
-    "explore": {"name": "deux", "temperature": 0.25},
+    "explore": {"name": "deux", "target": "sampled", "temperature": 0.25},
     "model": {"name": "kbnet", "filters": [4, 8]},
     "scenes": {"name": "apartments", "train": 3, "validation": 1, "test": 2},
     "data": {"name": "deux"},
@@ -39,6 +39,7 @@ OLD_CONFIGURATION = {
     "seed": {"checkpoint": None, "steps": 5},
     "foundation": {"flats": 1},
     "scenes": {"source": "apartments", "train": 3, "validation": 1, "test": 2},
+    "explore": {"name": "deux", "temperature": 0.25},
     "checkpoint": None,
     "image": None,
     "sparse_scale": 256,
@@ -57,7 +58,8 @@ def test_everything_that_matters_is_in_its_place_and_only_there():
         "training.batch_size": "4",
     }
     guided = {"collect.batch_size": "4", "seed_model.steps": "5"}
-    assert dict(made_of.explorer_options) == {"explore.temperature": "0.25", **guided}
+    targets = {"explore.target": '"sampled"', "explore.temperature": "0.25"}
+    assert dict(made_of.explorer_options) == {**targets, **guided}
     both = {
         "camera.hfov": "90",
         "camera.width": "64",

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from deux.contracts import DepthModel
 from deux.deployment.model_files import load_model
 from deux.errors import DeuxError, check_range, sizes
+from deux.geometry.depth_correction import correct_depth
 from deux.inference.prediction import device_of
 from deux.io.calibration import camera_warning
 
@@ -32,7 +33,12 @@ log = logging.getLogger(__name__)
 
 @overload
 def predict_arrays(  # type: ignore[overload-overlap]  # a list of arrays is an array, as for numpy
-    image: ArrayLike, sparse_depth: ArrayLike, intrinsics: ArrayLike, model: Model, batch_size: int = ...
+    image: ArrayLike,
+    sparse_depth: ArrayLike,
+    intrinsics: ArrayLike,
+    model: Model,
+    batch_size: int = ...,
+    corrected: bool = ...,
 ) -> np.ndarray: ...
 
 
@@ -43,6 +49,7 @@ def predict_arrays(
     intrinsics: ArrayLike | Iterable[ArrayLike],
     model: Model,
     batch_size: int = ...,
+    corrected: bool = ...,
 ) -> Iterator[np.ndarray]: ...
 
 
@@ -52,6 +59,7 @@ def predict_arrays(
     intrinsics: ArrayLike | Iterable[ArrayLike],
     model: Model,
     batch_size: int = 1,
+    corrected: bool = False,
 ) -> np.ndarray | Iterator[np.ndarray]:
     """Predict dense depth of one frame, N frames or a stream of frames, in float32 on the model's device.
 
@@ -68,6 +76,8 @@ def predict_arrays(
             all frames of a stream, or a stream of matrices.
         model: a depth model, or the path of a run folder or model file. For many calls, load it once by `deux.load`.
         batch_size: number of frames of a stream that are predicted at once, if they have the same size.
+        corrected: multiply the depth by a smooth field that aligns it with the sparse points
+            (`deux.geometry.depth_correction`).
 
     Returns:
         H x W or N x H x W float32 metres; for a stream, an iterator of H x W.
@@ -87,16 +97,18 @@ def predict_arrays(
         check_range("batch_size", batch_size, 1)
         if not isinstance(batch_size, Integral):
             raise DeuxError(f"batch_size is {batch_size}: it must be a whole number.")
-        return _predict_stream(_zipped(image, sparse_depth, intrinsics), model, batch_size)
+        return _predict_stream(_zipped(image, sparse_depth, intrinsics), model, batch_size, corrected)
     frames = _checked(image, sparse_depth, intrinsics, model)  # type: ignore[arg-type]
     if frames.image.ndim == 4:
-        return _predict(frames, model)
-    return _predict(_stacked([frames]), model)[0]
+        return _predict(frames, model, corrected)
+    return _predict(_stacked([frames]), model, corrected)[0]
 
 
-def predict_batch(image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.ndarray, model: DepthModel) -> np.ndarray:
+def predict_batch(
+    image: np.ndarray, sparse_depth: np.ndarray, intrinsics: np.ndarray, model: DepthModel, corrected: bool = False
+) -> np.ndarray:
     """Like `predict_arrays`, for N frames with a matrix each, without checking cameras and unit of depth again."""
-    return _predict(_checked(image, sparse_depth, intrinsics, model, first=False), model)
+    return _predict(_checked(image, sparse_depth, intrinsics, model, first=False), model, corrected)
 
 
 class _Inputs(NamedTuple):
@@ -125,14 +137,17 @@ def _stacked(frames: Sequence[_Inputs]) -> _Inputs:
     return _Inputs(*(np.stack(arrays) for arrays in zip(*frames, strict=True)))
 
 
-def _predict(frames: _Inputs, model: DepthModel) -> np.ndarray:
+def _predict(frames: _Inputs, model: DepthModel, corrected: bool) -> np.ndarray:
     """Predict N frames, N x H x W float32 metres."""
+    points = torch.from_numpy(frames.sparse_depth)[:, None]
     with torch.autocast(device_of(model).type, enabled=False):
         depth = model.predict(
             torch.from_numpy(frames.image).permute(0, 3, 1, 2).contiguous(),
-            torch.from_numpy(frames.sparse_depth)[:, None],
+            points,
             torch.from_numpy(frames.intrinsics),
         )
+        if corrected:
+            depth = correct_depth(depth, points.to(depth.device))
     return check_prediction(depth[:, 0].cpu().numpy())
 
 
@@ -172,7 +187,9 @@ def _row(number: int, row: tuple[Any, ...], intrinsics: Any) -> tuple[Any, Any, 
     return row if len(row) == 3 else (*row, intrinsics)
 
 
-def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, batch_size: int) -> Iterator[np.ndarray]:
+def _predict_stream(
+    frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, batch_size: int, corrected: bool
+) -> Iterator[np.ndarray]:
     """Predict batches of frames of the same size; smaller ones when the size changes and at the end."""
     batch: list[_Inputs] = []
     for number, given in enumerate(frames):
@@ -185,14 +202,14 @@ def _predict_stream(frames: Iterator[tuple[Any, Any, Any]], model: DepthModel, b
                 f"frame {number}: image has the shape {sizes(frame.image.shape)}: a stream gives H x W x 3."
             )
         if batch and batch[0].image.shape != frame.image.shape:
-            yield from _predict(_stacked(batch), model)
+            yield from _predict(_stacked(batch), model, corrected)
             batch = []
         batch.append(frame)
         if len(batch) == batch_size:
-            yield from _predict(_stacked(batch), model)
+            yield from _predict(_stacked(batch), model, corrected)
             batch = []
     if batch:
-        yield from _predict(_stacked(batch), model)
+        yield from _predict(_stacked(batch), model, corrected)
 
 
 def _loaded(model: str | PathLike[str]) -> DepthModel:

@@ -19,7 +19,7 @@ _CONFIDENCE = 0.05
 """Weight of a log-ratio of 0, relative to a point at the pixel itself: far from all points the depth is unchanged."""
 
 
-def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | Tensor) -> Tensor:
+def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | None = None) -> Tensor:
     """Multiply predicted depth by a smooth scale field that aligns it with the sparse points.
 
     The log-ratio r = log(measured / predicted) at the sparse points is interpolated over the image by normalised
@@ -38,8 +38,8 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | Tensor) 
     Args:
         depth: N x 1 x H x W metres, above 0.
         sparse_depth: N x 1 x H x W metres, 0 = none.
-        spacing: mean distance of neighbouring points in pixels, 1 / sqrt(points per pixel), as a number or a
-            0-dimensional tensor.
+        spacing: mean distance of neighbouring points in pixels, 1 / sqrt(points per pixel); None for that of each
+            frame's points.
 
     Returns:
         N x 1 x H x W float32 metres; frames without points are unchanged.
@@ -51,15 +51,21 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | Tensor) 
         True
     """
     depth, sparse_depth = depth.float(), sparse_depth.float()
-    height, width = depth.shape[-2:]
     validity = remove_outliers(sparse_depth)
-    frames = list(depth[:, 0])
-    for scale in _SCALES:
-        down, across = (_gaussian(size, scale * spacing, depth.device) for size in (height, width))
-        frames = [
-            _correct_frame(frame, sparse_depth[i, 0], validity[i, 0], down, across) for i, frame in enumerate(frames)
-        ]
+    frames = []
+    for frame, points, valid in zip(depth[:, 0], sparse_depth[:, 0], validity[:, 0], strict=True):
+        own_spacing = _spacing(points) if spacing is None else spacing
+        corrected = frame
+        for scale in _SCALES:
+            down, across = (_gaussian(size, scale * own_spacing, frame.device) for size in frame.shape)
+            corrected = _correct_frame(corrected, points, valid, down, across)
+        frames.append(corrected)
     return torch.stack(frames)[:, None]
+
+
+def _spacing(sparse_depth: Tensor) -> Tensor:
+    """Mean distance in pixels of neighbouring points in H x W metres of sparse depth, as a 0-dimensional tensor."""
+    return (sparse_depth.numel() / (sparse_depth > 0).sum().clamp(min=1)).sqrt()
 
 
 def _correct_frame(depth: Tensor, sparse_depth: Tensor, validity: Tensor, down: Tensor, across: Tensor) -> Tensor:

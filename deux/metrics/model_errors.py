@@ -1,4 +1,4 @@
-"""Evaluation of a depth model and two baselines on the same frames."""
+"""Evaluation of a depth model, of its depth corrected by the points, and of two baselines on the same frames."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -10,6 +10,7 @@ from torch import Tensor
 
 from deux.contracts import Batch, DepthModel
 from deux.errors import DeuxError, counted
+from deux.geometry.depth_correction import correct_depth
 from deux.geometry.scaffolding import interpolate
 from deux.inference.prediction import device_of
 from deux.metrics.depth_errors import METRICS, depth_errors, invalid_pixels
@@ -42,6 +43,7 @@ class Evaluation:
 
     Args:
         metrics: errors of the model.
+        corrected: errors of its depth corrected by the sparse points (`deux.geometry.depth_correction`).
         baseline: errors of the linear interpolation of the sparse points.
         constant: errors of a constant depth, the median of each frame's sparse points.
         images: number of frames.
@@ -51,6 +53,7 @@ class Evaluation:
     """
 
     metrics: dict[str, float]
+    corrected: dict[str, float]
     baseline: dict[str, float]
     constant: dict[str, float]
     images: int
@@ -81,7 +84,7 @@ def evaluate(
         DeuxError: no frame has ground truth in range, or a prediction is not finite or not above 0 at a pixel with
             ground truth.
     """
-    errors = DepthErrors(min_depth, max_depth, alone=True)
+    errors, corrected = (DepthErrors(min_depth, max_depth, alone=True) for _ in range(2))
     baselines = _Baselines(min_depth, max_depth)
     device = device_of(model)
     images, farthest = 0, 0.0
@@ -89,14 +92,15 @@ def evaluate(
     for batch in batches:
         if batch.ground_truth is None:
             raise DeuxError("evaluation needs ground truth, but these frames were loaded without it.")
-        truth = batch.ground_truth.cpu()
+        truth, points = batch.ground_truth.cpu(), batch.sparse_depth.cpu()
         predicted = model.predict(batch.image.to(device), batch.sparse_depth.to(device), batch.intrinsics.to(device))
         predicted = predicted.float().cpu()
         _check_predictions(invalid_pixels(predicted, truth, min_depth, max_depth), images)
         errors.update(predicted, truth)
+        corrected.update(correct_depth(predicted, points), truth)
         if scenes:
             frame_errors += _frame_errors(predicted, truth, min_depth, max_depth)
-        baselines.update(batch.sparse_depth.cpu(), truth)
+        baselines.update(points, truth)
         images, farthest = images + len(truth), max(farthest, float(truth.max()))
         if progress is not None:
             progress(len(truth))
@@ -106,7 +110,16 @@ def evaluate(
     baseline, constant = baselines.compute()
     by_scene = _by_scene(scenes, frame_errors, baselines.frame_errors)
     without_points = len(baselines.without_points)
-    return Evaluation(_means(errors), baseline, constant, images, images - in_means, without_points, by_scene)
+    return Evaluation(
+        metrics=_means(errors),
+        corrected=_means(corrected),
+        baseline=baseline,
+        constant=constant,
+        images=images,
+        without_truth=images - in_means,
+        without_points=without_points,
+        scenes=by_scene,
+    )
 
 
 def _no_truth_error(images: int, farthest: float, min_depth: float, max_depth: float) -> DeuxError:

@@ -37,6 +37,8 @@ class Results:
         images: number of test frames; None in results of earlier versions.
         without_truth: number of test frames that are left out, since they have no ground truth in range.
         without_points: number of test frames without sparse points.
+        corrected: errors of the trained model's depth corrected by the sparse points
+            (`deux.geometry.depth_correction`); None in results of earlier versions.
         scenes: the errors of each floor of each test scene (`deux.metrics.model_errors.SceneErrors`): scene, frames,
             metrics and baseline; empty in results of earlier versions.
     """
@@ -54,6 +56,7 @@ class Results:
     images: int | None = None
     without_truth: int = 0
     without_points: int = 0
+    corrected: dict[str, float] | None = None
     scenes: list[dict[str, Any]] = field(default_factory=list)
 
     def save(self, folder: Path) -> Path:
@@ -76,6 +79,8 @@ class Results:
             results = read_record(path, cls)
             for errors in (results.metrics, results.baseline, results.constant):
                 _check_errors(errors)
+            if results.corrected is not None:
+                _check_errors(results.corrected)
             for scene in results.scenes:
                 _check_scene(scene)
             return results
@@ -84,11 +89,10 @@ class Results:
 
     def table(self) -> ResultTable:
         """The errors as a table; the lowest of each column is bold."""
-        rows = {
-            f"{self.model}{f', {self.explore} frames' if self.explore else ''}": self.metrics,
-            "interpolated points": self.baseline,
-            "median of the points": self.constant,
-        }
+        rows = {f"{self.model}{f', {self.explore} frames' if self.explore else ''}": self.metrics}
+        if self.corrected is not None:
+            rows["the same, corrected by the points"] = self.corrected
+        rows |= {"interpolated points": self.baseline, "median of the points": self.constant}
         training = "" if self.frames is None else f" ({counted(self.frames, 'training frame')}, seed {self.seed})"
         tested = "test frames" if self.images is None else counted(self.images, "test frame")
         return error_table(f"Errors on the {tested}{training}", rows, self._notes())

@@ -12,6 +12,7 @@ from deux.data.frame_stream import RecordedFrame
 from deux.deployment.array_prediction import check_prediction, predict_batch
 from deux.errors import DeuxError
 from deux.frame_uncertainty import check_not_negative, make_view, pixel_uncertainty
+from deux.geometry.depth_correction import correct_depth
 from deux.inference.precision import default_device, tf32_convolutions
 from deux.registry import registry
 
@@ -37,13 +38,14 @@ class DepthCompleter:
 
     Args:
         model: the depth model; it is moved to the device.
-        measure: uncertainty measure; None for no confidence.
+        measure: uncertainty measure of the model's depth; None for no confidence.
+        corrected: whether the depth is corrected by the sparse points (`deux.geometry.depth_correction`).
     """
 
-    def __init__(self, model: DepthModel, measure: Uncertainty | None = None) -> None:
+    def __init__(self, model: DepthModel, measure: Uncertainty | None = None, corrected: bool = False) -> None:
         self._device = default_device()
         self._model = model.to(self._device)
-        self._measure = measure
+        self._measure, self._corrected = measure, corrected
 
     @tf32_convolutions(False)
     def __call__(self, frames: Sequence[RecordedFrame]) -> list[CompletedDepth]:
@@ -53,7 +55,7 @@ class DepthCompleter:
             images, points, cameras = (
                 np.stack([getattr(frame, name) for frame in frames]) for name in ("image", "sparse_depth", "intrinsics")
             )
-            depths = predict_batch(images, points, cameras, self._model)
+            depths = predict_batch(images, points, cameras, self._model, self._corrected)
             return [self._without_confidence(depth) for depth in depths]
         return self._with_confidence(frames, self._measure)
 
@@ -73,7 +75,8 @@ class DepthCompleter:
         )
         confidences = torch.exp(-pixel_uncertainty(measure, view)).nan_to_num(nan=0.0).cpu().numpy()
         check_not_negative(measure, 1.0 - confidences)
-        depths = check_prediction(view.depth[:, 0].cpu().numpy())
+        depth = correct_depth(view.depth, view.sparse_depth) if self._corrected else view.depth
+        depths = check_prediction(depth[:, 0].cpu().numpy())
         return [CompletedDepth(depth, confidence) for depth, confidence in zip(depths, confidences, strict=True)]
 
     def _without_confidence(self, depth: np.ndarray) -> CompletedDepth:

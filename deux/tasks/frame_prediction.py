@@ -58,7 +58,7 @@ def predict_frame(
             f"{camera.max_depth:g} m apart from the sparse points: give another file, or widen camera.min_depth and "
             "camera.max_depth."
         )
-    (completed,) = DepthCompleter(model, measure)([frame])
+    (completed,) = DepthCompleter(model, measure, settings.corrected)([frame])
     depth = completed.depth
     for path in (*write_prediction(completed, run_folder()), *_export(frame, completed, settings, run_folder())):
         say(str(path))

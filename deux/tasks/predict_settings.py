@@ -30,6 +30,8 @@ class PredictSettings:
         intrinsics: a text or .npy file with the camera matrix.
         ground_truth: depth to compare with, in the format of `sparse`.
         ground_truth_scale: stored values per metre in its PNG files; None for `sparse_scale`.
+        corrected: whether the depth is multiplied by a smooth field that aligns it with the sparse points
+            (`deux.geometry.depth_correction`); uncertainty is that of the model's own depth.
         batch_size: number of frames of the same size that are predicted at once.
         format: file format of the depth and confidence of many frames.
         video: whether a coloured video of many frames is written.
@@ -57,6 +59,7 @@ class PredictSettings:
     ground_truth_scale: float | None
     data: str | None = None
     split: FrameSplit = "all"
+    corrected: bool = False
     batch_size: int = 4
     format: DepthFormat = "png"
     video: bool = True

@@ -66,7 +66,8 @@ def predict_sequences(
             _check_frames(reader, todo, model, settings)
             sources = sources_by_parallax(reader, posed) if measure and measure.needs_sources else None
             with run.stage("predict"):
-                _predict(todo, results, FrameStream(reader, sources), DepthCompleter(model, measure), settings, camera)
+                completer = DepthCompleter(model, measure, settings.corrected)
+                _predict(todo, results, FrameStream(reader, sources), completer, settings, camera)
         with run.stage("export"), progress() as report:
             written = export_sequences(results, reader, frames, settings, report)
         _summarise(results, frames, name, written)

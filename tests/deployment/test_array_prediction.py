@@ -9,6 +9,7 @@ import deux
 from deux.contracts import DepthModel, Prediction
 from deux.deployment.model_files import save_model
 from deux.errors import DeuxError
+from deux.geometry.depth_correction import correct_depth
 from deux.inference import prediction
 from deux.registry import registry
 
@@ -78,6 +79,19 @@ def test_a_batch_is_its_frames(model):
     assert depth.shape == (3, HEIGHT, WIDTH)
     for one, alone in zip(depth, frames, strict=True):
         np.testing.assert_allclose(one, deux.predict(**alone, model=model), rtol=1e-4)
+
+
+def test_the_depth_corrected_by_the_points(model):
+    data = frame()
+    plain, points = (torch.from_numpy(x)[None, None] for x in (deux.predict(**data, model=model), data["sparse_depth"]))
+    expected = correct_depth(plain, points)[0, 0].numpy()
+    np.testing.assert_allclose(deux.predict(**data, model=model, corrected=True), expected, rtol=1e-5)
+    streams = (iter([data["image"]] * 3), iter([data["sparse_depth"]] * 3))
+    for depth in deux.predict(*streams, data["intrinsics"], model=model, batch_size=2, corrected=True):
+        np.testing.assert_allclose(depth, expected, rtol=1e-4)
+    given = data["sparse_depth"] > 0
+    errors = [np.abs(depth - data["sparse_depth"])[given].mean() for depth in (plain[0, 0].numpy(), expected)]
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_a_batch_shares_one_camera(model):

@@ -55,6 +55,18 @@ def test_a_right_prediction_stays_and_so_does_one_without_points():
     assert torch.equal(correct_depth(truth, torch.zeros_like(truth), SPACING), truth)
 
 
+def test_without_a_spacing_each_frame_has_that_of_its_points():
+    truth = true_depth()
+    predicted = truth * smooth_field()
+    many, few = points(truth), points(truth)
+    few[..., ::2] = 0.0
+    alone = [
+        correct_depth(predicted, sparse, (sparse.numel() / int((sparse > 0).sum())) ** 0.5) for sparse in (many, few)
+    ]
+    together = correct_depth(predicted.expand(2, -1, -1, -1), torch.cat([many, few]))
+    torch.testing.assert_close(together, torch.cat(alone))
+
+
 def test_far_from_all_points_the_depth_stays():
     truth = true_depth()
     sparse = torch.zeros_like(truth)

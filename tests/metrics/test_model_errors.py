@@ -4,6 +4,7 @@ import torch
 
 from deux.contracts import Batch, DepthModel, Prediction
 from deux.errors import DeuxError
+from deux.geometry.depth_correction import correct_depth
 from deux.geometry.scaffolding import interpolate
 from deux.metrics.depth_errors import depth_errors
 from deux.metrics.model_errors import evaluate
@@ -47,6 +48,19 @@ def test_the_model_and_both_baselines_are_measured_on_the_same_frames():
     assert found.metrics["mae"] == pytest.approx(mine)
     assert found.baseline["rmse"] == pytest.approx(theirs)
     assert found.constant["mae"] > 0
+
+
+def test_the_corrected_depth_is_measured_too():
+    batches = [batch(0), batch(1)]
+    batches[1].ground_truth = batches[1].sparse_depth = torch.full_like(batches[1].ground_truth, 3.0)
+    found = evaluate(Constant(2.0), batches)
+    assert found.corrected.keys() == found.metrics.keys()
+    frames = [correct_depth(torch.full_like(b.sparse_depth, 2.0), b.sparse_depth) for b in batches]
+    mine = [depth_errors(depth, b.ground_truth)["mae"] for depth, b in zip(frames, batches, strict=True)]
+    assert found.corrected["mae"] == pytest.approx(torch.cat(mine).mean().item())
+    right = evaluate(Constant(2.0), batches[1:])
+    assert right.metrics["mae"] == pytest.approx(1000.0)
+    assert right.corrected["mae"] < 20.0
 
 
 def test_in_a_frame_without_points_the_baselines_are_the_median_of_the_other_frames():

@@ -32,6 +32,21 @@ def test_results_of_a_version_that_knew_no_rounds_are_read(tmp_path):
     assert Results.load(tmp_path) == results()
 
 
+def test_the_errors_of_corrected_depth_stand_below_the_models_and_may_be_missing(tmp_path):
+    corrected = {**ERRORS, "mae": 0.25}
+    results(corrected=corrected).save(tmp_path)
+    assert Results.load(tmp_path).corrected == corrected
+    rows = Results.load(tmp_path).table().rows
+    assert [row.labels[0] for row in rows][:2] == ["kbnet, deux frames", "the same, corrected by the points"]
+    content = json.loads((tmp_path / "results.json").read_text())
+    del content["corrected"]  # as in results of earlier versions
+    (tmp_path / "results.json").write_text(json.dumps(content))
+    assert Results.load(tmp_path) == results()
+    (tmp_path / "results.json").write_text(json.dumps({**content, "corrected": {"mae": 1.0}}))
+    with pytest.raises(DeuxError, match="it has no number for rmse"):
+        Results.load(tmp_path)
+
+
 def test_what_is_wrong_with_a_file_is_named_in_the_error(tmp_path):
     with pytest.raises(DeuxError, match="give the folder of a finished run"):
         Results.load(tmp_path)

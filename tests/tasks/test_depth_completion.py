@@ -10,6 +10,7 @@ import torch
 from deux.contracts import Action, DepthModel, FrameReference, Prediction, Uncertainty
 from deux.data.frame_stream import RecordedFrame, SourceImage
 from deux.geometry.camera import Camera
+from deux.geometry.depth_correction import correct_depth
 from deux.geometry.poses import source_from_target
 from deux.registry import registry
 from deux.tasks.depth_completion import DepthCompleter, batches, unusable_measure
@@ -41,6 +42,17 @@ def walk() -> list[RecordedFrame]:
         found.append(RecordedFrame(seen.rgb, sparse, CAMERA.intrinsics, seen.depth, seen.pose))
     sources = tuple(SourceImage(source.image, source_from_target(found[3].pose, source.pose)) for source in found[:2])
     return [*found[:3], replace(found[3], sources=sources)]
+
+
+@pytest.mark.parametrize("measure", [None, "l1"])
+def test_the_depth_is_corrected_and_the_confidence_is_the_models(walk, measure):
+    measured = measure and registry().create("uncertainties", measure, {})
+    plain, corrected = (DepthCompleter(Wall(), measured, corrected)([walk[3]])[0] for corrected in (False, True))
+    depth, points = (torch.from_numpy(x)[None, None] for x in (plain.depth, walk[3].sparse_depth))
+    np.testing.assert_allclose(corrected.depth, correct_depth(depth, points)[0, 0].numpy(), rtol=1e-5)
+    assert np.abs(corrected.depth - plain.depth).max() > 0.1
+    if measure:
+        np.testing.assert_array_equal(corrected.confidence, plain.confidence)
 
 
 def test_confidence_is_that_of_the_reconstructions(walk):

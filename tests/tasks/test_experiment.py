@@ -25,7 +25,7 @@ def test_everything_that_a_run_leaves_behind(finished):
     manifest = json.loads(next(finished.glob("datasets/deux-*/manifest.json")).read_text())
     assert manifest["baseline"]["candidates"] == 2 * 16
     assert results["frames"] == manifest["baseline"]["triplets"] > 2 * 16 - 4
-    for predicted in ("metrics", "baseline", "constant"):
+    for predicted in ("metrics", "corrected", "baseline", "constant"):
         assert tuple(results[predicted]) == tuple(METRICS)
         assert all(math.isfinite(value) and value > 0 for value in results[predicted].values())
     card = json.loads((run / "scorecard.json").read_text())

@@ -98,6 +98,12 @@ def test_the_files_hold_what_the_arrays_give(predict, frame, model_file, model):
     )
 
 
+def test_the_depth_corrected_by_the_points(predict, frame, model_file):
+    assert predict(**{"predict.corrected": "true"}).code == 0
+    expected = package.predict(frame.rgb, frame.sparse, frame.intrinsics, model=model_file("kbnet"), corrected=True)
+    np.testing.assert_allclose(np.load(frame.folder / "run" / "depth.npy"), expected, rtol=1e-5)
+
+
 def test_a_repeated_command_finds_its_folder_and_overwrites_its_files(predict, frame):
     folders = {"hydra.run.dir": None, "paths.outputs": frame.folder / "outputs"}
     for brightness in (1.0, 0.5):

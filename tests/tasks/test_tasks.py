@@ -117,7 +117,7 @@ def test_a_model_is_judged_alike_wherever_its_test_frames_come_from(tiny, tested
     folders = [f"evaluation.checkpoint={tested}/trained", f"hydra.run.dir={tmp_path}/run"]
     outcome = tiny(tmp_path, "task=evaluate", f"evaluation.data={dataset}", *folders)
     assert (outcome.code, outcome.err) == (0, "")
-    for predicted in ("metrics", "baseline", "constant"):
+    for predicted in ("metrics", "corrected", "baseline", "constant"):
         assert results(tmp_path / "run")[predicted] == pytest.approx(known[predicted], rel=1e-6)
     assert not (tmp_path / "datasets").exists()
 

@@ -1,6 +1,5 @@
 """Depth predictions and their uncertainty for the frames of all exploring robots, in one batch."""
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -13,7 +12,7 @@ from deux.collection.sparse import SparseSettings, sample_sparse
 from deux.collection.transfers import download, upload
 from deux.contracts import DepthPredictor, Frame, Need, Uncertainty, View
 from deux.frame_uncertainty import frame_of, frame_uncertainty, make_view, pixel_uncertainty
-from deux.geometry.depth_correction import correct_depth
+from deux.geometry.depth_correction import correct_depth, point_spacing
 from deux.geometry.poses import source_from_target
 from deux.inference.precision import tf32_convolutions
 from deux.registry import PluginChoice
@@ -147,7 +146,7 @@ class Perception:
         depths: list[Tensor | None] = [None] * len(views)
         if self._correct_depth:
             depths = [
-                correct_depth(one.depth, known_depth[i : i + 1], _spacing(points[i][-1]))[0, 0]
+                correct_depth(one.depth, known_depth[i : i + 1], point_spacing(torch.from_numpy(points[i][-1])))[0, 0]
                 for i, one in enumerate(views)
             ]
         if self.uncertainty is None:
@@ -221,11 +220,6 @@ def error_at_points(depth: Tensor, sparse_depth: Tensor) -> Tensor:
     """
     errors = torch.where(sparse_depth > 0, (depth - sparse_depth).abs() / sparse_depth, torch.nan)
     return errors.nanmedian()
-
-
-def _spacing(points: np.ndarray) -> float:
-    """The mean distance in pixels of neighbouring points in H x W metres of sparse depth."""
-    return math.sqrt(points.size / max(1, int(np.count_nonzero(points))))
 
 
 def _motions(history: Sequence[Frame]) -> np.ndarray:

@@ -19,7 +19,7 @@ _CONFIDENCE = 0.05
 """Weight of a log-ratio of 0, relative to a point at the pixel itself: far from all points the depth is unchanged."""
 
 
-def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | None = None) -> Tensor:
+def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | Tensor | None = None) -> Tensor:
     """Multiply predicted depth by a smooth scale field that aligns it with the sparse points.
 
     The log-ratio r = log(measured / predicted) at the sparse points is interpolated over the image by normalised
@@ -38,8 +38,8 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | None = N
     Args:
         depth: N x 1 x H x W metres, above 0.
         sparse_depth: N x 1 x H x W metres, 0 = none.
-        spacing: mean distance of neighbouring points in pixels, 1 / sqrt(points per pixel); None for that of each
-            frame's points.
+        spacing: mean distance of neighbouring points in pixels, as a number or a 0-dimensional tensor; None for the
+            `point_spacing` of each frame.
 
     Returns:
         N x 1 x H x W float32 metres; frames without points are unchanged.
@@ -54,7 +54,7 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | None = N
     validity = remove_outliers(sparse_depth)
     frames = []
     for frame, points, valid in zip(depth[:, 0], sparse_depth[:, 0], validity[:, 0], strict=True):
-        own_spacing = _spacing(points) if spacing is None else spacing
+        own_spacing = point_spacing(points) if spacing is None else spacing
         corrected = frame
         for scale in _SCALES:
             down, across = (_gaussian(size, scale * own_spacing, frame.device) for size in frame.shape)
@@ -63,9 +63,13 @@ def correct_depth(depth: Tensor, sparse_depth: Tensor, spacing: float | None = N
     return torch.stack(frames)[:, None]
 
 
-def _spacing(sparse_depth: Tensor) -> Tensor:
-    """Mean distance in pixels of neighbouring points in H x W metres of sparse depth, as a 0-dimensional tensor."""
-    return (sparse_depth.numel() / (sparse_depth > 0).sum().clamp(min=1)).sqrt()
+def point_spacing(sparse_depth: Tensor) -> Tensor:
+    """Mean distance in pixels of neighbouring points, 1 / sqrt(points per pixel), as a 0-dimensional float64 tensor.
+
+    Args:
+        sparse_depth: H x W metres, 0 = none.
+    """
+    return (sparse_depth.numel() / (sparse_depth > 0).sum().clamp(min=1).double()).sqrt()
 
 
 def _correct_frame(depth: Tensor, sparse_depth: Tensor, validity: Tensor, down: Tensor, across: Tensor) -> Tensor:

@@ -146,9 +146,7 @@ class Perception:
         depths: list[Tensor | None] = [None] * len(views)
         if self._correct_depth:
             depths = [
-                correct_depth(one.depth, known_depth[i : i + 1], float(point_spacing(torch.from_numpy(points[i][-1]))))[
-                    0, 0
-                ]
+                correct_depth(one.depth, known_depth[i : i + 1], point_spacing(torch.from_numpy(points[i][-1])))[0, 0]
                 for i, one in enumerate(views)
             ]
         if self.uncertainty is None:

@@ -10,11 +10,11 @@ import os
 SPIN_SETTINGS = ("GOMP_SPINCOUNT", "OMP_WAIT_POLICY")
 """Environment variables of GNU OpenMP; if one of them is already set, it is respected."""
 
-SPINS = 1000
-"""Number of iterations that a thread spins before it sleeps, tens of microseconds.
+SPINS = 10_000
+"""Number of iterations that a thread spins before it sleeps, some 0.2 ms.
 
-Most waits within a training step are shorter. Without spinning (OMP_WAIT_POLICY=passive), a small step takes 1.5 times
-as long, since waking a thread takes time (measurements in docs/scale.md).
+Most waits within a training step are shorter: they last from one loop to the next, which Python starts. Waking a thread
+takes so long on virtual machines that a step takes 1.3 times as long with 1,000 spins (measurements in docs/scale.md).
 """
 
 

@@ -58,6 +58,8 @@ class Contents:
         notes: further remarks on the runs, a sentence each.
         finished: number of finished runs in the tables.
         missing: number of missing runs.
+        corrected: tables of the errors of the models' depth corrected by the sparse points, one for each section whose
+            runs have them.
         scorecards: tables of the scorecards, one for each section that has any, and of their rank correlations with
             MAE, if there are enough runs.
     """
@@ -67,6 +69,7 @@ class Contents:
     notes: tuple[str, ...]
     finished: int
     missing: int
+    corrected: tuple[ResultTable, ...] = ()
     scorecards: tuple[ResultTable, ...] = ()
 
     @property
@@ -77,7 +80,7 @@ class Contents:
     @property
     def tables(self) -> tuple[ResultTable, ...]:
         """All tables of the report."""
-        return (*(section.table for section in self.sections), *self.scorecards)
+        return (*(section.table for section in self.sections), *self.corrected, *self.scorecards)
 
 
 def read_contents(
@@ -116,7 +119,8 @@ def read_contents(
         elif count < sweep.runs != len(sweep.grid):  # missing runs of a grid are listed below its table
             notes.append(f"{count} of {counted(sweep.runs, 'run')} {plural('is', count)} finished: {sweep.command}")
     finished, missing = sum(len(group.finished) for group in groups), sum(len(group.missing) for group in groups)
-    return Contents(folder, sections, tuple(notes), finished, missing, _scorecards(sections, names))
+    corrected, scorecards = _corrected(sections, names, baseline), _scorecards(sections, names)
+    return Contents(folder, sections, tuple(notes), finished, missing, corrected, scorecards)
 
 
 def missing_text(missing: Iterable[MissingRun], names: DisplayNames) -> tuple[str, ...]:
@@ -192,6 +196,19 @@ def _section(
     title = f"Table {_NUMERALS[table.name.partition('_')[0]]}: {table.caption}"
     missing = missing_text(runs.missing, names)
     return Section(title, datasets.name(runs.testing), runs, table, missing, _commands(runs))
+
+
+def _corrected(
+    sections: Sequence[Section], names: DisplayNames, baseline: str | tuple[str, ...] | None
+) -> tuple[ResultTable, ...]:
+    """The tables of corrected depth of the sections that have any: a row for each explorer, as in Table I."""
+    tables = []
+    for section in sections:
+        runs = section.runs.corrected
+        if runs.finished:
+            table = table_one(runs, names, section.dataset, f"{section.table.name}_corrected", baseline)
+            tables.append(replace(table, caption=f"Depth corrected by the sparse points, {section.title}"))
+    return tuple(tables)
 
 
 def _scorecards(sections: Sequence[Section], names: DisplayNames) -> tuple[ResultTable, ...]:

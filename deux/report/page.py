@@ -39,18 +39,23 @@ def html_page(contents: Contents, figures: Mapping[str, Sequence[CaptionedFigure
         contents: contents of the report.
         figures: figures by the name of their table.
     """
+    further = (
+        ("corrected", "Corrected depth", contents.corrected),
+        ("scorecards", "Scorecards", contents.scorecards),
+    )
     body = [
         "<h1>Report</h1>",
         _paragraph(f"{contents.state}, below {contents.folder}."),
         "<ul>",
         *(f'<li><a href="#{s.table.name}">{escape(s.title)}</a>: {s.state}</li>' for s in contents.sections),
-        *(['<li><a href="#scorecards">Scorecards</a></li>'] if contents.scorecards else ()),
+        *(f'<li><a href="#{anchor}">{title}</a></li>' for anchor, title, tables in further if tables),
         "</ul>",
         *(_paragraph(note, "note") for note in contents.notes),
     ]
     for section in contents.sections:
         body += _section(section, figures.get(section.table.name, ()))
-    body += _scorecards(contents.scorecards)
+    for anchor, title, tables in further:
+        body += _further_tables(anchor, title, tables)
     head = f'<meta charset="utf-8"><title>Report: {escape(contents.state)}</title><style>{_STYLE}</style>'
     return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head>\n<body>\n' + "\n".join(body) + "\n</body></html>\n"
 
@@ -74,9 +79,9 @@ def _section(section: Section, figures: Iterable[CaptionedFigure]) -> list[str]:
     return [*lines, "</details>"]
 
 
-def _scorecards(tables: Sequence[ResultTable]) -> list[str]:
-    """The section of scorecards; empty without tables."""
-    lines = ['<h2 id="scorecards">Scorecards</h2>'] if tables else []
+def _further_tables(anchor: str, title: str, tables: Sequence[ResultTable]) -> list[str]:
+    """A section of tables below those of the runs; empty without tables."""
+    lines = [f'<h2 id="{anchor}">{title}</h2>'] if tables else []
     for table in tables:
         lines += [f"<h3>{escape(table.caption)}</h3>", *_table(table)]
     return lines

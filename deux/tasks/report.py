@@ -79,7 +79,7 @@ def _print_contents(contents: Contents, folder: Path) -> None:
             say(f"  missing: {line}")
         if len(section.missing) > MOST_MISSING:
             say(f"  and {counted(len(section.missing) - MOST_MISSING, 'more line')} in the report")
-    for table in contents.scorecards:
+    for table in (*contents.corrected, *contents.scorecards):
         say(f"{table.caption}: {folder / 'tables' / table.name}.md")
     for note in contents.notes:
         say(note)
@@ -145,8 +145,9 @@ def _markdown_report(contents: Contents, figures: dict[str, list[CaptionedFigure
         for figure in figures.get(section.table.name, ()):
             lines += ["", f"![{markdown_text(figure.caption)}](figures/{figure.file.name})"]
         lines += ["", "Commands:", "", *(f"    {printable(command)}" for command in section.commands)]
-    if contents.scorecards:
-        lines += ["", "## Scorecards", *(f"\n{table.markdown()}" for table in contents.scorecards)]
+    for title, tables in (("Corrected depth", contents.corrected), ("Scorecards", contents.scorecards)):
+        if tables:
+            lines += ["", f"## {title}", *(f"\n{table.markdown()}" for table in tables)]
     return "\n".join(lines) + "\n"
 
 

@@ -1,3 +1,5 @@
+import json
+
 import pytest
 
 from deux.errors import DeuxError
@@ -103,3 +105,25 @@ def test_an_unknown_first_dataset_is_a_mistake(write_run, outputs, names):
     write_run("random", "kbnet", 0, 20.0)
     with pytest.raises(DeuxError, match=r"report\.first=mp3d is not a dataset"):
         read_contents(outputs, names, first="mp3d")
+
+
+def test_errors_of_corrected_depth_have_a_table_of_their_own(write_run, outputs, names):
+    for seed in range(2):
+        for explorer, mae, corrected in (("random", 20.0, 15.0), ("deux", 18.0, 16.0), ("frontier", 19.0, None)):
+            path = write_run(explorer, "kbnet", seed, mae + seed) / "results.json"
+            if corrected is not None:
+                errors = {"mae": corrected, "rmse": 40.0, "imae": 30.0, "irmse": 90.0}
+                path.write_text(json.dumps({**json.loads(path.read_text()), "corrected": errors}))
+    contents = read_contents(outputs, names, baseline="random")
+    (section,), (table,) = contents.sections, contents.corrected
+    assert table.caption == f"Depth corrected by the sparse points, {section.title}"
+    assert table in contents.tables
+    maes = {row.labels[0]: row.cells[0].estimate.mean for part in table.parts for row in part}
+    assert maes == {"Interpolation": 80.0, "Random": 15.0, "DEUX": 16.0}
+    assert any("DEUX +1.0 ± 0.0" in note for note in table.notes)
+    assert section.runs.missing == ()
+
+
+def test_without_errors_of_corrected_depth_there_is_no_table_of_them(write_run, outputs, names):
+    write_run("random", "kbnet", 0, 20.0)
+    assert read_contents(outputs, names).corrected == ()

@@ -1,3 +1,4 @@
+import json
 from html.parser import HTMLParser
 
 import pytest
@@ -43,6 +44,19 @@ class Reader(HTMLParser):
             self.rows[-1][-1] += data
         if self.open and self.open[-1] in self.marked:
             self.marked[self.open[-1]].append(data)
+
+
+def test_corrected_depth_is_a_part_of_its_own(write_run, outputs, names):
+    path = write_run("deux", "kbnet", 0, 20.0) / "results.json"
+    errors = {"mae": 15.0, "rmse": 40.0, "imae": 30.0, "irmse": 90.0}
+    path.write_text(json.dumps({**json.loads(path.read_text()), "corrected": errors}))
+    reader = Reader()
+    reader.feed(html_page(read_contents(outputs, names), {}))
+    reader.close()
+    assert reader.open == []
+    assert "#corrected" in reader.references
+    assert "corrected" in reader.ids
+    assert ["DEUX", "15.0", "40.0", "30.0", "90.0"] in reader.rows
 
 
 def test_scorecards_are_a_part_of_their_own(write_run, outputs, names):

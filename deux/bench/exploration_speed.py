@@ -16,7 +16,7 @@ from deux.collection.episodes import EpisodePlan
 from deux.collection.exploration import explore
 from deux.collection.perception import MODEL_NEEDS
 from deux.contracts import Explorer, SceneReference, Simulator
-from deux.errors import DeuxError
+from deux.errors import DeuxError, error_text
 from deux.registry import registry
 from deux.simulator.simulation import Simulation
 
@@ -70,8 +70,12 @@ def measure_exploration_speed(
         guided = {name: False for name in guided if not guided[name]}
     world = _World(settings, guide)
     runs = {name: partial(world.run, name, steps=settings.steps) for name in guided}
-    for run in runs.values():  # warm-up: compiles the kernels and computes the free space
-        run(steps=settings.warm_up + 1)
+    for name, run in [*runs.items()]:  # warm-up: compiles the kernels and computes the free space
+        try:
+            run(steps=settings.warm_up + 1)
+        except Exception as error:  # an explorer of another package may raise anything
+            notes.append(f"{name} is left out: {error_text(error)}.")
+            del runs[name]
     found = in_turn(runs, settings.rounds)
     ratios = times_the_slowest({name: [run.steps_per_second for run in runs] for name, runs in found.items()})
     rows = tuple(

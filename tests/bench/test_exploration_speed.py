@@ -66,6 +66,21 @@ def test_steps_that_an_explorer_leaves_out_are_not_counted(monkeypatch: pytest.M
     assert table.rows[0]["steps per second"] == Spread(2.0, 2.0, 2.0)
 
 
+class Lost(Stopping):
+    def act(self, observation: Observation) -> Action:
+        raise KeyError("compass")
+
+
+@pytest.mark.usefixtures("tiny_models")
+def test_an_explorer_that_fails_is_left_out_of_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    frontier = next(plugin for plugin in registry().plugins("explorers") if plugin.name == "frontier")
+    monkeypatch.setitem(registry()._plugins, "explorers", [frontier])
+    registry().register("explorers", "lost", Lost)
+    (table,) = measure_exploration_speed(TINY, None)
+    assert [row["explorer"] for row in table.rows] == ["frontier"]
+    assert any(note.startswith("lost is left out: ") and "compass" in note for note in table.notes)
+
+
 def test_a_model_that_is_not_installed() -> None:
     with pytest.raises(DeuxError, match="no depth model called 'kbnett'"):
         list(measure_exploration_speed(TINY, "kbnett"))

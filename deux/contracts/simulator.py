@@ -43,6 +43,10 @@ DEPTH: Channels = frozenset()
 """Depth only."""
 
 
+_ROUNDING = 1e-4
+"""Maximal difference of a pose from the exact one, in metres and in entries of a rotation, if computed in float32."""
+
+
 @dataclass(frozen=True)
 class Frame:
     """The image of the robot's camera at one pose.
@@ -130,11 +134,12 @@ class Simulator(ABC):
         """Render the camera's image at the robot's pose or, with N x 4 x 4 poses, at each of these.
 
         Raises:
-            DeuxError: `render` returned the wrong number of frames, or arrays of the wrong shape or type.
+            DeuxError: the robot's pose is not a rigid matrix; or `render` returned the wrong number of frames, frames
+                of other poses, arrays of the wrong shape or type, or depth outside the camera's range.
         """
-        asked = self.pose[None] if poses is None else poses
+        asked = _checked_pose(self)[None] if poses is None else poses
         frames = self.render(asked, channels)
-        _check_frames(self, frames, len(asked), channels)
+        _check_frames(self, frames, asked, channels)
         return frames[0] if poses is None else frames
 
     @abstractmethod
@@ -151,8 +156,22 @@ class Simulator(ABC):
         """A further robot in the same scene, with this camera or another; loaded data is shared, not copied."""
 
 
-def _check_frames(simulator: Simulator, frames: Any, count: int, channels: Channels) -> None:
-    """Raise DeuxError unless these are `count` frames whose arrays have the camera's size and the right types."""
+def _checked_pose(simulator: Simulator) -> np.ndarray:
+    """The robot's pose; raises DeuxError unless it is a rigid matrix."""
+    pose: Any = simulator.pose
+    right = "a rigid camera-to-world matrix, 4 x 4 float64"
+    if not (isinstance(pose, np.ndarray) and pose.shape == (4, 4) and pose.dtype == np.float64):
+        raise broken_contract(simulator, kind_of(pose), right, "pose")
+    rotation = pose[:3, :3]
+    apart = np.abs(rotation @ rotation.T - np.eye(3)).max() + np.abs(pose[3] - (0.0, 0.0, 0.0, 1.0)).max()
+    if not (apart <= _ROUNDING and np.isfinite(pose).all()):
+        raise broken_contract(simulator, f"the matrix {pose.round(3).tolist()}", right, "pose")
+    return pose
+
+
+def _check_frames(simulator: Simulator, frames: Any, poses: np.ndarray, channels: Channels) -> None:
+    """Raise DeuxError unless these are frames of the poses, with arrays of the camera's size, right types and depth."""
+    count = len(poses)
     several = isinstance(frames, list | tuple)
     odd = [kind_of(one) for one in frames if not isinstance(one, Frame)] if several else [kind_of(frames)]
     if odd or len(frames) != count:
@@ -165,10 +184,17 @@ def _check_frames(simulator: Simulator, frames: Any, count: int, channels: Chann
     if Channel.COLOR in channels:
         parts.append(("rgb", (*size, 3), np.uint8))
     parts += [(part, size, np.int32) for part in (Channel.LABELS, Channel.OBJECTS) if part in channels]
-    for frame in frames:
+    for pose, frame in zip(poses, frames, strict=True):
         for name, shape, dtype in parts:
             array = getattr(frame, name)
             if not (isinstance(array, np.ndarray) and array.shape == shape and array.dtype == dtype):
                 pixels = f"{camera.width} x {camera.height} pixels"
                 right = f"an ndarray of {sizes(shape)}, {np.dtype(dtype)}, for its camera of {pixels}"
                 raise broken_contract(simulator, f"a frame whose {name} is {kind_of(array)}", right, "render")
+        nearest, farthest = frame.depth.min(), frame.depth.max()
+        if not (nearest >= 0.0 and farthest <= camera.max_depth):  # true for NaN
+            right = f"{camera.min_depth:g} to {camera.max_depth:g} m, the camera's range, or 0 for no surface"
+            raise broken_contract(simulator, f"a frame with depth from {nearest:g} to {farthest:g} m", right, "render")
+        if not np.abs(frame.pose - pose).max() <= _ROUNDING:
+            right = "one of the pose that it was called with"
+            raise broken_contract(simulator, "a frame of another pose", right, "render")

@@ -179,6 +179,33 @@ WRONG_FRAMES = {
     "pose is ndarray of 3 x 4, float64": lambda frame: replace(frame, pose=frame.pose[:3]),
 }
 
+WRONG_VALUES = {
+    "a frame with depth from nan to nan m: it must be 0.1 to 10 m, the camera's range, or 0 for no surface.": (
+        lambda frame: replace(frame, depth=frame.depth * np.float32(np.nan))
+    ),
+    "a frame with depth from -": lambda frame: replace(frame, depth=-frame.depth),
+    "a frame with depth from ": lambda frame: replace(frame, depth=frame.depth * 1000.0),
+    "a frame of another pose: it must be one of the pose that it was called with.": (
+        lambda frame: replace(frame, pose=frame.pose + 0.01)
+    ),
+}
+
+
+@pytest.mark.parametrize("told", WRONG_VALUES)
+def test_the_simulator_is_named_for_a_frame_with_impossible_values(monkeypatch, told):
+    whole = ToySimulator._frame
+    monkeypatch.setattr(ToySimulator, "_frame", lambda *arguments: WRONG_VALUES[told](whole(*arguments)))
+    with pytest.raises(DeuxError, match=re.escape(f"the `render` of the simulator ToySimulator gives {told}")):
+        steps_of(Wanderer())
+
+
+@pytest.mark.parametrize("wrong", [lambda pose: pose * 2.0, lambda pose: pose.tolist(), lambda pose: pose * np.nan])
+def test_the_simulator_is_named_for_a_pose_that_is_not_rigid(monkeypatch, wrong):
+    right = ToySimulator.pose.fget
+    monkeypatch.setattr(ToySimulator, "pose", property(lambda simulator: wrong(right(simulator))))
+    with pytest.raises(DeuxError, match=r"^the `pose` of the simulator ToySimulator gives .*a rigid camera-to-world"):
+        steps_of(Wanderer())
+
 
 @pytest.mark.parametrize("told", WRONG_FRAMES)
 def test_the_simulator_is_named_for_a_frame_that_is_not_of_its_camera(monkeypatch, told):

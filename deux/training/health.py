@@ -24,7 +24,8 @@ class _Reading:
         step: optimiser steps done.
         learning_rate: the step's learning rate.
         terms: names of the loss terms.
-        values: the loss, the mean depth in metres and the terms; valid on the host after `wait`.
+        values: the loss, the mean depth in metres and the terms, then for each of these the first step at which it was
+            not finite, inf if none; valid on the host after `wait`.
         arrived: signals the end of the copy; None if the copy was synchronous.
     """
 
@@ -51,17 +52,24 @@ class _Reading:
         return float(depth)
 
     def check_finite(self) -> None:
-        """Raise DeuxError unless the loss and the mean depth are finite."""
-        loss, depth, *values = self.values.tolist()
-        if math.isfinite(loss) and math.isfinite(depth):
+        """Raise DeuxError unless the loss, its terms and the mean depth have been finite in all steps so far."""
+        numbers = self.values.tolist()
+        (loss, depth, *_), firsts = numbers[: len(numbers) // 2], numbers[len(numbers) // 2 :]
+        _, of_depth, *of_terms = firsts
+        first = min(firsts)
+        if math.isinf(first):
             return
-        broken = [name for name, value in zip(self.terms, values, strict=True) if not math.isfinite(value)]
-        blamed = math.isfinite(depth) and len(broken) < len(self.terms)
-        only = f" ({' and '.join(broken)} alone)" if blamed else ""
-        advice = "lower training.learning_rate, or look for frames with broken values."
-        if self.step == 1:
-            advice = "no weight had changed by then, so look at what computes it, and for frames with broken values."
-        raise DeuxError(f"the training loss is {loss}{only} and the mean depth {depth} {self.when}: {advice}")
+        broken = [f"objective.{name}" for name, step in zip(self.terms, of_terms, strict=True) if step == first]
+        what = (
+            f"the training loss is not finite from step {first:.0f} on (loss {loss}, mean depth {depth} m {self.when})"
+        )
+        cause = "lower training.learning_rate"
+        if first < of_depth and len(broken) < len(self.terms):
+            what += f", while the depth and all terms but {' and '.join(broken)} are"
+            cause = f"look at what computes {'it' if len(broken) == 1 else 'them'}, or {cause}"
+        if first == 1:
+            cause = "no weight had changed by then, so look at what computes it"
+        raise DeuxError(f"{what}: {cause}, or look for frames with broken values.")
 
 
 class HealthCheck(Callback):
@@ -70,8 +78,9 @@ class HealthCheck(Callback):
     The usual cause of depth saturated at an end of its range is too high a learning rate. The shipped models recover at
     a lower rate; a model whose gradient vanishes there does not.
 
-    Only the check of the first step waits for the device. The values of later ones are copied asynchronously and
-    checked at the next check, at the end of the epoch or before a checkpoint is written, whichever is first. Processes
+    The first step at which each value is not finite is kept on the device. Only the check of the first step waits for
+    it. The values of later ones are copied asynchronously and checked at the next check, at the end of the epoch or
+    before a checkpoint is written, whichever is first. Processes
     that train together check the mean of their values, so that all stop at the same step.
 
     Args:
@@ -91,7 +100,11 @@ class HealthCheck(Callback):
         self.patience = patience
         self.margin = margin
         self.saturated_checks = 0
+        self._terms: tuple[str, ...] = ()
+        self._values: Tensor | None = None
+        self._firsts: Tensor | None = None
         self._reading: _Reading | None = None
+        self._read_at = 0
 
     def on_before_optimizer_step(self, trainer: Trainer, pl_module: LightningModule, optimizer: Optimizer) -> None:
         """Check before the first step that the depth model has gradients, which a loss of poses alone leaves out."""
@@ -108,12 +121,15 @@ class HealthCheck(Callback):
     def on_train_batch_end(
         self, trainer: Trainer, pl_module: LightningModule, outputs: Any, batch: Any, batch_idx: int
     ) -> None:
-        """Start to check the output of `DepthCompletion.training_step`, if the optimiser made a step with it."""
+        """Keep the values of `DepthCompletion.training_step`, and check them if a check is due after the step."""
+        if not isinstance(pl_module, DepthCompletion):
+            return
         stepped = (batch_idx + 1) % trainer.accumulate_grad_batches == 0 or trainer.is_last_batch
+        self._keep(trainer, outputs, trainer.global_step if stepped else trainer.global_step + 1)
         due = trainer.global_step == 1 or trainer.global_step % self.every == 0
-        if stepped and due and isinstance(pl_module, DepthCompletion):
+        if stepped and due:
             self._finish_check(pl_module)
-            self._reading = _read(trainer, outputs)
+            self._start_check(trainer)
             if trainer.global_step == 1:
                 self._finish_check(pl_module)
 
@@ -128,6 +144,9 @@ class HealthCheck(Callback):
     def _check_all(self, trainer: Trainer, module: LightningModule) -> None:
         if isinstance(module, DepthCompletion):
             self._finish_check(module)
+            if self._read_at < trainer.global_step:
+                self._start_check(trainer)
+                self._finish_check(module)
         # The weights are checked, too: if a pose network returns NaN, nothing is visible and the loss stays finite.
         names, weights = zip(*module.named_parameters(), strict=True)
         finite = _mean_of_processes(torch.stack([weight.detach().isfinite().all() for weight in weights]).float())
@@ -138,6 +157,30 @@ class HealthCheck(Callback):
                 f"{trainer.global_step}, {broken[0]} is the first: lower training.learning_rate, or set "
                 "trainer.precision=32-true."
             )
+
+    def _keep(self, trainer: Trainer, outputs: Mapping[str, Any], step: int) -> None:
+        """Keep loss, mean depth and loss terms of a step, and the first step at which each of them is not finite."""
+        # Lightning has divided the loss by accumulate_grad_batches.
+        loss = outputs["loss"].detach() * trainer.accumulate_grad_batches
+        terms = outputs["terms"]
+        self._terms = tuple(terms)
+        self._values = torch.stack([loss, outputs["mean_depth"], *terms.values()])
+        firsts = torch.full_like(self._values, step).masked_fill_(self._values.isfinite(), math.inf)
+        self._firsts = firsts if self._firsts is None else torch.minimum(self._firsts, firsts)
+
+    def _start_check(self, trainer: Trainer) -> None:
+        """Start to copy the values of the last step to the host."""
+        if self._values is None or self._firsts is None:
+            return
+        self._read_at = trainer.global_step
+        values = torch.cat([_mean_of_processes(self._values), _least_of_processes(self._firsts)])
+        copied = values.to("cpu", non_blocking=True)
+        arrived = None
+        if values.is_cuda:
+            arrived = torch.cuda.Event()
+            arrived.record()
+        learning_rate = trainer.optimizers[0].param_groups[0]["lr"]
+        self._reading = _Reading(trainer.global_step, learning_rate, self._terms, copied, arrived)
 
     def _finish_check(self, module: DepthCompletion) -> None:
         """Check the values that were read last, if they have not been checked yet."""
@@ -162,23 +205,18 @@ class HealthCheck(Callback):
             )
 
 
-def _read(trainer: Trainer, outputs: Mapping[str, Any]) -> _Reading:
-    """Start to copy the loss, the mean depth and the loss terms of a step to the host."""
-    # Lightning has divided the loss by accumulate_grad_batches.
-    loss = outputs["loss"].detach() * trainer.accumulate_grad_batches
-    terms = outputs["terms"]
-    values = _mean_of_processes(torch.stack([loss, outputs["mean_depth"], *terms.values()]))
-    copied = values.to("cpu", non_blocking=True)
-    arrived = None
-    if values.is_cuda:
-        arrived = torch.cuda.Event()
-        arrived.record()
-    return _Reading(trainer.global_step, trainer.optimizers[0].param_groups[0]["lr"], tuple(terms), copied, arrived)
-
-
 def _mean_of_processes(values: Tensor) -> Tensor:
     """The mean over all processes that train together; not finite if it is not finite in one of them."""
     if torch.distributed.is_available() and torch.distributed.is_initialized():
+        values = values.clone()
         torch.distributed.all_reduce(values)
         values = values / torch.distributed.get_world_size()
+    return values
+
+
+def _least_of_processes(values: Tensor) -> Tensor:
+    """The minimum over all processes that train together."""
+    if torch.distributed.is_available() and torch.distributed.is_initialized():
+        values = values.clone()
+        torch.distributed.all_reduce(values, torch.distributed.ReduceOp.MIN)
     return values

@@ -54,15 +54,22 @@ def test_an_ordinary_run_is_left_in_peace(train):
 def test_a_loss_that_is_not_finite_stops_the_run(train):
     batch = perfect_sample().batch
     batch.image[0, 0, 0, 0] = torch.nan
-    with pytest.raises(DeuxError, match=r"training loss is nan .* at step 1, learning rate 0\.0001: no weight had"):
+    found = (
+        r"training loss is not finite from step 1 on \(loss nan, .* at step 1, learning rate 0\.0001\): no weight had"
+    )
+    with pytest.raises(DeuxError, match=found):
         train(batch=batch)
 
 
 class Broken(LossTerm):
-    """Not a number, whatever is predicted."""
+    """Not a number from a call on, whatever is predicted."""
+
+    def __init__(self, since=1):
+        self.since, self.calls = since, 0
 
     def __call__(self, inputs):
-        return inputs.prediction.depth.mean() * torch.nan
+        self.calls += 1
+        return inputs.prediction.depth.mean() * (1.0 if self.calls < self.since else torch.nan)
 
 
 @pytest.mark.parametrize("steps", [1, 2, 30])
@@ -72,10 +79,25 @@ def test_a_loss_term_that_is_not_finite_is_named(small_model, fit, steps):
     objective.terms["broken"], objective.weights["broken"] = Broken(), 1.0
     module = DepthCompletion(model, objective)
     blamed = (
-        r"the training loss is nan \(broken alone\) and the mean depth \d\.\d+ at step 1, .*: no weight had changed"
+        r"^the training loss is not finite from step 1 on \(loss nan, mean depth \d\.\d+ m at step 1, .*\), while the "
+        r"depth and all terms but objective\.broken are: no weight had changed"
     )
     with pytest.raises(DeuxError, match=blamed):
         fit(module, perfect_sample().batch, copies=steps, max_epochs=1, callbacks=[HealthCheck()])
+
+
+@pytest.mark.parametrize(("every", "seen_at"), [(1, 4), (2, 4), (100, 6)])
+def test_the_first_step_and_term_that_are_not_finite_are_named_later(small_model, fit, every, seen_at):
+    model = small_model(3.0)
+    objective = make_objective(model)
+    objective.terms["broken"], objective.weights["broken"] = Broken(since=4), 1.0
+    named = (
+        rf"^the training loss is not finite from step 4 on .* at step {seen_at}, .*\), while the depth and all terms "
+        r"but objective\.broken are: look at what computes it, or lower training\.learning_rate"
+    )
+    module, batch = DepthCompletion(model, objective), perfect_sample().batch
+    with pytest.raises(DeuxError, match=named):
+        fit(module, batch, copies=6, max_epochs=1, callbacks=[HealthCheck(every)])
 
 
 def test_a_loss_of_the_poses_alone_trains_no_depth_and_is_reported(small_model, fit):
@@ -88,7 +110,7 @@ def test_a_loss_of_the_poses_alone_trains_no_depth_and_is_reported(small_model, 
 
 def test_a_rate_that_is_too_high_is_reported_at_a_later_step(train):
     with pytest.raises(
-        DeuxError, match=r"training loss is nan and .* at step [2-9], .*: lower training\.learning_rate"
+        DeuxError, match=r"training loss is not finite from step [2-9] on .*\): lower training\.learning_rate"
     ):
         train(learning_rate=1e38, gradient_clip_val=None)
 
@@ -98,8 +120,8 @@ def test_weights_that_are_not_finite_stop_the_run_where_the_loss_stays_finite(sm
     module = DepthCompletion(model, make_objective(model), LearnedPoseSource(model.pose_network()))
     with torch.no_grad():
         module.pose_source.network.layer.bias.fill_(torch.nan)
-    with pytest.raises(DeuxError, match=r"tensors of weights are not finite at step 2"):
-        fit(module, perfect_sample().batch, copies=2, max_epochs=1, callbacks=[HealthCheck()])
+    with pytest.raises(DeuxError, match=r"tensors of weights are not finite at step 1"):
+        fit(module, perfect_sample().batch, copies=1, max_epochs=1, callbacks=[HealthCheck()])
 
 
 class Judged(HealthCheck):
@@ -120,7 +142,7 @@ def test_a_check_is_looked_at_by_the_next_one_or_at_the_end_of_the_epoch(small_m
     check = Judged()
     module = DepthCompletion(model, make_objective(model))
     fit(module, perfect_sample(1, 16, 16).batch, copies=10, max_epochs=1, callbacks=[check])
-    assert check.looked == [(1, 1), (3, 6), (6, 9), (9, 10)]
+    assert check.looked == [(1, 1), (3, 6), (6, 9), (9, 10), (10, 10)]
 
 
 class Save(Callback):
@@ -148,7 +170,10 @@ class Spoil(Callback):
 
 @pytest.mark.parametrize(
     ("every", "spoilt", "message"),
-    [(2, 1, "training loss is nan .* at step 2, .*: lower"), (100, 2, "of weights (is|are) not finite at step 2")],
+    [
+        (2, 1, "training loss is not finite from step 2 on .*: lower"),
+        (100, 2, "of weights (is|are) not finite at step 2"),
+    ],
 )
 def test_nothing_broken_is_written(small_model, fit, tmp_path, every, spoilt, message):
     model = small_model()

@@ -65,7 +65,7 @@ class _Reading:
         )
         cause = "lower training.learning_rate"
         if first < of_depth and len(broken) < len(self.terms):
-            what += f", while the depth and all terms but {' and '.join(broken)} are"
+            what += f", while the depth and all terms but {' and '.join(broken)} were finite then"
             cause = f"look at what computes {'it' if len(broken) == 1 else 'them'}, or {cause}"
         if first == 1:
             cause = "no weight had changed by then, so look at what computes it"

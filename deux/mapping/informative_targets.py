@@ -55,7 +55,7 @@ class InformativeTargets:
     A candidate is a place with a heading, on known free floor or at a frontier. The value of a view is the sum over the
     rays in its field of view of
 
-        share of the image x uncertainty of the ray's end point x its novelty,
+        share of the image x (uncertainty of the ray's end point) ** guidance x its novelty,
 
     with the uncertainty from `deux.mapping.surface_views` and the novelty from `deux.mapping.path_views`. The values of
     the views along the path are added to that of the target, each as if the views before it had been taken, and the sum
@@ -67,6 +67,7 @@ class InformativeTargets:
         rng: source of randomness for the places.
         residual_pose: what uncertainty is assigned to: the "surface" that a ray hits; the "pose" of the camera (the
             mean over frames nearby); or "constant", so that only novelty matters.
+        guidance: exponent of the uncertainty; with 0, too, only novelty matters.
         per_action: whether the value is divided by the actions.
         revisits: whether known floor is a candidate even if there are frontiers.
         on_the_way: whether the views along the path are included.
@@ -95,12 +96,13 @@ class InformativeTargets:
         episode: Episode,
         rng: np.random.Generator,
         residual_pose: ResidualPlace = "surface",
+        guidance: float = 1.0,
         per_action: bool = True,
         revisits: bool = True,
         on_the_way: bool = True,
     ) -> None:
         self._camera, self._robot, self._rng = episode.camera, episode.robot, rng
-        self._residual_pose = residual_pose
+        self._residual_pose, self._guidance = residual_pose, guidance
         self._per_action, self._revisits, self._on_the_way = per_action, revisits, on_the_way
         self._surfaces = SurfaceViews(episode.camera, self.max_range)
         self._poses = PoseResidualField()
@@ -164,9 +166,9 @@ class InformativeTargets:
         rays = cast_rays(now.occupancy, now.frame, places, self.max_range)
         worth = np.ones(rays.kind.shape)
         if self._residual_pose == "surface":
-            worth = self._surfaces.uncertainty(rays)
+            worth = self._surfaces.uncertainty(rays) ** self._guidance
         elif self._residual_pose == "pose":
-            worth *= self._poses.at(places)[:, None]
+            worth *= self._poses.at(places)[:, None] ** self._guidance
         points = points_on_paths(now.distance, cells if on_the_way else cells[:0], self.spacing / now.frame.resolution)
         nearest = cKDTree(cells).query(points.cells)[1]
         yaw = np.arctan2(-points.motion[:, 1], -points.motion[:, 0])

@@ -102,6 +102,7 @@ UNUSED = {
 EARLIER_BEHAVIOUR = {
     "collect.remembered_frames": "0",
     "explore.max_incidence": "90",
+    "explore.view_guidance": "1",
     "explore.visited_is_free": "false",
     "training.augmentation.scale": "[1, 1]",
     "training.averaging": "0",

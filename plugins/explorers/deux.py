@@ -23,7 +23,7 @@ log = logging.getLogger(__name__)
 OF_FRONTIERS = ("temperature", "guidance", "least_way", "keep_targets")
 """Options that only sampled and greedy targets have; the temperature is of sampled ones alone."""
 
-OF_VIEWS = ("revisits", "on_the_way")
+OF_VIEWS = ("view_guidance", "revisits", "on_the_way")
 """Options that only informative targets have."""
 
 
@@ -49,6 +49,8 @@ class DeuxExplorer(GoalExplorer):
         temperature: of sampled targets: with 1, probabilities are proportional to w; near 0, sampling becomes greedy.
         guidance: exponent of the uncertainty, for sampled and greedy targets: with 2, a place with twice the
             uncertainty may cost four times the actions. With 0, only the actions matter.
+        view_guidance: exponent of the uncertainty, for informative targets: with 1, views of surfaces with twice the
+            uncertainty are worth twice as much; with 0, only the novelty of what they show matters.
         resolution: edge of a map cell in metres.
         max_range: distance along the floor in metres up to which depth is mapped.
         depth_error: relative depth error that the map allows for: if it is too small, errors turn floor into obstacles;
@@ -95,6 +97,7 @@ class DeuxExplorer(GoalExplorer):
         target: Literal["informative", "sampled", "greedy"] = "informative",
         temperature: float = 0.1,
         guidance: float = 2.0,
+        view_guidance: float = 1.0,
         resolution: float = 0.05,
         max_range: float = 5.0,
         depth_error: float | None = None,
@@ -131,6 +134,7 @@ class DeuxExplorer(GoalExplorer):
                 f'deux\'s temperature is {temperature}: it must be positive (target="greedy" is its limit).'
             )
         check_range("explore.guidance", guidance, 0.0)
+        check_range("explore.view_guidance", view_guidance, 0.0)
         self.needs |= {Need.RESIDUAL}
         self._residual_pose: ResidualPlace = residual_pose
         self._target = target
@@ -143,9 +147,11 @@ class DeuxExplorer(GoalExplorer):
             guidance=guidance,
             least_way=least_way,
             keep_targets=keep_targets,
+            view_guidance=view_guidance,
             revisits=revisits,
             on_the_way=on_the_way,
         )
+        self._view_guidance = view_guidance
         self._views_options = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
 
     def _report_unused(self, **given: float) -> None:
@@ -164,7 +170,9 @@ class DeuxExplorer(GoalExplorer):
             if self._residual_pose == "surface"
             else PoseResidualField()
         )
-        self._views = InformativeTargets(episode, self.rng, self._residual_pose, **self._views_options)
+        self._views = InformativeTargets(
+            episode, self.rng, self._residual_pose, self._view_guidance, **self._views_options
+        )
         self._until_review = self.review_interval
 
     def mapped(self, observation: Observation) -> None:

@@ -103,6 +103,25 @@ def test_what_was_in_full_view_is_not_new_from_beside(shift):
     )  # (1 + 1) ** -2, and the rim
 
 
+@pytest.mark.parametrize("guidance", [0.0, 0.5, 1.0])
+def test_guidance_is_the_exponent_of_the_uncertainty(guidance):
+    chooser, without = targets(guidance=guidance), targets(residual_pose="constant")
+    show_walls(chooser, 0.36, 0.36, long=0.36)
+    cells = np.array([[40, 35], [40, 85], [20, 60]])
+    values, shares = (one.values(now(), cells, on_the_way=False) for one in (chooser, without))
+    assert np.allclose(values, shares * 0.36**guidance)
+
+
+def test_without_guidance_only_novelty_counts():
+    guided, constant = targets(guidance=0.0), targets(residual_pose="constant")
+    show_walls(guided, 0.3, 0.1)
+    for x in np.arange(2.0, 6.0, 0.5):
+        for chooser in (guided, constant):
+            chooser.mark_seen(camera_pose(x, 1.25, 4.0, 0.0), room(), FRAME)
+    cells = np.argwhere(room() == 2)[::97]
+    assert np.allclose(guided.values(now(), cells, True), constant.values(now(), cells, True))
+
+
 def test_the_unknown_is_worth_the_mean_error():
     occupancy = room()
     occupancy[:, 90:] = 0

@@ -1,3 +1,4 @@
+import inspect
 from dataclasses import fields
 
 import pytest
@@ -6,6 +7,7 @@ import yaml
 from deux.collection.specification import DatasetSpec
 from deux.configuration import config_folder
 from deux.data.augmentation import AugmentationSettings
+from deux.mapping.informative_targets import InformativeTargets
 from deux.mapping.occupancy import DepthTolerance
 from deux.report import conditions as parts
 from deux.report.conditions import conditions, differences, flatten_options, variant_labels
@@ -282,7 +284,9 @@ def test_an_option_that_came_later_and_changes_nothing_tells_no_runs_apart():
 @pytest.mark.parametrize("key", parts.EARLIER_BEHAVIOUR)
 def test_earlier_behaviour_is_that_of_the_parts_alone(key):
     section, name = key.split(".", 1)
-    if section == "explore":
+    if name == "view_guidance":
+        default = inspect.signature(InformativeTargets).parameters["guidance"].default
+    elif section == "explore":
         default = getattr(DepthTolerance(), {"max_incidence": "incidence"}.get(name, name))
     elif section == "collect":
         default = getattr(DatasetSpec, name)

@@ -19,6 +19,7 @@ SWITCHES = {
     "explore.keep_targets": ("false", "true"),
     "explore.least_way": ("1.5", "0.0"),
     "explore.guidance": ("2.0", "1.0"),
+    "explore.view_guidance": ("1.0", "0.5", "0.0"),
     "explore.revisits": ("true", "false"),
     "explore.on_the_way": ("true", "false"),
     "explore.temperature": ("0.1", "0.25", "1.0"),

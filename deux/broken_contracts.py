@@ -1,6 +1,6 @@
 """The error about a plugin that returns something that its contract does not allow.
 
-Checks that raise it look at shapes and types only, since reading values from a GPU would wait for it.
+Checks of tensors on the device look at shapes and types only, since reading their values would wait for it.
 """
 
 from __future__ import annotations

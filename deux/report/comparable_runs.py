@@ -129,19 +129,6 @@ class ComparableRuns:
         return dict(cells)
 
     @property
-    def corrected(self) -> "ComparableRuns":
-        """The finished runs that have errors of corrected depth, with these in place of the model's own errors.
-
-        Results have no errors of corrected depth by scene, so `scene_difference` is None for all.
-        """
-        finished = tuple(
-            replace(run, results=replace(run.results, metrics=run.results.corrected, scenes=[]))
-            for run in self.finished
-            if run.results and run.results.corrected
-        )
-        return replace(self, finished=finished, unfinished=())
-
-    @property
     def explorers(self) -> set[Variant]:
         """The explorers of the finished runs."""
         return {explorer for explorer, _ in self.cells}

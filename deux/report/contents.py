@@ -201,11 +201,19 @@ def _section(
 def _corrected(
     sections: Sequence[Section], names: DisplayNames, baseline: str | tuple[str, ...] | None
 ) -> tuple[ResultTable, ...]:
-    """The tables of corrected depth of the sections that have any: a row for each explorer, as in Table I."""
+    """The tables of corrected depth of the sections that have any: a row for each explorer, as in Table I.
+
+    Results have no errors of corrected depth by scene, so that there are no intervals over scenes.
+    """
     tables = []
     for section in sections:
-        runs = section.runs.corrected
-        if runs.finished:
+        finished = tuple(
+            replace(run, results=replace(run.results, metrics=run.results.corrected, scenes=[]))
+            for run in section.runs.finished
+            if run.results and run.results.corrected
+        )
+        if finished:
+            runs = replace(section.runs, finished=finished, unfinished=())
             table = table_one(runs, names, section.dataset, f"{section.table.name}_corrected", baseline)
             tables.append(replace(table, caption=f"Depth corrected by the sparse points, {section.title}"))
     return tuple(tables)

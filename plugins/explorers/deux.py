@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -151,8 +152,14 @@ class DeuxExplorer(GoalExplorer):
             revisits=revisits,
             on_the_way=on_the_way,
         )
-        self._view_guidance = view_guidance
-        self._views_options = {"per_action": per_action, "revisits": revisits, "on_the_way": on_the_way}
+        self._make_views = partial(
+            InformativeTargets,
+            residual_pose=residual_pose,
+            guidance=view_guidance,
+            per_action=per_action,
+            revisits=revisits,
+            on_the_way=on_the_way,
+        )
 
     def _report_unused(self, **given: float) -> None:
         """Warn of options that the chosen kind of target does not have, if they are not the defaults."""
@@ -170,9 +177,7 @@ class DeuxExplorer(GoalExplorer):
             if self._residual_pose == "surface"
             else PoseResidualField()
         )
-        self._views = InformativeTargets(
-            episode, self.rng, self._residual_pose, self._view_guidance, **self._views_options
-        )
+        self._views = self._make_views(episode, self.rng)
         self._until_review = self.review_interval
 
     def mapped(self, observation: Observation) -> None:

@@ -46,14 +46,20 @@ class Reader(HTMLParser):
             self.marked[self.open[-1]].append(data)
 
 
+def read_page(text):
+    """Read a page whose elements must nest."""
+    reader = Reader()
+    reader.feed(text)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
 def test_corrected_depth_is_a_part_of_its_own(write_run, outputs, names):
     path = write_run("deux", "kbnet", 0, 20.0) / "results.json"
     errors = {"mae": 15.0, "rmse": 40.0, "imae": 30.0, "irmse": 90.0}
     path.write_text(json.dumps({**json.loads(path.read_text()), "corrected": errors}))
-    reader = Reader()
-    reader.feed(html_page(read_contents(outputs, names), {}))
-    reader.close()
-    assert reader.open == []
+    reader = read_page(html_page(read_contents(outputs, names), {}))
     assert "#corrected" in reader.references
     assert "corrected" in reader.ids
     assert ["DEUX", "15.0", "40.0", "30.0", "90.0"] in reader.rows
@@ -64,10 +70,7 @@ def test_scorecards_are_a_part_of_their_own(write_run, outputs, names):
         for number, explorer in enumerate(("random", "deux")):
             run = write_run(explorer, "kbnet", seed, 20.0 - number)
             Scorecard(18, 18, 0.5, 0.4, 7, 9 + number, 0.2, 0.5, 0.3).save(run)
-    reader = Reader()
-    reader.feed(html_page(read_contents(outputs, names), {}))
-    reader.close()
-    assert reader.open == []
+    reader = read_page(html_page(read_contents(outputs, names), {}))
     assert "#scorecards" in reader.references
     assert "scorecards" in reader.ids
     assert ["DEUX", "50.0", "40.0", "7", "10", "20.0", "50.0", "30.0", *["–"] * 6] in reader.rows
@@ -84,11 +87,8 @@ def page(write_run, write_sweep, outputs, names, tmp_path):
     write_run("<wall> & co", "kbnet", 0, 99.0)
     Image.new("RGB", (8, 8), "red").save(tmp_path / "a.png")
     contents = read_contents(outputs, names)
-    reader = Reader()
     text = html_page(contents, {"table1": [CaptionedFigure(tmp_path / "a.png", 'A "picture" <b>')]})
-    reader.feed(text)
-    reader.close()
-    return text, reader
+    return text, read_page(text)
 
 
 def test_it_is_well_formed_and_refers_to_nothing_outside(page):

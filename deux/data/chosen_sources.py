@@ -8,9 +8,9 @@ from itertools import groupby
 
 import numpy as np
 
-from deux.broken_contracts import broken_contract
 from deux.contracts import FrameReference, Neighbourhood, Reader, Triplet
-from deux.errors import DeuxError, counted, shown
+from deux.data.checked_frames import chosen_triplets_of, image_of, intrinsics_of, pose_of, sparse_depth_of, triplets_of
+from deux.errors import DeuxError, counted
 from deux.geometry.source_frames import SOURCES, SourceRule, SourceView, choose_sources
 from deux.io.layout import SourceChoice
 from deux.log_once import warn_once
@@ -43,39 +43,12 @@ def list_triplets(
         DeuxError: as `Reader.triplets`, or a pose or depth file that the choice needs is damaged.
     """
     if choice == "recent":
-        return read_triplets(reader, split, offsets)
-    listed = reader.chosen_triplets(split)
+        return triplets_of(reader, split, offsets)
+    listed = chosen_triplets_of(reader, split)
     if listed is not None:
-        _check_triplets(reader, listed, "chosen_triplets")
         _warn_of_offsets(reader, offsets)
         return listed
     return list(_chosen(reader, split, offsets))
-
-
-def read_triplets(reader: Reader, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-    """Call `Reader.triplets` and check its result.
-
-    Raises:
-        DeuxError: as `Reader.triplets`, or the result is not a list of triplets.
-    """
-    found = reader.triplets(split, offsets)
-    _check_triplets(reader, found, "triplets")
-    return found
-
-
-def _check_triplets(reader: Reader, found: object, method: str) -> None:
-    """Raise DeuxError unless the result of a reader's method is a list of `Triplet`; plain tuples are refused."""
-    invalid: list[object] = [found]
-    if isinstance(found, list | tuple):
-        invalid = [one for one in found if not (isinstance(one, Triplet) and _has_frame_references(one))]
-    if invalid:
-        wanted = "a list of deux.contracts.Triplet(target, (source, ...)), each of these a FrameReference"
-        raise broken_contract(reader, shown(invalid[0], most=200), wanted, method)
-
-
-def _has_frame_references(triplet: Triplet) -> bool:
-    target, sources = triplet
-    return isinstance(sources, tuple) and all(isinstance(frame, FrameReference) for frame in (target, *sources))
 
 
 def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offsets: tuple[int, ...]) -> int:
@@ -87,8 +60,8 @@ def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offs
         choice: see `list_triplets`.
         offsets: see `list_triplets`.
     """
-    recent = read_triplets(reader, split, offsets)
-    listed = reader.chosen_triplets(split) if choice == "baseline" else recent
+    recent = triplets_of(reader, split, offsets)
+    listed = chosen_triplets_of(reader, split) if choice == "baseline" else recent
     found = reader.neighbourhoods(split, SourceRule().reach) if listed is None else []
     if listed is not None or _none_to_choose(found, recent):
         return sum(not triplet.sources for triplet in (recent if listed is None else listed))
@@ -97,7 +70,7 @@ def count_without_sources(reader: Reader, split: str, choice: SourceChoice, offs
     for _, group in groupby(found, key=lambda one: one.target.sequence):
         members = list(group)
         frames = dict.fromkeys(frame for target, around in members for frame in (target, *around.values()))
-        posed = {frame for frame in frames if reader.pose(frame) is not None}
+        posed = {frame for frame in frames if pose_of(reader, frame) is not None}
         if any(target in posed for target, _ in members):
             enough = {t for t, around in members if t in posed and len(posed & {*around.values()}) >= SOURCES}
         else:
@@ -117,9 +90,9 @@ def warn_of_cameras(reader: Reader, triplets: Sequence[Triplet]) -> None:
         triplets: the training triplets.
     """
     for target, sources in triplets[:: max(1, len(triplets) // _COMPARED_TRIPLETS)]:
-        own = reader.intrinsics(target)
+        own = intrinsics_of(reader, target)
         for source in sources:
-            if not np.allclose(reader.intrinsics(source), own, rtol=1e-3):
+            if not np.allclose(intrinsics_of(reader, source), own, rtol=1e-3):
                 warn_once(
                     log,
                     f"{reader.folder}: frame {source.name} of {source.sequence} has other intrinsics than "
@@ -162,7 +135,7 @@ def sources_by_parallax(
 
 @lru_cache(maxsize=16)
 def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Triplet, ...]:
-    triplets = read_triplets(reader, split, offsets)
+    triplets = triplets_of(reader, split, offsets)
     found = reader.neighbourhoods(split, SourceRule().reach)
     if all(len(one.frames) <= SOURCES for one in found) and _none_to_choose(found, triplets):
         return tuple(triplets)
@@ -172,7 +145,7 @@ def _chosen(reader: Reader, split: str, offsets: tuple[int, ...]) -> tuple[Tripl
     recent = {triplet.target: triplet for triplet in triplets}
     for sequence, group in groupby(found, key=lambda one: one.target.sequence):
         members = list(group)
-        if reader.pose(members[0].target) is not None or any(reader.pose(one.target) is not None for one in members):
+        if any(pose_of(reader, one.target) is not None for one in members):
             _warn_of_offsets(reader, offsets)
             chosen += _choose(reader, members)
             continue
@@ -211,11 +184,11 @@ def _choose(reader: Reader, members: list[Neighbourhood]) -> Iterator[Triplet]:
 
 def _view(reader: Reader, frame: FrameReference) -> SourceView | None:
     """The pose, camera and points of a frame, by which it is chosen; None if it has no pose."""
-    pose = reader.pose(frame)
+    pose = pose_of(reader, frame)
     if pose is None:
         return None
     try:
-        sparse_depth = reader.sparse_depth(frame)
+        sparse_depth = sparse_depth_of(reader, frame)
     except DeuxError:  # a frame of a video without depth; a target's damaged depth is reported when it is trained on
-        sparse_depth = np.zeros(reader.image(frame).shape[:2], np.float32)
-    return SourceView.of(pose, reader.intrinsics(frame), sparse_depth)
+        sparse_depth = np.zeros(image_of(reader, frame).shape[:2], np.float32)
+    return SourceView.of(pose, intrinsics_of(reader, frame), sparse_depth)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.checked_frames import ground_truth_of, image_of, pose_of, sparse_depth_of
 from deux.data.chosen_sources import list_triplets
 from deux.data.frame_sizes import check_one_size
 from deux.errors import DeuxError
@@ -129,8 +130,8 @@ def read_target(reader: Reader, triplet: Triplet) -> TargetArrays:
         DeuxError: a file is damaged, or an array has another size than the target's image.
     """
     target, sources = triplet
-    images = [reader.image(frame) for frame in (target, *sources)]
-    arrays = TargetArrays(images, reader.sparse_depth(target), reader.ground_truth(target))
+    images = [image_of(reader, frame) for frame in (target, *sources)]
+    arrays = TargetArrays(images, sparse_depth_of(reader, target), ground_truth_of(reader, target))
     named = [(f"source frame {frame.name}", image) for frame, image in zip(sources, images[1:], strict=True)]
     named += [("sparse depth", arrays.sparse_depth)]
     named += [] if arrays.ground_truth is None else [("ground truth", arrays.ground_truth)]
@@ -166,7 +167,7 @@ class FrameExport:
 
     def write_pose(self, frame: FrameReference, name: str) -> bool:
         """Write the camera-to-world pose as 3 x 4 numbers; returns whether the frame has a pose."""
-        pose = self.reader.pose(frame)
+        pose = pose_of(self.reader, frame)
         if pose is not None:
             write_matrix(self._file("absolute_pose", f"{name}.txt"), pose[:3])
         return pose is not None

@@ -14,9 +14,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from torch import Tensor
 
-from deux.broken_contracts import broken_contract
 from deux.contracts import FrameReference, Reader
-from deux.errors import kind_of
+from deux.data.checked_frames import ground_truth_of, image_of, sparse_depth_of
 from deux.io.images import DEPTH_SCALE, quantise_depth
 
 Kind = Literal["image", "sparse_depth", "ground_truth"]
@@ -49,20 +48,11 @@ def read_frame_array(key: FrameKey) -> np.ndarray | None:
         An image as 3 x H x W uint8, depth as H x W float32 metres; None for ground truth that does not exist.
 
     Raises:
-        DeuxError: as the reader's methods, or the array has the wrong shape or dtype.
+        DeuxError: as `deux.data.checked_frames`.
     """
-    found: object = getattr(key.reader, key.kind)(key.frame)
-    if found is None and key.kind == "ground_truth":
-        return None
-    is_image = key.kind == "image"
-    if isinstance(found, np.ndarray) and found.dtype == (np.uint8 if is_image else np.float32):
-        if is_image and found.ndim == 3 and found.shape[2] == 3:
-            return np.ascontiguousarray(found.transpose(2, 0, 1))
-        if not is_image and found.ndim == 2:
-            return found
-    wanted = "H x W x 3, uint8" if is_image else "H x W, float32, in metres"
-    frame = f"frame {key.frame.name} of {key.frame.sequence} in {key.reader.folder}"
-    raise broken_contract(key.reader, f"{kind_of(found)} for {frame}", f"an array of {wanted}", key.kind)
+    if key.kind == "image":
+        return np.ascontiguousarray(image_of(key.reader, key.frame).transpose(2, 0, 1))
+    return (sparse_depth_of if key.kind == "sparse_depth" else ground_truth_of)(key.reader, key.frame)
 
 
 def compact(array: np.ndarray) -> np.ndarray:

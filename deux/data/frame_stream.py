@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deux.contracts import FrameReference, Reader
+from deux.data.checked_frames import ground_truth_of, image_of, intrinsics_of, pose_of, sparse_depth_of
 from deux.data.frame_sizes import check_one_size
 from deux.geometry.poses import absorb_intrinsics, source_from_target
 from deux.geometry.source_frames import SourceRule
@@ -103,29 +104,29 @@ class FrameStream:
         image = self._image(frame)
         sparse_depth, truth = np.zeros(image.shape[:2], np.float32), None
         if self._depths:
-            sparse_depth, truth = self._reader.sparse_depth(frame), self._reader.ground_truth(frame)
+            sparse_depth, truth = sparse_depth_of(self._reader, frame), ground_truth_of(self._reader, frame)
         depths = [("sparse depth", sparse_depth.shape)] + ([] if truth is None else [("ground truth", truth.shape)])
         check_one_size(self._reader, frame, image.shape[:2], depths)
-        pose = self._reader.pose(frame)
-        intrinsics = self._reader.intrinsics(frame)
+        pose = pose_of(self._reader, frame)
+        intrinsics = intrinsics_of(self._reader, frame)
         others = self._sources.get(frame, ())
         found = [] if pose is None else [self._source(pose, intrinsics, source) for source in others]
         sources = tuple(source for source in found if source is not None and source.image.shape == image.shape)
         return RecordedFrame(image, sparse_depth, intrinsics, truth, pose, sources)
 
     def _source(self, target: np.ndarray, intrinsics: np.ndarray, frame: FrameReference) -> SourceImage | None:
-        pose = self._reader.pose(frame)
+        pose = pose_of(self._reader, frame)
         if pose is None:
             return None
-        motion = absorb_intrinsics(source_from_target(target, pose), intrinsics, self._reader.intrinsics(frame))
+        motion = absorb_intrinsics(source_from_target(target, pose), intrinsics, intrinsics_of(self._reader, frame))
         return SourceImage(self._image(frame), motion)
 
     def _image(self, frame: FrameReference) -> np.ndarray:
         """Read an image; if source frames are read, recent images are cached."""
         if not self._sources:
-            return self._reader.image(frame)
+            return image_of(self._reader, frame)
         if frame not in self._images:
-            self._images[frame] = self._reader.image(frame)
+            self._images[frame] = image_of(self._reader, frame)
             if len(self._images) > _CACHED_IMAGES:
                 self._images.popitem(last=False)
         return self._images[frame]

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.checked_frames import intrinsics_of, pose_of
 from deux.data.exported_split import ExportedSplit, read_target
 from deux.errors import DeuxError
 from deux.io.atomic import make_folder, write_failure
@@ -72,8 +73,8 @@ def _add_sample(shard: tarfile.TarFile, key: str, reader: Reader, triplet: Tripl
     _add(shard, f"{key}.sparse_depth.png", encode_depth(sparse_depth))
     if truth is not None:
         _add(shard, f"{key}.ground_truth.png", encode_depth(truth))
-    poses = [reader.pose(frame) for frame in frames]
-    intrinsics, *others = [reader.intrinsics(frame).tolist() for frame in frames]
+    poses = [pose_of(reader, frame) for frame in frames]
+    intrinsics, *others = [intrinsics_of(reader, frame).tolist() for frame in frames]
     camera = {
         "intrinsics": intrinsics,
         "poses": None if any(pose is None for pose in poses) else [pose.tolist() for pose in poses],  # type: ignore[union-attr]

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from deux.contracts import FrameReference, Triplet
+from deux.data.checked_frames import intrinsics_of
 from deux.data.exported_split import SOURCES, ExportedSplit, FrameExport, complete_lists, read_target
 from deux.errors import DeuxError
 from deux.io.atomic import write_atomically
@@ -102,9 +103,9 @@ def _write_intrinsics(files: FrameExport, triplets: Sequence[Triplet]) -> list[s
     targets = [triplet.target.name for triplet in triplets]
     matrices: dict[str, np.ndarray] = {}
     for triplet in triplets:
-        matrices[triplet.target.name] = files.reader.intrinsics(triplet.target)
+        matrices[triplet.target.name] = intrinsics_of(files.reader, triplet.target)
         for number, source in enumerate(_source_frames(triplet), start=1):
-            matrices[source_name(triplet.target.name, number)] = files.reader.intrinsics(source)
+            matrices[source_name(triplet.target.name, number)] = intrinsics_of(files.reader, source)
     one = matrices[targets[0]]
     if all(np.array_equal(matrix, one) for matrix in matrices.values()):
         _write_matrix(files.folder / INTRINSICS, one)

@@ -11,6 +11,7 @@ from torch.utils.data import Dataset
 
 from deux.contracts import Augmentation, Batch, FrameReference, Reader, Triplet
 from deux.data.augmentation import fix_batch_size
+from deux.data.checked_frames import intrinsics_of, pose_of
 from deux.data.chosen_sources import list_triplets, warn_of_cameras
 from deux.data.device_batches import LoadedBatch, StoredSample, check_alike, device_batch
 from deux.data.device_cache import DeviceCache
@@ -185,7 +186,7 @@ class TripletDataset(Dataset[Batch]):
         """The camera matrix of the whole frame, 3 x 3; it must not be modified."""
         key = reader, frame
         if key not in self._intrinsics:
-            self._intrinsics[key] = reader.intrinsics(frame)
+            self._intrinsics[key] = intrinsics_of(reader, frame)
         return self._intrinsics[key]
 
     def _relative_poses(self, reader: Reader, triplet: Triplet) -> np.ndarray | None:
@@ -253,7 +254,7 @@ def _motions(reader: Reader, triplet: Triplet) -> np.ndarray | None:
     """S x 4 x 4, transforms points of the target camera to each source camera; None if a frame has no pose."""
     if not triplet.sources:
         return None
-    poses = [reader.pose(frame) for frame in (triplet.target, *triplet.sources)]
+    poses = [pose_of(reader, frame) for frame in (triplet.target, *triplet.sources)]
     if any(pose is None for pose in poses):
         return None
     return source_from_target(poses[0], np.stack(poses[1:]))  # type: ignore[arg-type]

@@ -24,6 +24,7 @@ from typing import Literal
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.checked_frames import image_of, intrinsics_of
 from deux.data.exported_split import ExportedSplit, FrameExport, complete_lists, read_target
 from deux.data.frame_sizes import Size, check_one_size
 from deux.errors import DeuxError
@@ -121,7 +122,7 @@ def _write_sequence(
     files = {density: FrameExport(folder / density / "data" / sequence, reader) for density in DENSITIES}
     first: dict[FrameReference, str] = {}
     listed = set(targets)
-    size = f"frame {arranged[0].name}", reader.image(arranged[0]).shape[:2]
+    size = f"frame {arranged[0].name}", image_of(reader, arranged[0]).shape[:2]
     for place, frame in enumerate(arranged):
         name = frame_name(place)
         known = first.setdefault(frame, name)
@@ -133,7 +134,7 @@ def _write_sequence(
         if place in listed:
             yield
     for written in files.values():
-        write_matrix(written.folder / "K.txt", reader.intrinsics(arranged[0]))
+        write_matrix(written.folder / "K.txt", intrinsics_of(reader, arranged[0]))
 
 
 def _write_frame(files: dict[str, FrameExport], frame: FrameReference, name: str, first: tuple[str, Size]) -> None:
@@ -189,10 +190,10 @@ def _lines(density: Path, sequence: str, kind: str, places: Sequence[int]) -> li
 def _check_cameras(split: ExportedSplit) -> None:
     """Raise DeuxError if the frames of one sequence have different intrinsics: the layout has one K.txt for each."""
     for sequence, triplets in split.sequences().items():
-        first = split.reader.intrinsics(triplets[0].target)
+        first = intrinsics_of(split.reader, triplets[0].target)
         for target, sources in triplets:
             for frame in (target, *sources):
-                if not np.array_equal(split.reader.intrinsics(frame), first):
+                if not np.array_equal(intrinsics_of(split.reader, frame), first):
                     raise DeuxError(
                         f"export_dataset.format=void supports one camera for each sequence, but in {sequence} of "
                         f"{split.reader.folder} the camera of {frame.name} differs from that of "

@@ -9,7 +9,8 @@ import numpy as np
 
 from deux.contracts import FrameReference, MissingSplit, Reader, Triplet
 from deux.contracts.reader import SPLITS
-from deux.data.chosen_sources import count_without_sources, read_triplets
+from deux.data.checked_frames import ground_truth_of, image_of, intrinsics_of, pose_of, sparse_depth_of, triplets_of
+from deux.data.chosen_sources import count_without_sources
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.data.even_choice import evenly_chosen
 from deux.doctor.true_depth_warp import FramePair, WarpErrors, warp, warp_errors
@@ -96,7 +97,7 @@ def _check_split(
     choice: SourceChoice,
 ) -> SplitCheck:
     try:
-        triplets = read_triplets(reader, split, offsets)
+        triplets = triplets_of(reader, split, offsets)
     except MissingSplit as error:
         return SplitCheck(split, facts=[str(error)])
     check = SplitCheck(split, len(triplets))
@@ -124,7 +125,7 @@ def _check_split(
 
 def _neighbours(reader: Reader, split: str) -> list[Triplet]:
     """Targets with the frame before them, or with the first source frame that the folder lists."""
-    triplets = read_triplets(reader, split, (-1,))
+    triplets = triplets_of(reader, split, (-1,))
     pairs = [Triplet(target, sources[:1]) for target, sources in triplets if sources]
     return evenly_chosen(pairs, CHECKED) if pairs else []
 
@@ -133,8 +134,8 @@ def _check_cameras(reader: Reader, frames: Sequence[FrameReference], check: Spli
     """Check image size and intrinsics, once for each sequence."""
     cameras: dict[str, str] = {}
     for frame in {frame.sequence: frame for frame in frames}.values():
-        height, width = reader.image(frame).shape[:2]
-        matrix = reader.intrinsics(frame)
+        height, width = image_of(reader, frame).shape[:2]
+        matrix = intrinsics_of(reader, frame)
         (fx, fy), (x, y) = matrix[[0, 1], [0, 1]], matrix[:2, 2]
         views = [math.degrees(2 * math.atan(side / (2 * f))) for side, f in ((width, fx), (height, fy))]
         line = (
@@ -150,10 +151,10 @@ def _check_cameras(reader: Reader, frames: Sequence[FrameReference], check: Spli
 
 def _check_sizes(reader: Reader, frames: Sequence[FrameReference], check: SplitCheck) -> None:
     """Check that depth maps have the size of their images."""
-    for kind, read in (("sparse depth", reader.sparse_depth), ("ground truth", reader.ground_truth)):
+    for kind, read in (("sparse depth", sparse_depth_of), ("ground truth", ground_truth_of)):
         mismatches = []
         for frame in frames:
-            depth, image = read(frame), reader.image(frame)
+            depth, image = read(reader, frame), image_of(reader, frame)
             if depth is not None and depth.shape != image.shape[:2]:
                 sizes = f"{depth.shape[1]} x {depth.shape[0]} pixels and its image {image.shape[1]} x {image.shape[0]}"
                 mismatches.append(f"the {kind} of frame {frame.name} of {frame.sequence} has {sizes}")
@@ -166,8 +167,8 @@ def _check_depth(
     reader: Reader, frames: Sequence[FrameReference], depth_range: tuple[float, float], check: SplitCheck
 ) -> None:
     """Check range, density and unit of the sparse points and the ground truth."""
-    points = [reader.sparse_depth(frame) for frame in frames]
-    truths = [truth for frame in frames if (truth := reader.ground_truth(frame)) is not None]
+    points = [sparse_depth_of(reader, frame) for frame in frames]
+    truths = [truth for frame in frames if (truth := ground_truth_of(reader, frame)) is not None]
     counts = [int(np.count_nonzero(depth)) for depth in points]
     check.facts.append(
         f"{np.median(counts):.0f} sparse points a frame ({min(counts)} to {max(counts)}), {_range(points, depth_range)}"
@@ -210,7 +211,7 @@ def _range(maps: Sequence[np.ndarray], depth_range: tuple[float, float]) -> str:
 
 def _check_poses(reader: Reader, neighbours: Sequence[Triplet], check: SplitCheck) -> None:
     """Report the camera's motion between neighbouring frames."""
-    poses = [(reader.pose(target), reader.pose(sources[0])) for target, sources in neighbours]
+    poses = [(pose_of(reader, target), pose_of(reader, sources[0])) for target, sources in neighbours]
     motions = [motion(pose, other) for pose, other in poses if pose is not None and other is not None]
     if motions:
         distance, angle = np.median(motions, axis=0)
@@ -226,13 +227,13 @@ def _pair(reader: Reader, triplet: Triplet) -> FramePair | None:
     target, sources = triplet
     if not sources:
         return None
-    depth, pose, source_pose = reader.ground_truth(target), reader.pose(target), reader.pose(sources[0])
+    depth, pose, source_pose = ground_truth_of(reader, target), pose_of(reader, target), pose_of(reader, sources[0])
     if depth is None or pose is None or source_pose is None:
         return None
-    image, source = reader.image(target), reader.image(sources[0])
+    image, source = image_of(reader, target), image_of(reader, sources[0])
     if not image.shape[:2] == depth.shape == source.shape[:2]:
         return None
-    cameras = reader.intrinsics(target), reader.intrinsics(sources[0])
+    cameras = intrinsics_of(reader, target), intrinsics_of(reader, sources[0])
     return FramePair(image, source, depth, *cameras, pose, source_pose)
 
 
@@ -263,8 +264,8 @@ def _preview(reader: Reader, triplet: Triplet) -> PreviewFrame:
     target = triplet.target
     return PreviewFrame(
         f"{target.sequence} {target.name}",
-        reader.image(target),
-        reader.sparse_depth(target),
-        reader.ground_truth(target),
+        image_of(reader, target),
+        sparse_depth_of(reader, target),
+        ground_truth_of(reader, target),
         None if pair is None else warp(pair, pair.pose, pair.source_pose),
     )

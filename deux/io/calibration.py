@@ -50,9 +50,9 @@ def checked_pose(numbers: np.ndarray, path: Path | str) -> np.ndarray:
         raise DeuxError(f"{path} is not a pose: 3 or 4 rows of 4 finite numbers are expected.")
     pose = np.eye(4)
     pose[:3] = numbers.ravel()[:12].reshape(3, 4)
-    if not np.allclose(numbers.ravel()[12:], pose[3, : numbers.size - 12], atol=1e-6):
+    if numbers.size == 16 and np.abs(numbers.ravel()[12:] - pose[3]).max() > 1e-6:
         raise DeuxError(f"{path} is not a pose: its fourth row is not 0 0 0 1, so it may be transposed.")
-    if not np.allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-3):
+    if np.abs(pose[:3, :3] @ pose[:3, :3].T - np.eye(3)).max() > 1e-3:
         raise DeuxError(f"{path} is not a pose: its first 3 x 3 numbers are not a rotation.")
     if np.linalg.det(pose[:3, :3]) < 0:
         raise DeuxError(f"{path} is not a pose: its first 3 x 3 numbers are a reflection, with a determinant of -1.")
@@ -71,7 +71,7 @@ def read_intrinsics(path: Path) -> np.ndarray:
     return checked_intrinsics(read_numbers(path), path)
 
 
-def checked_intrinsics(numbers: np.ndarray, path: Path) -> np.ndarray:
+def checked_intrinsics(numbers: np.ndarray, path: Path | str) -> np.ndarray:
     """Check a camera matrix of nine numbers; returns 3 x 3.
 
     Args:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from deux.contracts import FrameReference, Reader, Triplet
+from deux.data.checked_frames import ground_truth_of, intrinsics_of, pose_of
 from deux.data.chosen_sources import PAPER_OFFSETS, list_triplets
 from deux.data.even_choice import evenly_chosen
 from deux.errors import DeuxError, shown
@@ -176,7 +177,7 @@ def score(
     sampled = evenly_chosen(triplets, most_frames)
     depths = [_depth(reader, one.target) for one in sampled]
     moved = [
-        moved_share(depth, reader.intrinsics(one.target), [_motion(poses, one, frame) for frame in one.sources])
+        moved_share(depth, intrinsics_of(reader, one.target), [_motion(poses, one, frame) for frame in one.sources])
         for one, depth in zip(sampled, depths, strict=True)
     ]
     places = [(reader.place(one.target), *_place(poses[one.target])) for one in triplets]
@@ -274,14 +275,14 @@ def _heading(pose: np.ndarray) -> int:
 
 
 def _pose(reader: Reader, frame: FrameReference) -> np.ndarray:
-    pose = reader.pose(frame)
+    pose = pose_of(reader, frame)
     if pose is None:
         raise DeuxError(f"Frame {frame} of {reader.folder} has no pose, which the scorecard needs.")
     return pose
 
 
 def _depth(reader: Reader, frame: FrameReference) -> np.ndarray:
-    depth = reader.ground_truth(frame)
+    depth = ground_truth_of(reader, frame)
     if depth is None:
         raise DeuxError(f"Frame {frame} of {reader.folder} has no ground truth, which the scorecard needs.")
     return depth

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from deux.contracts import FrameReference, Reader
+from deux.data.checked_frames import intrinsics_of, pose_of
 from deux.geometry.depth_agreement import REACH, PosedDepth, agreeing_pixels, confirming_frames
 from deux.tasks.prediction_folder import PredictionFolder
 
@@ -25,7 +26,7 @@ class AgreementFilter:
     ) -> None:
         self._reader = reader
         self._tolerance = tolerance
-        posed = [(frame, pose) for frame in frames if (pose := reader.pose(frame)) is not None]
+        posed = [(frame, pose) for frame in frames if (pose := pose_of(reader, frame)) is not None]
         self._frames, self._poses = [frame for frame, _ in posed], [pose for _, pose in posed]
         self._indices = {frame: index for index, frame in enumerate(self._frames)}
         self._results = results
@@ -46,4 +47,4 @@ class AgreementFilter:
 
     def _read(self, index: int) -> PosedDepth:
         frame = self._frames[index]
-        return PosedDepth(self._results.read_depth(frame), self._reader.intrinsics(frame), self._poses[index])
+        return PosedDepth(self._results.read_depth(frame), intrinsics_of(self._reader, frame), self._poses[index])

@@ -9,6 +9,7 @@ import numpy as np
 
 from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel, FrameReference, MissingSplit, Reader, Triplet
+from deux.data.checked_frames import ground_truth_of, intrinsics_of, pose_of, sparse_depth_of
 from deux.data.chosen_sources import list_triplets
 from deux.data.depth_unit import points_scale, ratio_remedy, ratio_warning, unit_warning
 from deux.data.even_choice import evenly_chosen
@@ -146,10 +147,10 @@ def _no_validation(reader: Reader, offsets: tuple[int, ...], needs: Needs, choic
         return f"none of the validation frames of {reader.folder} has source frames{_at(offsets, choice)}"
     targets = [triplet.target for triplet in triplets]
     for sequence, target in {target.sequence: target for target in targets}.items():
-        if reader.ground_truth(target) is None:
+        if ground_truth_of(reader, target) is None:
             return f"{reader.folder} has no ground truth of {sequence}"
     checked = evenly_chosen(targets, CHECKED)
-    if not any((truth := reader.ground_truth(frame)) is not None and truth.any() for frame in checked):
+    if not any((truth := ground_truth_of(reader, frame)) is not None and truth.any() for frame in checked):
         frames = counted(len(checked), "validation frame")
         return f"the ground truth of all {frames} of {reader.folder} that were read is 0, which means no value"
     return None
@@ -173,15 +174,15 @@ def _at(offsets: tuple[int, ...], choice: SourceChoice) -> str:
 
 def _check_cameras_and_units(reader: Reader, frames: Sequence[FrameReference], model: DepthModel, truth: bool) -> None:
     for frame in {frame.sequence: frame for frame in frames}.values():
-        height, width = reader.sparse_depth(frame).shape
+        height, width = sparse_depth_of(reader, frame).shape
         camera = f"the camera matrix of {frame.sequence} in {reader.folder}"
-        _warn(camera_warning(reader.intrinsics(frame), height, width, camera))
+        _warn(camera_warning(intrinsics_of(reader, frame), height, width, camera))
     _check_unit(reader, frames, truth, model.max_depth)
 
 
 def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
     for frame in frames:
-        if reader.pose(frame) is None:
+        if pose_of(reader, frame) is None:
             raise DeuxError(
                 f"pose=simulator needs the poses of the frames, and {reader.folder} has none for {frame.sequence}: use "
                 "pose=learned, or frames with poses."
@@ -189,7 +190,7 @@ def _check_poses(reader: Reader, frames: Sequence[FrameReference]) -> None:
 
 
 def _check_points(reader: Reader, frames: Sequence[FrameReference]) -> None:
-    if not any(reader.sparse_depth(frame).any() for frame in frames):
+    if not any(sparse_depth_of(reader, frame).any() for frame in frames):
         raise DeuxError(
             f"none of the {counted(len(frames), 'frame')} of {reader.folder} that were read has a sparse point, which "
             "depth completion needs: give frames whose sparse depth is not 0 everywhere."
@@ -198,14 +199,14 @@ def _check_points(reader: Reader, frames: Sequence[FrameReference]) -> None:
 
 def _check_unit(reader: Reader, frames: Sequence[FrameReference], truth: bool, max_depth: float) -> None:
     """Warn of frames without sparse points, and of points and ground truth that seem to be in a wrong unit."""
-    sparse = [reader.sparse_depth(frame) for frame in frames]
+    sparse = [sparse_depth_of(reader, frame) for frame in frames]
     if empty := sum(not depth.any() for depth in sparse):
         read = counted(len(sparse), "frame")
         log.warning(f"{empty} of the {read} of {reader.folder} that were read {plural('has', empty)} no sparse point.")
     if (scale := points_scale(reader)) is not None:
         points = np.concatenate([depth.ravel() for depth in sparse])
         _warn(unit_warning(points, scale[0], max_depth, f"the points of {reader.folder}", scale[1]))
-    dense = [reader.ground_truth(frame) for frame in frames] if truth else []
+    dense = [ground_truth_of(reader, frame) for frame in frames] if truth else []
     pairs = [
         (target.ravel(), depth.ravel())
         for target, depth in zip(dense, sparse, strict=False)

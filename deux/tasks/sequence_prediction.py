@@ -8,7 +8,8 @@ import numpy as np
 
 from deux.configuration import run_folder, user_path
 from deux.contracts import DepthModel, FrameReference, Reader, Uncertainty
-from deux.data.chosen_sources import read_triplets, sources_by_parallax
+from deux.data.checked_frames import pose_of, triplets_of
+from deux.data.chosen_sources import sources_by_parallax
 from deux.data.frame_stream import FrameStream, RecordedFrame
 from deux.data.loose_frames import LooseFrames
 from deux.errors import DeuxError
@@ -122,7 +123,7 @@ def requested_frames(sections: Sections, settings: PredictSettings) -> tuple[Rea
         reader = _loose_frames(settings)
     if settings.split == "all" or settings.sparse is not None:
         return reader, reader.frames()
-    return reader, [target for target, _ in read_triplets(reader, settings.split, (-1,))]
+    return reader, [target for target, _ in triplets_of(reader, settings.split, (-1,))]
 
 
 def _loose_frames(settings: PredictSettings) -> LooseFrames:
@@ -154,7 +155,7 @@ def _posed(
     needs_sources = measure is not None and measure.needs_sources
     if not (needs_sources or settings.cloud_formats):
         return []
-    posed = [frame for frame in frames if reader.pose(frame) is not None]
+    posed = [frame for frame in frames if pose_of(reader, frame) is not None]
     if not posed and needs_sources:
         raise unusable_measure(str(settings.uncertainty), f"{reader.folder} has no poses")
     if not posed:

@@ -1,7 +1,6 @@
 """Lists of triplets by each way to choose source frames, whatever the reader knows."""
 
 import logging
-import re
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -194,29 +193,16 @@ def test_frames_beside_lost_poses_are_counted(tmp_path: Path) -> None:
     assert count_without_sources(reader, "train", "baseline", (-1, -2)) == lacking
 
 
-A, B = FrameReference("hall-00", "000001"), FrameReference("hall-00", "000000")
-NO_TRIPLETS = {
-    "None": None,
-    re.escape("(FrameReference(sequence='hall-00', name='000001'), ("): [(A, (B,))],
-    re.escape("Triplet(target=('hall-00', '000001'), sources="): [Triplet(tuple(A), (B,))],  # type: ignore[arg-type]
-    r"Triplet\(.*, sources=\[": [Triplet(A, [B])],  # type: ignore[arg-type]
-    r"Triplet\(.*, sources=\('000000',\)": [Triplet(A, ("000000",))],  # type: ignore[arg-type]
-}
-
-
 @pytest.mark.parametrize("choice", ["recent", "baseline"])
-@pytest.mark.parametrize("told", NO_TRIPLETS)
-def test_the_reader_is_named_for_what_are_no_triplets(tmp_path: Path, told: str, choice: SourceChoice) -> None:
+def test_the_reader_is_named_for_what_are_no_triplets(tmp_path: Path, choice: SourceChoice) -> None:
     @dataclass(frozen=True)
     class Plain(Reader):
         folder: Path
         image = intrinsics = sparse_depth = None  # type: ignore[assignment]
 
         def triplets(self, split: str, offsets: tuple[int, ...]) -> list[Triplet]:
-            return NO_TRIPLETS[told]  # type: ignore[return-value]
+            return [(FrameReference("hall-00", "000001"), ())]  # type: ignore[list-item]
 
-    sentence = rf"^the `triplets` of the reader Plain gives {told}.*: it must be a list of deux\.contracts\.Triplet\("
-    with pytest.raises(DeuxError, match=sentence):
-        list_triplets(Plain(tmp_path), "train", choice)
-    with pytest.raises(DeuxError, match=sentence):
-        count_without_sources(Plain(tmp_path), "train", choice, (-1, -2))
+    for listing in (list_triplets, count_without_sources):
+        with pytest.raises(DeuxError, match=r"^the `triplets` of the reader Plain gives \("):
+            listing(Plain(tmp_path), "train", choice, (-1, -2))  # type: ignore[operator]

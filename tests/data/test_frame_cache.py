@@ -151,26 +151,16 @@ def test_what_is_kept_cannot_be_written_to() -> None:
         cache.read(wanted[0])[0, 0, 0] = 1  # type: ignore[index]
 
 
-@pytest.mark.parametrize(
-    ("kind", "array", "sentence"),
-    [
-        ("image", np.zeros(SHAPE, np.uint8), r"ndarray of 6 x 10, uint8 for frame 0 of room in .*H x W x 3, uint8\."),
-        ("image", np.zeros((*SHAPE, 3)), r"ndarray of 6 x 10 x 3, float64 .*H x W x 3, uint8\."),
-        ("image", np.zeros((*SHAPE, 4), np.uint8), r"ndarray of 6 x 10 x 4, uint8 "),
-        ("sparse_depth", np.ones(SHAPE), r"ndarray of 6 x 10, float64 .*H x W, float32, in metres\."),
-        ("sparse_depth", np.ones((*SHAPE, 1), np.float32), r"ndarray of 6 x 10 x 1, float32 "),
-        ("sparse_depth", None, "gives None for"),
-        ("ground_truth", [[1.0]], "gives a value of the type list for"),
-    ],
-)
-def test_what_a_reader_gives_is_checked_before_it_is_kept(kind: Kind, array: object, sentence: str) -> None:
+@pytest.mark.parametrize("kind", ["image", "sparse_depth", "ground_truth"])
+def test_what_a_reader_gives_is_checked_before_it_is_kept(kind: Kind) -> None:
     class OddReader(CountingReader):
         pass
 
-    setattr(OddReader, kind, lambda self, frame: array)
+    setattr(OddReader, kind, lambda self, frame: np.ones(SHAPE))
     cache = MemoryCache(10**6)
     cache.reserve([FrameKey(OddReader(), kind, FRAMES[0])], 1000)
-    with pytest.raises(
-        DeuxError, match=rf"^the `{kind}` of the reader OddReader gives .*{sentence.removeprefix('gives ')}"
-    ):
-        cache.read(FrameKey(OddReader(), kind, FRAMES[0]))
+    for _ in range(2):
+        with pytest.raises(
+            DeuxError, match=rf"^the `{kind}` of the reader OddReader gives ndarray of 6 x 10, float64 "
+        ):
+            cache.read(FrameKey(OddReader(), kind, FRAMES[0]))

@@ -17,6 +17,7 @@ from deux.errors import DeuxError, error_text
 from deux.geometry.texture_pyramids import TexturePyramids
 from deux.io.atomic import write_failure
 from deux.io.json_files import read_json_object
+from deux.scenes.loaded_scene import check_scene
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +49,7 @@ def prepared_scene(folder: Path | None, identity: str, make: Callable[[], Scene]
     place = folder / hashlib.sha256(f"{VERSION} {identity}".encode()).hexdigest()[:16]
     if not (place / _DESCRIPTION).is_file():
         scene = make()
+        check_scene(scene, f"the scene {scene.name}")
         try:
             _write(scene, place)
         except OSError as error:

@@ -7,7 +7,7 @@ from itertools import combinations
 from typing import Any, TypeVar
 
 from deux.broken_contracts import broken_contract
-from deux.contracts import SceneReference, SceneSource, SceneSplits
+from deux.contracts import Scene, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError, kind_of, shown
 
 log = logging.getLogger(__name__)
@@ -68,8 +68,12 @@ def identity_of(scene: SceneReference) -> str:
     found: object = scene.identity
     if isinstance(found, str):
         return found
-    called = f"the scene {scene.name} ({type(scene).__name__} of {type(scene).__module__})"
-    raise broken_contract(called, kind_of(found), "text that says what made the scene", "identity")
+    raise broken_contract(described(scene), kind_of(found), "text that says what made the scene", "identity")
+
+
+def described(scene: SceneReference | Scene) -> str:
+    """A scene in a message, with the class of its reference, which tells the package of its source."""
+    return f"the scene {scene.name} ({type(scene).__name__} of {type(scene).__module__})"
 
 
 def check_disjoint(

@@ -19,9 +19,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from deux.contracts import Robot, Scene, SceneArea, SceneMesh, SceneReference, SceneSource, SceneSplits
+from deux.contracts import Robot, Scene, SceneArea, SceneReference, SceneSource, SceneSplits
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
+from deux.scenes.loaded_scene import check_scene
 from deux.scenes.splits import splits_of
 from deux.simulator.mesh_simulator import MeshSimulator
 
@@ -123,7 +124,7 @@ class SceneSourceSuite:
                 assert known, f"{reference.name} is in no file, and cannot be loaded (`needs_simulator`)"
                 continue
             assert (scene.name, scene.identity) == (reference.name, reference.identity)
-            _check_mesh(scene.mesh)
+            check_scene(scene, f"the scene {reference.name}")
             _check_floors(scene)
 
     def test_a_scene_is_the_same_each_time(self) -> None:
@@ -169,40 +170,10 @@ class SceneSourceSuite:
         assert not without & set(identities), "a further scene was to be avoided"
 
 
-def _check_mesh(mesh: SceneMesh) -> None:
-    """Assert that shapes, dtypes and indices satisfy the contract of `SceneMesh`."""
-    vertices, faces = len(mesh.vertices), len(mesh.faces)
-    assert (mesh.vertices.shape, mesh.vertices.dtype) == ((vertices, 3), np.float32)
-    assert np.isfinite(mesh.vertices).all()
-    assert (mesh.faces.shape, mesh.faces.dtype) == ((faces, 3), np.int32)
-    assert faces > 0
-    assert mesh.faces.min() >= 0
-    assert mesh.faces.max() < vertices
-    assert (mesh.uv.shape, mesh.uv.dtype) == ((faces, 3, 2), np.float32)
-    for values, least, count in (
-        (mesh.face_material, 0, len(mesh.materials)),
-        (mesh.face_label, -1, len(mesh.label_names)),
-    ):
-        assert (values.shape, values.dtype) == ((faces,), np.int32)
-        assert least <= values.min()
-        assert values.max() < count
-    if mesh.vertex_colors is not None:
-        assert (mesh.vertex_colors.shape, mesh.vertex_colors.dtype) == ((vertices, 3), np.uint8)
-    if mesh.face_object is not None:
-        assert (mesh.face_object.shape, mesh.face_object.dtype) == ((faces,), np.int32)
-        assert mesh.face_object.min() >= -1
-    for material in mesh.materials:
-        if material.texture is not None:
-            assert material.texture.ndim == 3
-            assert material.texture.shape[2] == 3
-            assert material.texture.dtype == np.uint8
-
-
 def _check_floors(scene: Scene) -> None:
-    """Assert that there is at least one floor, and that all floors are within the mesh and differ in height."""
+    """Assert that all floors are within the mesh and differ in height."""
     low, high = scene.mesh.bounds[:, 1]
     heights = [floor.height for floor in scene.floors]
-    assert heights, f"{scene.name} has no floor"
     assert len(set(heights)) == len(heights), f"{scene.name} lists a floor twice: {heights}"
     assert all(low - 0.05 <= height <= high for height in heights), f"a floor of {scene.name} is not in its mesh"
     assert all(floor.area > 0.0 for floor in scene.floors)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from deux.broken_contracts import broken_contract
@@ -41,7 +43,8 @@ def image_of(reader: Reader, frame: FrameReference) -> np.ndarray:
         DeuxError: as `Reader.image`, or the result is not such an array.
     """
     image = reader.image(frame)
-    if not (_is_array(image, np.uint8) and image.ndim == 3 and image.shape[2] == 3):
+    right = isinstance(image, np.ndarray) and image.dtype == np.uint8
+    if not (right and image.ndim == 3 and image.shape[2] == 3):
         raise _wrong_array(reader, "image", frame, image, "H x W x 3, uint8")
     return image
 
@@ -76,12 +79,7 @@ def intrinsics_of(reader: Reader, frame: FrameReference) -> np.ndarray:
         DeuxError: as `Reader.intrinsics`, or the result is not the matrix of a pinhole camera.
     """
     intrinsics = reader.intrinsics(frame)
-    if not (_is_array(intrinsics, np.float64) and intrinsics.shape == (3, 3)):
-        raise _wrong_array(reader, "intrinsics", frame, intrinsics, "3 x 3, float64")
-    try:
-        checked_intrinsics(intrinsics, f"the camera of {_named(reader, frame)}")
-    except DeuxError as error:
-        raise DeuxError(f"{registry().called(reader)}: {error}") from error
+    _check_matrix(reader, "intrinsics", frame, intrinsics, 3, checked_intrinsics)
     return intrinsics
 
 
@@ -94,12 +92,7 @@ def pose_of(reader: Reader, frame: FrameReference) -> np.ndarray | None:
     pose = reader.pose(frame)
     if pose is None:
         return None
-    if not (_is_array(pose, np.float64) and pose.shape == (4, 4)):
-        raise _wrong_array(reader, "pose", frame, pose, "4 x 4, float64")
-    try:
-        checked_pose(pose, f"the pose of {_named(reader, frame)}")
-    except DeuxError as error:
-        raise DeuxError(f"{registry().called(reader)}: {error}") from error
+    _check_matrix(reader, "pose", frame, pose, 4, checked_pose)
     return pose
 
 
@@ -128,8 +121,21 @@ def _check_depth(reader: Reader, method: str, frame: FrameReference, depth: obje
         raise broken_contract(reader, given, "finite and 0 where there is none", method)
 
 
-def _is_array(value: object, dtype: type[np.generic]) -> bool:
-    return isinstance(value, np.ndarray) and value.dtype == dtype
+def _check_matrix(
+    reader: Reader,
+    method: str,
+    frame: FrameReference,
+    matrix: object,
+    side: int,
+    check: Callable[[np.ndarray, str], np.ndarray],
+) -> None:
+    """Raise DeuxError unless a matrix has this many rows and columns, is float64 and passes the check of its values."""
+    if not (isinstance(matrix, np.ndarray) and matrix.dtype == np.float64 and matrix.shape == (side, side)):
+        raise _wrong_array(reader, method, frame, matrix, f"{side} x {side}, float64")
+    try:
+        check(matrix, f"the {method} of {_named(reader, frame)}")
+    except DeuxError as error:
+        raise DeuxError(f"{registry().called(reader)}: {error}") from error
 
 
 def _wrong_array(reader: Reader, method: str, frame: FrameReference, found: object, wanted: str) -> DeuxError:

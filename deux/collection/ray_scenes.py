@@ -13,7 +13,7 @@ from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
 from deux.contracts import Scene, SceneReference
 from deux.errors import DeuxError
-from deux.scenes.loaded_scene import load_scene
+from deux.scenes.loaded_scene import loaded_scene
 from deux.scenes.prepared_scene import pyramid_textures
 
 _LOADS_AT_A_TIME = 4
@@ -91,7 +91,7 @@ class SceneStore:
             lock = self._locks.setdefault(reference, Lock())
         with lock:
             if reference not in self._kept:
-                self._kept[reference] = ray.put(_without_textures(load_scene(reference)))
+                self._kept[reference] = ray.put(_without_textures(loaded_scene(reference)))
             return [self._kept[reference]]
 
     def forget(self, reference: SceneReference) -> None:

@@ -11,7 +11,7 @@ from deux.contracts import COLOR, Frame, Robot, Scene, SceneReference, Simulator
 from deux.figures.drawing import hide_ticks, new_figure
 from deux.geometry.camera import Camera
 from deux.geometry.poses import camera_pose
-from deux.scenes.loaded_scene import load_scene
+from deux.scenes.loaded_scene import loaded_scene
 from deux.scenes.ray_caster import RayCaster
 from deux.simulator.mesh_simulator import MeshSimulator
 from deux.simulator.shading import prepare_surfaces, shade
@@ -90,7 +90,7 @@ def draw_scene(scene: SceneReference, camera: Camera | None = None, robot: Robot
         camera: camera of the views; 384 x 384 pixels and 90 degrees by default.
         robot: robot that defines the camera height.
     """
-    loaded = load_scene(scene)
+    loaded = loaded_scene(scene)
     views = plainest_and_richest(MeshSimulator(scene, camera or Camera(384, 384), robot or Robot()))
     plan = plan_from_above(loaded)
     figure = new_figure(11.0, 5.0)

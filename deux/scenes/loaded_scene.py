@@ -14,7 +14,7 @@ from deux.errors import kind_of, sizes
 from deux.scenes.splits import described
 
 
-def load_scene(reference: SceneReference | Scene) -> Scene:
+def loaded_scene(reference: SceneReference | Scene) -> Scene:
     """Load a scene and check it.
 
     Raises:

@@ -12,7 +12,7 @@ from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.grid import FreeSpace
 from deux.geometry.poses import camera_pose
-from deux.scenes.loaded_scene import load_scene
+from deux.scenes.loaded_scene import loaded_scene
 from deux.scenes.objects import SceneObjects, find_objects
 from deux.scenes.ray_caster import RayCaster
 from deux.scenes.scene_floors import SceneFloors
@@ -48,7 +48,7 @@ class MeshSimulator(Simulator):
         colors: bool = True,
         renderer: Literal["embree", "gl", "pyrender"] = "embree",
     ) -> None:
-        loaded = load_scene(scene)
+        loaded = loaded_scene(scene)
         self._begin(
             scene, camera, robot, _SharedScene(scene, loaded if colors else _untextured(loaded), robot, renderer)
         )

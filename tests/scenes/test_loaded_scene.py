@@ -10,7 +10,7 @@ from deux.contracts import Floor, Material, Scene, SceneMesh, SceneReference
 from deux.errors import DeuxError
 from deux.geometry.camera import Camera
 from deux.geometry.robot import Robot
-from deux.scenes.loaded_scene import load_scene
+from deux.scenes.loaded_scene import loaded_scene
 from deux.simulator.mesh_simulator import MeshSimulator
 
 MESH = SceneMesh(
@@ -49,8 +49,8 @@ def with_value(array: np.ndarray, value: float) -> np.ndarray:
 
 
 def test_a_valid_scene_is_returned_as_it_is() -> None:
-    assert load_scene(Given("square", SQUARE)) is SQUARE
-    assert load_scene(SQUARE) is SQUARE
+    assert loaded_scene(Given("square", SQUARE)) is SQUARE
+    assert loaded_scene(SQUARE) is SQUARE
 
 
 @pytest.mark.parametrize(
@@ -103,4 +103,4 @@ def test_a_mesh_that_breaks_the_contract_is_refused(changes: dict[str, Any], giv
 )
 def test_anything_but_a_scene_with_floors_is_refused(scene: object, given: str) -> None:
     with pytest.raises(DeuxError, match=rf"^the `load` of the scene square \(.*\) gives {given}"):
-        load_scene(Given("square", scene))
+        loaded_scene(Given("square", scene))

@@ -104,7 +104,7 @@ def test_help_tells_what_there_is_without_importing_torch(tmp_path: Path) -> Non
         f"explore: {', '.join(sorted([*registry().names('explorers'), 'deux_paper']))}",
         f"model: {', '.join(registry().names('depth_models'))}",
         "scenes: apartments, ",
-        "experiment: debug",
+        "experiment: adaptation, debug",
         "sparse_depth",
         f"\n{', '.join(registry().names('rewards'))}\n",
         "docs/plugins.md",
